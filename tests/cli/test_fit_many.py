@@ -103,7 +103,7 @@ def test_no_fitted_log_is_no_answer(vttig, rigs, tmp_path):
     )
     assert code == 4 and "no log could be fitted" in err
     assert "turns of the driving shaft" in text
-    assert json.loads((out / "fits.json").read_text())["block"] == 64
+    assert json.loads((out / "fits.json").read_text())["block"] == 16
     assert len(pq.read_table(out / "fits.parquet")) == 2
 
 
@@ -152,3 +152,12 @@ def test_a_log_is_given_once_and_exists(vttig, command, rigs):
     assert code == 2 and "given twice" in err
     code, _, err = vttig("fit-many", rigs / "none.csv", *command[-4:])
     assert code == 3 and "none.csv" in err and "cannot be read" in err
+
+
+def test_a_path_that_cannot_be_read_has_a_row(vttig_json, command, rigs, tmp_path):
+    (tmp_path / "folder.csv").mkdir()
+    logs = (tmp_path / "folder.csv", rigs / "none.csv", rigs / "rig0.csv")
+    code, record = vttig_json("fit-many", *logs, *command[-4:])
+    assert code == 0 and record["fitted"] == 1
+    assert [one["code"] for one in record["failed"]] == ["refused"] * 2
+    assert "this is a folder" in record["failed"][0]["reason"]

@@ -139,10 +139,12 @@ def test_a_full_disk_costs_the_programs_and_nothing_else(without_jax: Path, monk
     assert not stage.exists()
 
 
-@pytest.mark.parametrize("case", ["off", "own cache", "jax", "in the way", "others write"])
+@pytest.mark.parametrize(
+    "case", ["off", "OFF", "own cache", "jax", "in the way", "others write", "others write above"]
+)
 def test_nothing_is_kept(case: str, without_jax: Path, monkeypatch) -> None:
-    if case == "off":
-        monkeypatch.setenv(VARIABLE, "off")
+    if case in ("off", "OFF"):
+        monkeypatch.setenv(VARIABLE, case)
     elif case == "own cache":
         monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "mine")
     elif case == "jax":
@@ -152,7 +154,7 @@ def test_nothing_is_kept(case: str, without_jax: Path, monkeypatch) -> None:
     else:
         folder = without_jax / program_cache._machine() / "fit"
         folder.mkdir(parents=True)
-        folder.chmod(0o777)
+        (folder if case == "others write" else without_jax).chmod(0o777)
     with kept_programs("fit"):
         found = os.environ.get("JAX_COMPILATION_CACHE_DIR")
     assert found == ("mine" if case == "own cache" else None)

@@ -305,6 +305,11 @@ class Branch(Wave):
         return self.size if angle > 1 else angle
 
 
+class Failing(Wave):
+    def transmission_error(self, angle, flank):
+        raise RuntimeError("mine")
+
+
 class Root(Wave):
     def transmission_error(self, angle, flank):
         return self.size * jnp.sqrt(jnp.maximum(angle - 40.0, 0.0))
@@ -324,6 +329,8 @@ WRONG = {
     "no hash": (Wave(ONE, {1}), r"Wave has no hash \(unhashable type: 'set'\)", "model"),
     "one number": (Level(ONE), r"Level returns float64 of shape \(\) on flank A", "model"),
     "a condition": (Branch(ONE), "cannot be traced by JAX on flank A", "model"),
+    "an error": (Failing(ONE), r"fails on flank A \(RuntimeError: mine, in test_given", "model"),
+    "a class": (Branch, "Branch is a class; give an instance", "model"),
 }
 
 

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.posterior.made import made_posterior, quick_fit
+from vttig_jax.plotting.corner_picture import picture_unit
 from vttig_jax.plotting.style import COLOURS
 from vttig_jax.plotting.trace_picture import plot_trace
 
@@ -25,6 +28,17 @@ def test_every_coordinate_and_the_log_density_has_a_panel(figure, posterior):
     assert len(words) == len(posterior.names) + 1
     assert words[0] == "constant backlash [°]"
     assert {"driving x [µm]", "partial 2", "log density"} <= set(words)
+
+
+def test_the_delay_is_the_whole_delay(posterior):
+    """The coordinate is what is left of it after the fit has removed a part."""
+    names = tuple("delay" if name == "driving_x" else name for name in posterior.names)
+    moved = replace(posterior, names=names, delay_offset_s=0.25)
+    (ax, *_) = plot_trace(moved, names=["delay"]).axes
+    low, high = ax.get_ylim()
+    assert (
+        low < (0.25 + posterior.values("driving_x").mean()) / picture_unit(moved, "delay")[1] < high
+    )
 
 
 def test_each_ensemble_has_its_colour_and_its_mean(figure, posterior):

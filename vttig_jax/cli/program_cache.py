@@ -10,6 +10,7 @@ import hashlib
 import os
 import platform
 import shutil
+import stat
 import sys
 import tempfile
 import time
@@ -51,7 +52,7 @@ def kept_programs(command: str) -> Iterator[None]:
     store = folder / _machine() / command
     try:
         store.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _require_private(store)
+        _require_private(store, folder)
         stage = Path(tempfile.mkdtemp(prefix=".stage-", dir=store))
     except OSError as error:
         LOGGER.info("compiled programs are not kept in %s: %s", store, error.strerror or error)
@@ -132,11 +133,11 @@ def _digest(name: str, content: bytes) -> bytes:
 
 def _folder() -> Path | None:
     """Return the folder of the stored programs, or None if the user wants none to be stored."""
-    given = os.environ.get(VARIABLE)
-    if given == "off":
+    given = os.environ.get(VARIABLE, "")
+    if given.lower() == "off":
         return None
     if given:
-        return Path(given)
+        return Path(given).expanduser()
     from platformdirs import user_cache_path
 
     return user_cache_path("vttig")
@@ -156,10 +157,20 @@ def _machine() -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
-def _require_private(store: Path) -> None:
-    """Raise `OSError` if others could write programs into `store`, which this user would run."""
+def _require_private(store: Path, folder: Path) -> None:
+    """Raise `OSError` if others could write programs into `store`, which this user would run.
+
+    `folder` and everything in it belong to this user alone. Other users must not be able to replace
+    one of the folders above it either: those are not writable by all, or sticky like /tmp.
+    """
     if not hasattr(os, "getuid"):
         return
-    seen = store.stat()
-    if seen.st_uid != os.getuid() or seen.st_mode & 0o022:
-        raise PermissionError(None, "other users can write to it")
+    inside = store.resolve()
+    for place in (inside, *inside.parents):
+        seen = place.stat()
+        if place.is_relative_to(folder.resolve()):
+            private = seen.st_uid == os.getuid() and not seen.st_mode & 0o022
+        else:
+            private = not seen.st_mode & 0o002 or bool(seen.st_mode & stat.S_ISVTX)
+        if not private:
+            raise PermissionError(None, f"other users can write to {place}")

@@ -44,10 +44,11 @@ from .report.comparisons.backlash_readings import (
     updated,
     with_constant_backlash,
 )
+from .report.conditions import conditions_of, is_split
 from .report.covered_gap import covered_gap, gap_deviations, least_stds
 from .report.estimate import Estimate
 from .report.gap_of_delay import allowing_for, gap_of_delay
-from .report.notes import conditions_of, notes_of, warnings_of
+from .report.notes import notes_of, warnings_of
 from .report.order_table import order_table
 from .report.parameters import outcome_of, parameters_of, regressors_of
 from .report.per_log import log_record
@@ -78,7 +79,7 @@ def build_fit(
     lines: Lines,
 ) -> Fit:
     """Build the result with orders, checks and notes; `lines` are spectral lines; see `Lines`."""
-    linear, split = selected.linear, _is_split(identifiable, settings)
+    linear, split = selected.linear, is_split(identifiable, settings)
     solved, solution = estimate.solved, estimate.solved.solution
     delay = _with_change(selected.delay, estimate.change)
     of_delay = gap_of_delay(delay, identifiable)
@@ -137,12 +138,6 @@ def _at_solution(solved: SolvedFit) -> GivenModel | None:
     if given is None:
         return None
     return given.updated(solution.names, solution.values)
-
-
-def _is_split(identifiable: Identifiability, settings: FitSettings) -> bool:
-    """Return whether gear eccentricities are separated from encoder errors."""
-    trusted = settings.perfect_encoders or settings.perfect_gears
-    return len(identifiable.flanks) == 2 and not trusted
 
 
 def estimate_of(
@@ -233,7 +228,7 @@ def solve_model(
         identifiable.terms,
         summary.columns,
         identifiable.flanks,
-        encoder_terms=_is_split(identifiable, settings),
+        encoder_terms=is_split(identifiable, settings),
         gear_terms=not settings.perfect_gears,
     )
     solution = restored(solve(relation, whitened), linear.levels, linear.model.given)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,6 +17,7 @@ from ..posterior.summary.posterior import Posterior
 from .style import COLOURS, MODEL_COLOUR, heading, new_figure
 
 _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
+_LABEL_WIDTH = 11  # letters in a line of a label, without the unit; chosen value
 _MAX_DRAWS = 50_000  # draws used; a chosen value
 _MARGINS_IN = (0.88, 0.44)  # below and above the panels, for labels and heading; chosen values
 _LABELS_IN = (0.47, 0.24, 0.54)
@@ -41,7 +43,10 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
         raise ValueError("Argument `names` must hold at least one coordinate, but is empty.")
     units = [picture_unit(posterior, name) for name in names]
     draws = np.stack(
-        [posterior.values(name) / size for name, (_, size) in zip(names, units, strict=True)],
+        [
+            (posterior.values(name) + offset_of(posterior, name)) / size
+            for name, (_, size) in zip(names, units, strict=True)
+        ],
         axis=1,
     )
     stride = max(1, len(draws) // _MAX_DRAWS)
@@ -110,10 +115,13 @@ def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
     return display.get(unit, ("" if unit in ("1", "log rad") else unit, 1.0))
 
 
+def offset_of(posterior: Posterior, name: str) -> float:
+    """Return what is added to a coordinate in pictures: the delay that the fit removed before."""
+    return posterior.delay_offset_s if name == "delay" else 0.0
+
+
 def _label(name: str, unit: str) -> str:
-    words = (
-        name.replace("_", " ").replace(" encoder", "\nencoder").replace("constant ", "constant\n")
-    )
+    words = "\n".join(wrap(name.replace("_", " "), _LABEL_WIDTH))
     return f"{words} [{unit}]" if unit else words
 
 
@@ -126,7 +134,8 @@ def _laplace(posterior: Posterior, name: str, size: float) -> tuple[float, float
     if name not in fit.covariance_names:
         return None
     index = fit.covariance_names.index(name)
-    return float(fit.values[index]) / size, float(np.sqrt(fit.covariance[index, index])) / size
+    value = float(fit.values[index]) + offset_of(posterior, name)
+    return value / size, float(np.sqrt(fit.covariance[index, index])) / size
 
 
 def _covariance(

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
 
 from ..posterior.summary.posterior import Posterior
-from .corner_picture import picture_unit
+from .corner_picture import offset_of, picture_unit
 from .style import COLOURS, grid, heading, new_figure
 
 _MAX_STEPS = 1000  # steps drawn; a chosen value
@@ -39,7 +39,8 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     panels = -(-(len(rows) + 1) // 2)
     figure, axes = _panels(panels, min(posterior.draws.shape[0], len(COLOURS)))
     for ax, (unit, size, name) in zip(axes, rows, strict=False):
-        _draw(ax, posterior.values(name).reshape(posterior.draws.shape[:3]) / size)
+        values = posterior.values(name) + offset_of(posterior, name)
+        _draw(ax, values.reshape(posterior.draws.shape[:3]) / size)
         words = name.replace("_", " ")
         _name(ax, f"{words} [{unit}]" if unit else words)
     _draw(axes[len(rows)], posterior.log_density)

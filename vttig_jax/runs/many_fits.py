@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from ..base.errors import LogError, UsageError, VttigError
+from ..base.errors import InputError, LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
 from ..base.files.limits import asked_bytes, most_memory
 from ..base.files.run_folder import data_sha256
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 NAMES = FolderNames("table of fits", "fits.parquet", "fits.json")
 """Name of the result in messages, and names of the files that `vttig fit-many` writes."""
 
-_BLOCK = 64  # logs per block, equal to the logs per call of a compiled program; chosen value
+_BLOCK = 16  # logs per block; an interrupt loses at most so many for each process; chosen value
 
 _PACKAGES = ("vttig-jax", "jax", "jaxlib", "numpy", "scipy")
 
@@ -131,7 +131,7 @@ class ManyFits:
         """
         return {
             "logs": [str(log) for log in self.logs],
-            "sha256": data_sha256(self.logs),
+            "sha256": _digests(self.logs),
             "pair": spec_table(spec_of(self.pair)),
             "settings": settings_table(self.settings),
             "reading": msgspec.to_builtins(self.reading),
@@ -233,6 +233,24 @@ def fit_files(
                 store.write(number, task.columns(number, shapes, progress))
         columns = store.finish(task.blocks)
     return _table(task, columns, None if out is None else out / NAMES.table)
+
+
+def _digests(logs: Sequence[Path]) -> list[str]:
+    """Return the SHA-256 of every log, or the reason for a log that cannot be read.
+
+    **Raises** `InputError` if no log can be read.
+    """
+    digests: list[str] = []
+    failed: InputError | None = None
+    for log in logs:
+        try:
+            digests += data_sha256([log])
+        except InputError as error:
+            failed = failed or error
+            digests.append(error.message)
+    if failed is not None and all(" " in digest for digest in digests):
+        raise failed
+    return digests
 
 
 class _Shared(NamedTuple):

@@ -138,7 +138,7 @@ def test_without_rounding_neither_counts_nor_steps_are_left():
         ({"rounding": "never"}, "`rounding` must be one of exact, none, straight_through"),
         ({"smooth_width": 0.0}, "`smooth_width` must be positive"),
         ({"smooth_width": float("nan")}, "`smooth_width` must be positive"),
-        ({"periods": 0}, "`periods` must be at least 1"),
+        ({"periods": 2}, "`periods` must be at least"),
     ],
 )
 def test_a_bad_option_of_a_case_is_named(options, says, unchecked):

@@ -21,7 +21,7 @@ from vttig_jax.identify.many.fit_many import Unread, fit_columns
 from vttig_jax.identify.many.preparation import batch_settings, prepare
 from vttig_jax.identify.many.table import joined, table_of
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.rig import PassMotion, paper_rig
+from vttig_jax.rig import PassMotion, paper_pair, paper_rig
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,34 @@ def test_a_log_of_another_rig_is_refused_by_name(rig):
 def test_settings_that_a_batch_does_not_have(changes, kind, words):
     with pytest.raises(kind, match=words):
         batch_settings(changes)
+
+
+@pytest.mark.parametrize(
+    ("logs", "pair", "words"),
+    [
+        (["rig.csv"], paper_pair(), "must hold encoder logs, .* holds a str"),
+        (None, paper_pair(), "must be an iterable of encoder logs, but is a NoneType"),
+        ([], "pair.toml", "`pair` must be a gear pair or a drive, .* is a str"),
+    ],
+)
+def test_arguments_of_another_kind_are_named(logs, pair, words):
+    """Without the type checks of the tests, which would speak first."""
+
+    def checked():
+        fit_many_module._require_types(logs, pair)
+        return [fit_many_module._encoder_log(log) for log in logs]
+
+    with pytest.raises(TypeError, match=words):
+        checked()
+
+
+def test_a_row_says_what_its_numbers_depend_on(rig):
+    """One flank does not separate the gears from their encoders."""
+    both = vttig_jax.fit_many([rig.log(0)], rig.pair)
+    one = vttig_jax.fit_many([rig.log(0)], rig.pair, flank="A")
+    assert both.columns["conditional_on"].tolist() == [""]
+    assert one.columns["conditional_on"].tolist() == ["perfect_encoders"]
+    assert "1 conditional on perfect_encoders" in str(one)
 
 
 def test_a_log_that_needs_terms_of_its_own_is_not_fitted(rig):

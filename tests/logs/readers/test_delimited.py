@@ -60,6 +60,19 @@ def test_a_column_nobody_asked_for_is_missed_only_without_a_line_end():
     assert cut(START + "2,3\n") == ([[0.0, 1.0, 2.0], [1.0, 2.0, 3.0]], ())
 
 
+ROWS = "t,a\n0,19401\n1,19425\n2,19448\n3,"
+
+
+@pytest.mark.parametrize(
+    ("end", "kept"),
+    [("19", False), ("1944", False), ("19471", True), ("18", True), ("19\n", True)],
+)
+def test_a_last_number_that_is_cut_off_is_left_out_without_a_line_end(end, kept):
+    """It begins like the number above and is far from it; the file ends inside it."""
+    values, notes = cut(ROWS + end)
+    assert len(values[0]) == 3 + kept and bool(notes) is not kept
+
+
 def test_cut_lines_with_other_delimiters():
     assert cut("t a\n0 1\n1 2\n2")[0] == [[0.0, 1.0], [1.0, 2.0]]
     assert cut("t;a\n0,5;1\n1,5;2\n2,")[0] == [[0.5, 1.5], [1.0, 2.0]]

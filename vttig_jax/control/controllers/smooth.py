@@ -139,6 +139,6 @@ def smoothed(controller: Controller, width: Float[Array, ""] | float) -> Control
     if isinstance(controller, PredictiveController):
         return SmoothPredictiveController(controller, width)
     raise ValueError(
-        "Argument `controller` must be an AccelerationController or a PredictiveController, but is"
-        f" a {type(controller).__name__}."
+        "Argument `controller` must be the acceleration or the predictive controller, because only"
+        f" these can be smoothed (`smooth_width`), but is a {type(controller).__name__}."
     )

@@ -62,8 +62,9 @@ def build_case(
     - `smooth_width`: relative width of the smoothed comparisons, as in `tune`; by default the
       controller of the scenario is used without smoothing.
 
-    **Raises** what `simulate` raises, and `ValueError` for `periods` below 1, an unknown
-    `rounding`, and a `smooth_width` that is not positive or whose controller has no smoothed form.
+    **Raises** what `simulate` raises, and `ValueError` for fewer `periods` than the motion has, an
+    unknown `rounding`, and a `smooth_width` that is not positive or whose controller has no
+    smoothed form.
 
     **Example**
     ```python
@@ -86,12 +87,16 @@ def build_case(
         )
     if smooth_width is not None and not 0 < smooth_width < np.inf:
         raise ValueError(f"Argument `smooth_width` must be positive, but is {smooth_width}.")
-    if periods is not None and periods < 1:
-        raise ValueError(f"Argument `periods` must be at least 1, but is {periods}.")
     _, _, case = scenario_case(scenario, pair, folder, controller)
     if smooth_width is not None:
         case = replace(case, controller=smoothed(case.controller, smooth_width))
-    return replace(_rounded(case, rounding), periods=periods or periods_of(case))
+    needed = periods_of(case)
+    if periods is not None and periods < needed:
+        raise ValueError(
+            f"Argument `periods` must be at least {needed}, the periods of the motion, but is"
+            f" {periods}."
+        )
+    return replace(_rounded(case, rounding), periods=periods or needed)
 
 
 def _rounded(case: Case, rounding: Rounding) -> Case:

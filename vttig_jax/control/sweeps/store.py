@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -28,6 +29,7 @@ from .blocks import Rows
 TABLE, PARTS, HEADER = "sweep.parquet", "parts", "sweep.json"
 _LOCK = ".lock"
 _ROW_GROUP = 1 << 20
+_PART = re.compile(r"\d{8}\.parquet")  # name of the file of a block
 
 
 class FolderNames(NamedTuple):
@@ -88,12 +90,14 @@ class SweepFolder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None and self.done:
-            LOGGER.warning("%s keeps %d blocks; continue with --resume", self.path, len(self.done))
-        elif kind is not None and self._began:
+        if kind is not None and (count := len(self.done)):
+            blocks = "1 block" if count == 1 else f"{count} blocks"
+            LOGGER.warning("%s keeps %s; continue with --resume", self.path, blocks)
+        elif kind is not None:
             if not issubclass(kind, Exception):  # such as Ctrl-C
                 LOGGER.warning("%s keeps nothing: no block of rows was finished yet", self.path)
-            self._undo()
+            if self._began:
+                self._undo()
         self._leave()
 
     @property
@@ -104,7 +108,9 @@ class SweepFolder:
     @property
     def done(self) -> set[int]:
         """Numbers of the complete blocks."""
-        return {int(file.stem) for file in (self.path / PARTS).glob("*.parquet")}
+        files = (self.path / PARTS).glob("*.parquet")
+        # Programs that synchronise folders add files with names of their own.
+        return {int(file.stem) for file in files if _PART.fullmatch(file.name)}
 
     def write(self, number: int, rows: Rows) -> None:
         """Write a block."""
@@ -170,17 +176,37 @@ class SweepFolder:
         differing = [name for name in self.header if stored.get(name) != self.header[name]]
         if differing:
             raise InputError(
-                f"this folder holds another {self.names.noun}: {', '.join(differing)} differ; run"
-                f" the {self.names.noun} with its first inputs, or replace it with --overwrite.",
+                f"this folder holds another {self.names.noun}: {', '.join(differing)} differ;"
+                " repeat the command with its first inputs, or replace it with --overwrite.",
                 where=str(header),
             )
         with os_errors_as_input_errors(self.path):
             (self.path / PARTS).mkdir(exist_ok=True)
             for file in (self.path / PARTS).glob(".*.tmp"):
                 file.unlink(missing_ok=True)
+        damaged = [number for number in sorted(self.done) if not self._is_whole(number)]
+        for number in damaged:
+            with os_errors_as_input_errors(self.path):
+                self._part(number).unlink(missing_ok=True)
+        if damaged:
+            parts = (
+                "1 damaged part is" if len(damaged) == 1 else f"{len(damaged)} damaged parts are"
+            )
+            LOGGER.warning("%s: %s computed again", self.path, parts)
 
     def _part(self, number: int) -> Path:
         return self.path / PARTS / f"{number:08d}.parquet"
+
+    def _is_whole(self, number: int) -> bool:
+        """Return whether the file of a block can be read."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            pq.read_table(self._part(number))
+        except (OSError, pa.ArrowException):
+            return False
+        return True
 
     def _read(self, number: int) -> Any:
         import pyarrow as pa

@@ -17,7 +17,9 @@ from ...logs.encoder_log import EncoderLog
 from ...pair.gear_pair import Drive, Flank, GearPair
 from ...pair.schema import HarmonicOrders
 from ..model.harmonics import TermPlan
+from ..model.identifiability import Identifiability
 from ..preliminary.delay import Delay
+from ..report.conditions import is_split, perfect_parts
 from ..report.parameters import SHAFTS, Parameter, parameters_of
 from ..settings import FitSettings
 from ..solve.least_squares import Solution
@@ -67,7 +69,8 @@ def fit_many(
     **Returns** a `FitTable`, whose rows have the order of the logs.
 
     **Raises** `LogError` for a log that was read for another rig, `ValueError` for wrong settings
-    and without 64-bit floats, `TypeError` for a keyword that is no setting.
+    and without 64-bit floats, `TypeError` for a keyword that is no setting, and for `logs` and a
+    `pair` that are none.
 
     **Example**
     ```python
@@ -82,9 +85,35 @@ def fit_many(
     ```
     """
     require_x64("fit_many")
+    _require_types(logs, pair)
     settings = batch_settings(changes)
-    columns = fit_columns(logs, pair, settings, orders or pair.fit, progress=progress)
+    columns = fit_columns(
+        map(_encoder_log, logs), pair, settings, orders or pair.fit, progress=progress
+    )
     return FitTable(columns=columns, pair=pair.name, settings=settings_table(settings))
+
+
+def _require_types(logs: Any, pair: Any) -> None:
+    """Raise `TypeError` for arguments of `fit_many` that are no logs or no pair."""
+    if not isinstance(pair, GearPair | Drive):
+        raise TypeError(
+            "Argument `pair` must be a gear pair or a drive, such as `vttig_jax.load_pair` returns,"
+            f" but is a {type(pair).__name__}."
+        )
+    if not isinstance(logs, Iterable) or isinstance(logs, str):
+        raise TypeError(
+            f"Argument `logs` must be an iterable of encoder logs, but is a {type(logs).__name__}."
+        )
+
+
+def _encoder_log(log: Any) -> EncoderLog:
+    """Return an encoder log of the argument `logs` of `fit_many`; raise `TypeError` for others."""
+    if not isinstance(log, EncoderLog):
+        raise TypeError(
+            "Argument `logs` must hold encoder logs, such as `vttig_jax.read_log` returns, but"
+            f" holds a {type(log).__name__}."
+        )
+    return log
 
 
 class Unread(NamedTuple):
@@ -272,6 +301,7 @@ class Batches:
             "log": one.name,
             "code": OK,
             "flanks": "".join(one.log.identifiable.flanks),
+            "conditional_on": " ".join(self._conditions(one.log.identifiable)),
             "undetermined": " ".join(
                 name for name, parameter in parameters.items() if not parameter.determined
             ),
@@ -279,6 +309,12 @@ class Batches:
             "noise_order": float(found.order),
             "noise_std_deg": float(found.std) / DEG,
         }
+
+    def _conditions(self, identifiable: Identifiability) -> tuple[str, ...]:
+        """Return the assumptions of a row, by the names that `Fit.conditional_on` has."""
+        split = is_split(identifiable, self.settings)
+        parts = perfect_parts(self.pair, split, self.settings)
+        return parts if isinstance(self.settings.delay, str) else (*parts, "given_delay")
 
     def _keep(self, rows: list[tuple[int, Row]]) -> None:
         self.rows |= dict(rows)
@@ -302,14 +338,14 @@ def delay_of(settings: FitSettings) -> Delay:
 
 
 def _solution(model: BatchModel, found: ArrayFit) -> Solution:
-    none = np.zeros((len(model.sides), 0))
+    sides = len(model.sides)
     return Solution(
         names=model.names,
         values=np.asarray(found.values),
         covariance=np.asarray(found.covariance),
         determined=np.ones(len(model.names), bool),
-        tied=none,
-        jacobian=none[:, :, None],
+        tied=np.zeros((sides, 0)),
+        jacobian=np.zeros((sides, 0, len(model.names))),
         converged=True,
         steps=0,
     )

@@ -22,7 +22,8 @@ class LogArrays(NamedTuple):
       turn), as long as a shaft turns by less than half a turn between two samples.
     - `on_flank`: masks of the samples that are certainly on flank A and on flank B.
     - `length`: number of samples of the log; later samples are padding and have no effect.
-    - `size`: samples per block row. - `delay_s`: delay of the driven channel, s.
+    - `size`: samples per block row. - `delay_s`: delay of the driven channel, s; it
+      counts only in a model that was prepared with a delay.
     - `last_digit`: rounding error of the transmission error, rad.
     """
 

@@ -19,7 +19,7 @@ from .codes import Code
 Columns = dict[str, np.ndarray]
 """Name of a column → its values, one per log; a missing number is NaN."""
 
-WORDS = ("log", "code", "reason", "flanks", "undetermined")
+WORDS = ("log", "code", "reason", "flanks", "conditional_on", "undetermined")
 """Columns of text."""
 
 NUMBERS = ("samples_used", "noise_order", "noise_std_deg")
@@ -40,9 +40,10 @@ class FitTable(TextResult):
     """Fits of many logs of rigs of one design.
 
     **Arguments**
-    - `columns`: `log`, `code` ("ok" for a fitted log), `reason`, `flanks`, the names of the
-      `undetermined` parameters, `samples_used`, order and standard deviation of the noise, and for
-      every parameter of `vttig_jax.fit` its value and the columns `_std`, `_low95`, `_high95`.
+    - `columns`: `log`, `code` ("ok" for a fitted log), `reason`, `flanks`, the assumptions of the
+      row as in `Fit.conditional_on`, the names of the `undetermined` parameters, `samples_used`,
+      order and standard deviation of the noise, and for every parameter of `vttig_jax.fit` its
+      value and the columns `_std`, `_low95`, `_high95`.
     - `pair`: name of the pair. - `settings`: settings of all fits.
     - `path`: file of the table, None without one.
     """
@@ -132,14 +133,17 @@ class FitTable(TextResult):
                 numbers = (spread[key] for key in ("median", "low", "high", "median_std"))
                 rows.append((name, spread["logs"], *(f"{number:.5g}" for number in numbers)))
         headers = ("parameter", "logs", "median", "lowest", "highest", "median std")
-        parts = [key_values(head, title=self.pair)]
+        parts = [key_values(head, title=self.pair or "fits of many logs")]
         if rows:
             parts.append(text_table(rows, headers, align="lrrrrr"))
+        assumed = Counter(text for text in self.columns["conditional_on"].tolist() if text)
+        parts += [f"{count} conditional on {text}" for text, count in assumed.most_common()]
         for code, count in self._counts().items():
             named = [(log, reason) for log, own, reason in self.failures if own == code]
             parts += [f"{log}: {reason}" for log, reason in named[:_QUOTED]]
             if count > _QUOTED and code != OK:
-                parts.append(f"… and {count - _QUOTED} more of code {code}")
+                where = "in the table" if self.path is None else f"in {self.path.name}"
+                parts.append(f"… and {count - _QUOTED} more of code {code} {where}")
         return "\n\n".join(parts)
 
     def _counts(self) -> dict[str, int]:

@@ -11,6 +11,8 @@ so every derivative is a column of the block rows, and its coefficient is the st
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
+from traceback import extract_tb
 from typing import Any
 
 import equinox as eqx
@@ -68,6 +70,11 @@ class GivenModel:
         parameters, for leaves that are neither parameters nor constants, and where the transmission
         error has the wrong shape or cannot be traced.
         """
+        if isinstance(model, type):
+            raise UsageError(
+                f"{model.__name__} is a class; give an instance of it, with the start values.",
+                where="model",
+            )
         if not callable(getattr(model, "transmission_error", None)):
             raise UsageError(
                 f"a {type(model).__name__} has no method `transmission_error(angle, flank)`; give"
@@ -238,6 +245,19 @@ def _require_hash(model: Any) -> None:
         ) from None
 
 
+def _failure(error: Exception, flank: str) -> str:
+    """Return what an error in a function of the user says and where, and the cure."""
+    last = extract_tb(error.__traceback__)[-1]
+    place = f"{PurePath(last.filename).name}, line {last.lineno}"
+    seen = f"({type(error).__name__}: {str(error).partition(chr(10))[0]}, in {place})"
+    if isinstance(error, jax.errors.JAXTypeError) or "truth value" in str(error):
+        return (
+            f"cannot be traced by JAX on flank {flank} {seen}; write it with jax.numpy and without"
+            " conditions on the angle or a parameter"
+        )
+    return f"fails on flank {flank} {seen}; it is called as transmission_error(angle, flank)"
+
+
 def _require_shape(given: GivenModel) -> None:
     """Raise `UsageError` unless the transmission error is real and has the shape of the angles."""
     for side, flank in enumerate("AB"):
@@ -246,10 +266,7 @@ def _require_shape(given: GivenModel) -> None:
             found = jax.eval_shape(tried, given.values, _TRIED)
         except Exception as error:
             raise UsageError(
-                f"`transmission_error` of {given.name} cannot be traced by JAX on flank {flank}"
-                f" ({type(error).__name__}: {str(error).partition(chr(10))[0]}); write it with"
-                " jax.numpy and without conditions on the angle.",
-                where="model",
+                f"`transmission_error` of {given.name} {_failure(error, flank)}.", where="model"
             ) from error
         shape, dtype = getattr(found, "shape", None), getattr(found, "dtype", None)
         if shape != _TRIED.shape or dtype != np.float64:

@@ -9,11 +9,10 @@ import numpy as np
 from ...base.units import DEG, REV
 from ...logs.checks.ratio import SeenRatio
 from ...logs.encoder_log import EncoderLog
-from ...pair.gear_pair import Drive, GearPair
 from ..model.harmonics import TermPlan
 from ..model.identifiability import Identifiability
 from ..noise.noise_model import NoiseModel
-from ..preliminary.delay import TOO_SHORT, WITHIN_ONE_INTERVAL, Delay, one_speed
+from ..preliminary.delay import TOO_SHORT, Delay, one_speed
 from ..preliminary.linear_fit import Input
 from ..preliminary.model_selection import SelectedModel
 from ..settings import FitSettings
@@ -153,28 +152,6 @@ def _speed_note(gaps: Sequence[GapAtSpeed]) -> list[str]:
         " interval of the gap contains that of every speed, and the delay may hold a part of the"
         " gap; fit slow and fast passes as logs of their own, or compare gaps of one speed only"
     ]
-
-
-def conditions_of(
-    pair: GearPair | Drive, split: bool, settings: FitSettings, selected: SelectedModel
-) -> tuple[str, ...]:
-    """Return the names of the assumptions under which the numbers of the fit are valid.
-
-    `split` is True if the fit separates encoder errors from gear errors.
-    """
-    conditions: tuple[str, ...] = ()
-    if selected.linear.model.given is not None:
-        conditions = ("flank_model",)
-    elif settings.perfect_gears:
-        conditions = ("perfect_gears",)
-    elif not (isinstance(pair, Drive) or split):
-        conditions = ("perfect_encoders",)
-    if selected.delay.state == "given":
-        conditions += ("given_delay",)
-    if selected.delay.is_bounded and len(selected.summary.flanks) == 2:
-        bound = settings.delay_within_ms
-        conditions += (WITHIN_ONE_INTERVAL if bound is None else f"delay_within_{bound:g}_ms",)
-    return conditions
 
 
 def _of_logs(inputs: Sequence[Input], own: Sequence[Sequence[str]]) -> list[str]:

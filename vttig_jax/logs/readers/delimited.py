@@ -27,6 +27,7 @@ _COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
 _WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
 """Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
 
+_FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
 _SHOWN = 40
 """Number of characters of a text below the table that its note shows (chosen)."""
 
@@ -119,14 +120,14 @@ class TextTable:
         the rows start with a word too, such lines have no number in the columns `indices`.
 
         The last line is incomplete if a field of `indices` is missing or unreadable, but readable
-        in the row above, or if fields are missing and no line end follows. A single row is always
-        kept.
+        in the row above, or if no line end follows and fields are missing or the last number is cut
+        off. A single row is always kept.
         """
         table, notes = self._without_text_below(indices)
-        last = list(islice(table._from_below(), 2))
+        last = list(islice(table._from_below(), 4))
         if len(last) < 2:
             return table, notes
-        (row, line, fields), (_, line_above, above) = last
+        (row, line, fields), (_, line_above, above) = last[:2]
         cut = any(_number_at(above, k) and not _number_at(fields, k) for k in indices)
         if row == len(table.lines) - 1:  # no line end follows
             counts = [
@@ -134,10 +135,29 @@ class TextTable:
                 for text in (line, line_above)
             ]
             cut = cut or counts[0] < min(len(self.names), counts[1])
+            cut = cut or self._ends_in_a_number([own for _, _, own in last], indices)
         if not cut:
             return table, notes
         notes = (*notes, f"the last line ({row + 1}) is cut off and left out")
         return replace(table, lines=table.lines.before(row)), notes
+
+    def _ends_in_a_number(self, last: Sequence[Sequence[str]], indices: Sequence[int]) -> bool:
+        """Return whether the file ends inside the last number, which is then far from those above.
+
+        `last` holds the fields of the last four rows, the last one first.
+        """
+        place = len(last[0]) - 1
+        if len(last) < 4 or place not in indices or any(len(row) <= place for row in last):
+            return False
+        text, above = last[0][place], last[1][place]
+        if text == above or not above.startswith(text):
+            return False
+        decimal = self.decimal or ("," if "," in above else ".")
+        values = [to_number(row[place], decimal) for row in last]
+        if None in values:
+            return False
+        steps = np.abs(np.diff(np.array(values, np.float64)))
+        return bool(steps[0] > _FAR * steps[1:].max())
 
     def _fields(self, line: str) -> list[str]:
         """Return the fields of a line without its comment; none for an empty row such as `;;`."""
