@@ -114,7 +114,11 @@ def test_logs_of_unequal_length_share_shapes():
     assert shapes.holding(BatchShape(2_000, 1, 200, 6)) != wide
     assert shapes.holding(BatchShape(10_000, 2, 900, 6)).runs == 2
     assert all(n <= rounded_up(n) <= 1.15 * n + 1 for n in range(1, 3000))
-    assert logs_at_once(18_000) == 64 and logs_at_once(18_000, 3) == 8
+    assert (
+        logs_at_once(18_000) == 64
+        and logs_at_once(18_000, 3) == 8
+        and logs_at_once(18_000, 9) == 16
+    )
     assert logs_at_once(3_000_000) == 1
 
 

@@ -17,8 +17,9 @@ _LAGS = (4, 8, 16)
 """Numbers of noise lags for which a program is compiled; each call uses the smallest sufficient
 one (chosen)."""
 
-_MOST_LOGS, _FEW_LOGS = 64, 8
-"""Number of logs in one call of a program, about half a second; 8 for few logs (chosen)."""
+_SIZES = (8, 16, 64)
+"""Numbers of logs in one call of a program, which takes about half a second for the largest; the
+smallest that holds the waiting logs is used (chosen)."""
 
 _MOST_SAMPLES = 4_000_000
 """Largest number of samples in one call, which limits its memory to about 500 MB (chosen)."""
@@ -52,12 +53,12 @@ class Shapes:
         return min(fitting, key=lambda known: known.rows * known.height * known.runs)
 
 
-def logs_at_once(samples: int, logs: int = _MOST_LOGS) -> int:
+def logs_at_once(samples: int, logs: int = _SIZES[-1]) -> int:
     """Return how many logs one call takes: a power of two that is small enough for the memory.
 
     `samples` is the length of a padded log, and `logs` is the number of logs that wait.
     """
-    most = _FEW_LOGS if logs <= _FEW_LOGS else _MOST_LOGS
+    most = next((size for size in _SIZES if size >= logs), _SIZES[-1])
     return max(1, min(most, 1 << (max(1, _MOST_SAMPLES // samples).bit_length() - 1)))
 
 

@@ -140,7 +140,7 @@ def _rows_of_numbers(lines: Lines, delimiter: str | None) -> Iterator[tuple[int,
 
 def _width_of_numbers(line: str, delimiter: str | None) -> int:
     """Return the number of fields of a row of numbers, or 0 for any other line."""
-    if line.lstrip().startswith(COMMENTS):
+    if (delimiter or "") not in line or line.lstrip().startswith(COMMENTS):
         return 0
     fields = split(line, delimiter)
     if len(fields) < 2:
