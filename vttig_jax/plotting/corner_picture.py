@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import PurePath
 from textwrap import wrap
 
 import numpy as np
@@ -73,7 +74,7 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
         axes[count - 1, index].set_xlabel(label, fontsize=size)
         if index:
             axes[index, 0].set_ylabel(label, fontsize=size)
-    heading(figure, "posterior", posterior.fit.pair.name, posterior.fit.source)
+    heading(figure, "posterior", posterior.fit.pair.name, PurePath(posterior.fit.source).name)
     _add_legend(figure)
     return figure
 

@@ -1,6 +1,7 @@
 """Trace picture of a posterior: the draws over the steps of each ensemble."""
 
 from collections.abc import Sequence
+from pathlib import PurePath
 
 import numpy as np
 from jaxtyping import Float
@@ -51,7 +52,7 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
         if len(column):
             column[-1].tick_params(labelbottom=True)
     axes[panels - 1].set_xlabel("kept step after burn-in", fontsize="small")
-    heading(figure, "draws", posterior.fit.pair.name, posterior.fit.source)
+    heading(figure, "draws", posterior.fit.pair.name, PurePath(posterior.fit.source).name)
     _add_legend(figure, posterior.draws.shape[0])
     return figure
 
