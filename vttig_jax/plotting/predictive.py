@@ -66,6 +66,9 @@ def _draw_flank(ax: Axes, predictive: Predictive, flank: str, size: float, turns
     curve = predictive.curves[longest]
     order = np.argsort(curve.driving_angle)
     angle = np.degrees(curve.driving_angle[order])
+    whole = (angle[-1] - angle[0]) / 360.0
+    if whole > turns:
+        title(ax, f"first {turns:g} of {whole:.3g} turns of the longest run")
     order = order[angle <= angle[0] + 360.0 * turns]
     angle = angle[: len(order)]
     low, high, error = (
