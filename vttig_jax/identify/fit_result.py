@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
 from ..base.facade import from_front_door
-from ..base.files.text_tables import key_values, listed, text_table
+from ..base.files.text_tables import decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_model import FlankModel
@@ -354,17 +354,11 @@ def _row(parameter: Parameter) -> list[str]:
     p = parameter
     if p.value is None:
         return [p.name, "—", "", "", p.unit]
-    places = _places(p.std or 0.0, p.value)
-    number = lambda x: f"{x:.{places}f}"  # noqa: E731
+    places = decimals(p.std or 0.0, p.value)
+    number = lambda x: f"{x:z.{places}f}"  # noqa: E731
     if p.upper95 is not None:
         return [p.name, f"< {number(p.upper95)}", number(p.std), "upper limit", p.unit]
     span = f"{number(p.low95)} … {number(p.high95)}"
     unlike = " (as given)" if p.name == "ratio" else doubt(p.value, p.low95, p.high95, p.reason)
     mark = "" if p.significant else unlike
     return [p.name, number(p.value) + mark, number(p.std), span, p.unit]
-
-
-def _places(std: float, value: float) -> int:
-    """Return the number of decimals that shows two digits of the standard error."""
-    size = std if std > 0 else abs(value) * 1e-6
-    return 3 if size == 0 else int(np.clip(1 - np.floor(np.log10(size)), 0, 12))

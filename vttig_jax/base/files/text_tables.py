@@ -1,5 +1,6 @@
 """Plain text tables for `__str__` and the command line, with two spaces between columns."""
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -92,3 +93,18 @@ def _cell(value: Any) -> str:
 
 def _lines(table: str) -> str:
     return "\n".join(line.rstrip() for line in table.splitlines())
+
+
+def decimals(std: float, value: float) -> int:
+    """Return the number of decimals for two digits of `std`, or for eight of `value` if it is 0.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.files.text_tables import decimals
+    >>> decimals(0.0123, 1.5), decimals(0.0, 250.0), decimals(0.0, 0.0)
+    (3, 5, 3)
+
+    ```
+    """
+    size = std if std > 0 else abs(value) * 1e-6
+    return 3 if size == 0 else min(max(1 - math.floor(math.log10(size)), 0), 12)

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from ...base.errors import NoAnswerError
 from ...base.facade import from_front_door
-from ...base.files.text_tables import key_values, listed, text_table
+from ...base.files.text_tables import decimals, key_values, listed, text_table
 from ...base.numerics.partial_autocorrelation import filter_of
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
@@ -303,21 +303,13 @@ def _row(parameter: PosteriorParameter) -> list[str]:
     if p.value is None:
         return [p.name, "—", "", "", "", p.unit]
     places = decimals(p.std or 0.0, p.value)
-    number = lambda x: "" if x is None else f"{x:.{places}f}"  # noqa: E731
+    number = lambda x: "" if x is None else f"{x:z.{places}f}"  # noqa: E731
     if p.upper95 is not None:
         shown = [f"< {number(p.upper95)}", number(p.median), number(p.std), "upper limit"]
         return [p.name, *shown, p.unit]
     mark = "" if p.significant else doubt(p.value, p.low95, p.high95, p.reason)
     span = f"{number(p.low95)} … {number(p.high95)}"
     return [p.name, number(p.value) + mark, number(p.median), number(p.std), span, p.unit]
-
-
-def decimals(std: float, value: float) -> int:
-    """Return the number of decimals for two digits of `std`, or for eight of `value` if it is 0."""
-    import math
-
-    size = std if std > 0 else abs(value) * 1e-6
-    return 3 if size == 0 else min(max(1 - math.floor(math.log10(size)), 0), 12)
 
 
 def gap_draws(posterior: Posterior) -> "GapDraws":

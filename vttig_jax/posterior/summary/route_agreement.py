@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...base.files.text_tables import text_table
+from ...base.files.text_tables import decimals, text_table
 from ...base.numerics.quantiles import NORMAL_95
 from ...base.results import TextResult
 from ...base.threads import one_blas_thread
@@ -163,13 +163,19 @@ class Agreement(TextResult):
         for coordinate in self.compared:
             unit, scale = shown_unit(coordinate.name, coordinate.unit)
             routes = [getattr(coordinate, route) for route in ROUTES]
-            cells = [f"{r.centre / scale:.6g} ± {r.half95 / scale:.3g}" for r in routes]
+            cells = [_in_digits(r.centre / scale, r.half95 / scale) for r in routes]
             rows.append([coordinate.name, *cells, unit])
         table = text_table(rows, ["95 %", *ROUTES, "unit"], align="lrrrl")
         words = "\n".join(self.sentences) or "the three routes agree."
         if self.takes_delay_as_zero:
             words += " The constant backlash of this table is that of a delay of zero."
         return f"{table}\n\n{words}"
+
+
+def _in_digits(centre: float, half: float) -> str:
+    """Return a number with three digits of its half-width."""
+    places = decimals(half, centre) + 1
+    return f"{centre:z.{places}f} ± {half:.{places}f}"
 
 
 @one_blas_thread
