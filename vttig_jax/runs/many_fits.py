@@ -15,7 +15,7 @@ import msgspec
 
 from ..base.errors import InputError, LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
-from ..base.files.limits import asked_bytes, most_memory
+from ..base.files.limits import asked_bytes, free_bytes, most_memory
 from ..base.files.run_folder import data_sha256
 from ..base.shown_text import name_of_file
 from ..base.threads import usable_cores
@@ -44,6 +44,8 @@ NAMES = FolderNames("table of fits", "fits.parquet", "fits.json")
 """Name of the result in messages, and names of the files that `vttig fit-many` writes."""
 
 _BLOCK = 16  # logs per block; an interrupt loses at most so many for each process; chosen value
+
+_PROCESS_BYTES = 3 << 29  # free memory for each process; chosen value
 
 _PACKAGES = ("vttig-jax", "jax", "jaxlib", "numpy", "scipy")
 
@@ -205,7 +207,7 @@ def fit_files(
     - `dask`: address of a dask.distributed scheduler whose workers fit the blocks; they must find
       the logs under the same paths.
     - `jobs`: number of processes of this machine that fit blocks at the same time; by default as
-      many as it has cores. Fewer blocks need fewer processes.
+      many as it has cores and 1.5 GiB of free memory. Fewer blocks need fewer processes.
     - `progress`: called with the number of further logs that are done.
 
     **Raises** `InputError` for a log that does not exist and for a folder that holds another table,
@@ -220,9 +222,8 @@ def fit_files(
     with store:
         todo = [number for number in range(task.blocks) if number not in store.done]
         progress(len(task.logs) - sum(len(task.logs_of(number)) for number in todo))
-        # It does not depend on the blocks that are left, so that a continued table has the same
-        # last digits: they depend on the threads of each process.
-        processes = min(usable_cores() if jobs is None else jobs, task.blocks)
+        # Not the number of blocks left: a continued table then has the same last digits.
+        processes = min(_usual_processes() if jobs is None else jobs, task.blocks)
         shared, follow = _Shared(task, asked_bytes()), {"done": store.write, "progress": progress}
         if dask is not None:
             run_blocks(dask, _in_process, shared, todo, **follow)
@@ -251,6 +252,11 @@ def _digests(logs: Sequence[Path]) -> list[str]:
     if failed is not None and all(" " in digest for digest in digests):
         raise failed
     return digests
+
+
+def _usual_processes() -> int:
+    """Return the number of processes for which there are cores and free memory."""
+    return max(1, min(usable_cores(), free_bytes() // _PROCESS_BYTES))
 
 
 class _Shared(NamedTuple):

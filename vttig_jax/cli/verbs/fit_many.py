@@ -43,7 +43,8 @@ vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
 @click.option(
     "--jobs",
     type=click.IntRange(1, 1024),
-    help="Processes that fit blocks of 16 logs at the same time; by default one for each core.",
+    help="Processes that fit blocks of 16 logs at the same time; by default one for each core"
+    " and 1.5 GiB of free memory.",
 )
 @click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
 @drive_options

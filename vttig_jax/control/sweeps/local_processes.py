@@ -14,7 +14,6 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from ...base.errors import InputError
-from ...base.threads import usable_cores
 from .blocks import Rows
 
 
@@ -41,7 +40,6 @@ def run_in_processes(
         processes,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_begin,
-        initargs=(max(1, usable_cores() // processes),),
     )
     try:
         for future in as_completed([pool.submit(block, number, shared) for number in todo]):
@@ -61,9 +59,10 @@ def run_in_processes(
         pool.shutdown(cancel_futures=True)
 
 
-def _begin(threads: int) -> None:
-    """Prepare a new process: its number of threads, and its end together with the caller."""
-    os.environ["NPROC"] = str(threads)  # XLA starts one thread for each core otherwise
+def _begin() -> None:
+    """Prepare a new process: one thread of XLA, and its end together with the caller."""
+    # XLA starts a thread for each core otherwise, and the last digits depend on their number.
+    os.environ["NPROC"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller answers Ctrl-C
     threading.Thread(target=_end_with_caller, daemon=True).start()
 
