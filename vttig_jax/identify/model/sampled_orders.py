@@ -32,15 +32,13 @@ def told_apart(
     itself, which then shows one phase only. Of two orders that look alike the higher one is left
     out. `segments` are the segments of each log in which a flank is in contact.
     """
-    flanks = [
-        np.concatenate([np.zeros(0), *found])
-        for flank in ("A", "B")
-        if (found := _turns_of(logs, segments, flank))
-    ]
-    rate = min((_samples_per_turn(logs, segments)), default=np.inf)
+    rate = min(_samples_per_turn(logs, segments), default=np.inf)
     highest = max((float(plan.frequency(term)) for term in plan.terms), default=0.0)
-    if not flanks or rate > 2 * highest:
+    if rate > 2 * highest:
         return plan  # f ± g is a multiple of the samples in a turn for no two orders
+    flanks = [
+        np.concatenate(found) for flank in ("A", "B") if (found := _turns_of(logs, segments, flank))
+    ]
     ranked = [*plan.tied, *sorted(plan.free, key=lambda h: float(plan.frequency(h.term)))]
     alike = _alike([float(plan.frequency(h.term)) for h in ranked], flanks)
     kept: list[int] = []
