@@ -115,9 +115,10 @@ def _same_sentence(same: Sequence[tuple[Harmonic, Harmonic]], rate: float) -> tu
 def _single_sentence(single: Sequence[Harmonic], rate: float) -> tuple[str, ...]:
     if not single:
         return ()
-    are, they = ("are", "they show") if len(single) > 1 else ("is", "it shows")
+    several = len(single) > 1
+    are, they = ("are", "they look") if several else ("is", "it looks")
     return (
         f"{names_of(single)} {are} left out: at the sampled angles, about {rate:.3g} in a turn,"
-        f" {they} one phase only; sample more often, or at a rate that is not locked to the"
-        " rotation",
+        f" {they} like a constant or {'show' if several else 'shows'} one phase only; sample more"
+        " often, or at a rate that is not locked to the rotation",
     )
