@@ -97,7 +97,9 @@ def test_one_of_many_logs(folder, vttig_json, vttig, piped):
     assert (folder / "many" / "fits.parquet").read_bytes() == written
     piped(data + b"\n")
     assert vttig(*many, "--resume")[0] == 3  # the table is of another log
-    assert vttig(*many, "--overwrite", "--dask", "tcp://127.0.0.1:1")[0] == 2
+    for other in (("--dask", "tcp://127.0.0.1:1"), ("--jobs", "2")):
+        code, _, err = vttig(*many, "--overwrite", *other)
+        assert code == 2 and "stdin (-) is not read by other processes" in err
 
 
 @pytest.mark.parametrize(

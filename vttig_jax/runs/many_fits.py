@@ -222,7 +222,7 @@ def fit_files(
     with store:
         todo = [number for number in range(task.blocks) if number not in store.done]
         progress(len(task.logs) - sum(len(task.logs_of(number)) for number in todo))
-        # Not the number of blocks left: a continued table then has the same last digits.
+        # Not the number of blocks left, so that a table is continued in the way it was begun.
         processes = min(_usual_processes() if jobs is None else jobs, task.blocks)
         shared, follow = _Shared(task, asked_bytes()), {"done": store.write, "progress": progress}
         if dask is not None:

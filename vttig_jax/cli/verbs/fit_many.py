@@ -87,9 +87,11 @@ def command(
     except ValueError as error:
         raise UsageError(in_options(str(error))) from None
     if STDIN in logs:
-        if dask is not None:
-            raise UsageError("stdin (-) is not read by --dask workers; save the log as a file.")
-        jobs = 1  # other processes do not have stdin
+        if dask is not None or (jobs or 1) > 1:
+            raise UsageError(
+                "stdin (-) is not read by other processes (--jobs, --dask); save the log as a file."
+            )
+        jobs = 1
     logs = with_standard_input(logs)
     task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading), drive.request)
     if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
