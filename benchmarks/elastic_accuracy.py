@@ -38,8 +38,8 @@ from tests.oracles.flank_formulas import PAPER
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.control.motion.profiles import trapezoid
 from vttig_jax.control.plants.elastic import ElasticPlant
-from vttig_jax.control.plants.flank_bounds import Bounds
 from vttig_jax.control.plants.plant import Drag, Plant, Shafts
+from vttig_jax.kinematics.flank_table import Bounds
 
 from .elastic_cases import OPEN, SAMPLE, Case, EulerPlant, RungeKuttaPlant, random_rigs, started
 from .environment import write

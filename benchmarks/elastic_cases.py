@@ -15,7 +15,6 @@ from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.arrays import Number
 from vttig_jax.control.hermite import cubic
 from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.plants.flank_bounds import Bounds, bounds_of
 from vttig_jax.control.plants.plant import (
     FREE,
     ON_A,
@@ -27,6 +26,7 @@ from vttig_jax.control.plants.plant import (
     walls,
 )
 from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds, first_order_bounds
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 SPEED, SAMPLE = 2 * math.pi, 1e-3
@@ -63,10 +63,10 @@ class Case:
     @property
     def bounds(self) -> Bounds:
         if self.moving:
-            return bounds_of(closed_model(paper_pair(), paper_eccentricities()), np.zeros(2))
-        zero = np.zeros((2, 1))
+            return first_order_bounds(closed_model(paper_pair(), paper_eccentricities()))
+        zero = np.zeros((2, 2))
         gap = np.array([0.0, PAPER.constant_backlash])
-        return Bounds(PAPER.ratio, gap, zero, zero, np.zeros(2), ((1, 0),))
+        return FirstOrderBounds(PAPER.ratio, gap, zero, zero)
 
     def plant(self, kind: Callable[..., Plant]) -> Plant:
         return kind(Drag(self.inertia, self.coulomb), self.stiffness, self.damping_ratio)

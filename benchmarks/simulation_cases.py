@@ -3,6 +3,7 @@
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
 from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, batch_of, varying
 from vttig_jax.control.sweeps.case_leaves import leaves_of
-from vttig_jax.control.sweeps.cases import rig_table
+from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 LANES = 512
@@ -30,11 +31,16 @@ BASE: Mapping[str, Any] = {
     "motion.dwell_s": 0.3,
 }
 PAIR = paper_pair()
+RIG = {
+    field.name: float(getattr(paper_eccentricities(), field.name))
+    for field in fields(Eccentricities)
+    if field.name != "axial_mm"
+}
 
 
 def spec_of(values: Mapping[str, Any]) -> ScenarioSpec:
     """The base case with other values for dotted keys."""
-    table = {"pair": "pair.toml", "eccentricities": rig_table(paper_eccentricities())}
+    table = {"pair": "pair.toml", "eccentricities": RIG}
     return with_values(parse_scenario_spec(table), {**BASE, **values})
 
 

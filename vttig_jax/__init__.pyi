@@ -22,10 +22,7 @@ from .base.runtime import prepare_cpu as prepare_cpu
 from .control.controllers.controller import Controller as Controller
 from .control.plants.plant import Plant as Plant
 from .control.simulation.result import Simulation as Simulation
-from .control.simulation.simulate import simulate as simulate
-from .control.sweeps.sweep import sweep as sweep
 from .control.sweeps.table import SweepTable as SweepTable
-from .control.tuning.tune import tune as tune
 from .geometry.measures.gear_measures import measure_gear as measure_gear
 from .geometry.tooth.surface import tooth_surface as tooth_surface
 from .identify.backlash import backlash_map as backlash_map
@@ -62,7 +59,6 @@ from .posterior.sampling.stop_rule import Until as Until
 from .posterior.summary.bands import band_map as band_map
 from .posterior.summary.posterior import Posterior as Posterior
 from .posterior.summary.predictive import predictive as predictive
-from .posterior.summary.rig_draws import rig_draws as rig_draws
 from .posterior.summary.route_agreement import agreement as agreement
 from .rig.paper import paper_rig as paper_rig
 from .rig.synthetic import SyntheticRig as SyntheticRig
@@ -70,6 +66,9 @@ from .runs.fit_run import save_fit as save_fit
 from .runs.posterior_run import save_posterior as save_posterior
 from .runs.run import Run as Run
 from .runs.run import open_run as open_run
+from .runs.simulations import simulate as simulate
+from .runs.simulations import sweep as sweep
+from .runs.simulations import tune as tune
 
 __version__: str
 __all__: list[str]

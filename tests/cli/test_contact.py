@@ -15,7 +15,7 @@ from vttig_jax.geometry.contact.contact_model import contact_model
 from vttig_jax.geometry.contact.report import contact_at
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_pair
-from vttig_jax.runs.rigs import fitted_rig
+from vttig_jax.runs.maps import fitted_rig
 
 PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
 SHORT = ("--span-rev", "0.05", "--step-deg", "2")

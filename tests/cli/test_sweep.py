@@ -16,7 +16,7 @@ from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.posterior.sampler import read_posterior
 from vttig_jax.rig.paper import paper_pair
-from vttig_jax.runs.rigs import fitted_rig
+from vttig_jax.runs.maps import fitted_rig
 from vttig_jax.runs.run_file import read_run
 
 SWEEP = """

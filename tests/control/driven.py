@@ -12,8 +12,8 @@ from tests.control.followed import OPEN
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
 from vttig_jax.control.hardware.shaft_drive import ShaftDrive
 from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.plants.flank_bounds import Bounds
 from vttig_jax.control.plants.plant import FREE, Drag, Plant, Shafts
+from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds
 
 RATIO = 0.5625
 IDLE = Servo(0.0, 0.0, 0.0, 1.0)
@@ -24,7 +24,7 @@ def waves(swing: float = 4e-4, gap: float = 8e-4, ratio: float = RATIO) -> Bound
     """Flanks that go up and down once a turn of each shaft, in different phases."""
     cosine: Any = swing * np.array([[1.0, 0.3], [0.6, -0.5]])
     sine: Any = swing * np.array([[0.2, -0.7], [-0.9, 0.4]])
-    return Bounds(ratio, np.array([0.0, gap]), cosine, sine, np.ones(2), ((1, 0), (0, 1)))
+    return FirstOrderBounds(ratio, np.array([0.0, gap]), cosine, sine, np.ones(2))
 
 
 TOGETHER = 400

@@ -9,8 +9,8 @@ import numpy as np
 
 from benchmarks.compiler import fast_to_compile
 from vttig_jax.control.motion.motion import Motion
-from vttig_jax.control.plants.flank_bounds import Bounds, Flanks
 from vttig_jax.control.plants.plant import ContactEvent, Plant, Shafts, Slide
+from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds, Flanks
 
 
 class Still(NamedTuple):
@@ -21,8 +21,8 @@ class Still(NamedTuple):
 
     def bounds(self) -> Bounds:
         """As harmonics of size zero, of a pair with ratio 1."""
-        zero = np.zeros((2, 1))
-        return Bounds(1.0, np.array([self.lower, self.upper]), zero, zero, np.ones(2), ((1, 0),))
+        zero = np.zeros((2, 2))
+        return FirstOrderBounds(1.0, np.array([self.lower, self.upper]), zero, zero, np.ones(2))
 
 
 TOGETHER = 250

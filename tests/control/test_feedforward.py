@@ -17,10 +17,10 @@ from vttig_jax.control.controllers.controller import Command, Controller, Measur
 from vttig_jax.control.controllers.feedforward import FeedforwardController
 from vttig_jax.control.hardware.shaft_drive import Lead, led, next_lead
 from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.plants.flank_bounds import Bounds
 from vttig_jax.control.simulation.metrics import metric_inputs_of, metrics_of
 from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.kinematics.flank_table import FirstOrderBounds
 from vttig_jax.rig.paper import paper_eccentricities
 
 RATIO = 45 / 80
@@ -135,9 +135,9 @@ def test_it_is_no_controller_that_misses_a_turn_and_says_what_it_is_about():
 # The controller alone.
 
 MEAN, SWING = 7e-4, 4e-4
-BOUNDS = Bounds(
-    ratio=RATIO, offset=np.array([0.0, MEAN]), cosine=np.array([[0.0], [SWING]]),
-    sine=np.zeros((2, 1)), closing=np.full(2, 0.5 * CLOSING), terms=((1, 0),),
+BOUNDS = FirstOrderBounds(
+    ratio=RATIO, offset=np.array([0.0, MEAN]), cosine=np.array([[0.0, 0.0], [SWING, 0.0]]),
+    sine=np.zeros((2, 2)), closing=np.full(2, 0.5 * CLOSING),
 )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from .plants.plant import Plant as Plant
 from .scenario.spec import load_scenario_spec as load_scenario_spec
 from .scenario.spec import parse_scenario_spec as parse_scenario_spec
 from .scenario.spec import with_values as with_values
+from .simulation.build import Maps as Maps
 from .simulation.case import Case as Case
 from .simulation.metrics import OUTCOMES as OUTCOMES
 from .simulation.pure_run import CaseRun as CaseRun

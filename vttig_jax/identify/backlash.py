@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
+from ..base.arrays import Numbers
 from ..base.errors import NoAnswerError
 from ..base.runtime import require_x64
 from ..base.units import DEG
@@ -127,7 +128,7 @@ class Contact(FlankModel):
     - `gap`: flank model from which only the backlash, TE_B − TE_A, is used.
     """
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     measured: OrderModel
     gap: FlankModel
     flank: Flank = eqx.field(static=True)

@@ -2,6 +2,12 @@ from .backlash_map import BacklashMap as BacklashMap
 from .exact import exact_model as exact_model
 from .first_order import closed_model as closed_model
 from .flank_model import FlankModel as FlankModel
+from .flank_table import Bounds as Bounds
+from .flank_table import FirstOrderBounds as FirstOrderBounds
+from .flank_table import FlankTable as FlankTable
+from .flank_table import as_flank_model as as_flank_model
+from .flank_table import first_order_bounds as first_order_bounds
+from .flank_table import tabulate_flanks as tabulate_flanks
 from .functions import axial_displacement as axial_displacement
 from .functions import backlash as backlash
 from .functions import exact_backlash as exact_backlash

@@ -1,6 +1,7 @@
 """Exact flank model of two eccentric involute gears, without small-angle approximation."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..base.arrays import Numbers
@@ -25,7 +26,7 @@ class ExactModel(ImplicitModel):
     is implicit.
     """
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     centre_distance: Float[Array, ""]
     base_sum: Float[Numbers, "2"]
     driving_offset: Complex[Array, ""]
@@ -69,7 +70,7 @@ def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
     """Return the exact flank model of a gear pair with these eccentricities."""
     driving, driven = eccentricities.cartesian
     return ExactModel(
-        ratio=jnp.asarray(float(pair.ratio), float),
+        ratio=np.asarray(float(pair.ratio)),
         centre_distance=jnp.asarray(pair.centre_distance_mm),
         base_sum=pair.base_radii.sum(axis=0),
         driving_offset=driving,

@@ -28,7 +28,7 @@ class ClosedModel(FlankModel):
     TE of each flank is a constant plus the imaginary parts of two phasors, one for each shaft.
     """
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     driving_phasor: Complex[Array, "2"]
     driven_phasor: Complex[Array, "2"]
     offset: Float[Numbers, "2"]
@@ -46,7 +46,7 @@ class ClosedModel(FlankModel):
         angle = jnp.asarray(driving_angle, float)
         return (
             _imaginary(self.driving_phasor[side], angle)
-            + _imaginary(self.driven_phasor[side], self.ratio * angle)
+            + _imaginary(self.driven_phasor[side], jnp.asarray(self.ratio) * angle)
             + self.offset[side]
         )
 
@@ -77,7 +77,7 @@ def closed_model(
     turn = jnp.exp(1j * alpha * jnp.array([1.0, -1.0]))
     scale = 1 / pair.base_radii[1]
     return ClosedModel(
-        ratio=jnp.asarray(float(pair.ratio), float),
+        ratio=np.asarray(float(pair.ratio)),
         driving_phasor=scale * driving * turn,
         driven_phasor=scale * driven / turn,
         offset=flank_offsets(pair, eccentricities),

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
+from ..base.arrays import Numbers
 from ..pair.gear_pair import Flank
 
 
@@ -25,7 +26,7 @@ class FlankModel(eqx.Module):
     The difference is the backlash j = TE_B − TE_A. All angles are absolute and in rad.
     """
 
-    ratio: eqx.AbstractVar[Float[Array, ""]]
+    ratio: eqx.AbstractVar[Float[Numbers, ""]]
 
     @property
     @abstractmethod

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..base.arrays import Numbers
 from ..base.numerics.sincos import sincos
 from ..pair.gear_pair import Flank
 from .exact import ExactModel
@@ -25,7 +26,7 @@ class OrderModel(ImplicitModel):
     - `cosine`, `sine`: coefficients, rad, shape (2, len(terms)).
     """
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     terms: tuple[Term, ...] = eqx.field(static=True)
     offset: Float[Array, "2"]
     cosine: Float[Array, "2 terms"]
@@ -57,7 +58,7 @@ class OrderModel(ImplicitModel):
 class CombinedModel(ImplicitModel):
     """Sum of the exact and the harmonic TE, both at the actual angles of the gears."""
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     exact: ExactModel
     orders: OrderModel
 

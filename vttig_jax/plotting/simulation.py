@@ -49,7 +49,8 @@ class _Rows:
 
     `time` is in s. True and `measured` TE (`error`) and flanks A and B (`lower`, `upper`) are in
     the unit of TE. Axial shifts are in mm: commanded, `reached`, and needed to close the gap. The
-    speed of the driving shaft and its estimate (`observed`) are in rpm.
+    speed of the driving shaft and its estimate (`observed`) are in rpm. `output` is the error of
+    the driven shaft in the unit of TE.
     """
 
     time: Float[np.ndarray, " n"]
@@ -62,6 +63,7 @@ class _Rows:
     closed: Float[np.ndarray, " n"]
     speed: Float[np.ndarray, " n"]
     observed: Float[np.ndarray, " n"]
+    output: Float[np.ndarray, " n"]
 
     def within(self, span: Span) -> "_Rows":
         """Return the rows in a span of time and one more row at each end."""
@@ -75,7 +77,9 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
 
     As in the metrics, the transmission error is zero at the first sample. It lies between flank A
     and flank B, which approach each other as the gap closes. The next row shows three axial shifts:
-    commanded, reached, and needed to close the gap; the excess of the command is filled. The last
+    commanded, reached, and needed to close the gap; the excess of the command is filled. For a
+    controller that shifts no gear it shows the deviation of the driven shaft from i φ₁ of the
+    reference. The last
     row shows the speed of the driving shaft and the observer's estimate. Vertical lines mark the
     times when the motor brakes and turns and when the controller closes.
 
@@ -92,7 +96,10 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
         _check(span_s, rows)
     whole = (float(rows.time[0]), float(rows.time[-1]))
     spans = _enlarged_spans(found, whole[1]) if span_s is None else [span_s]
-    labels = (f"transmission error [{SIGNS[unit]}]", "axial shift [mm]", "speed [rpm]")
+    shifts = found.case.controller.closes
+    second = "axial shift [mm]" if shifts else f"error of the output [{SIGNS[unit]}]"
+    labels = (f"transmission error [{SIGNS[unit]}]", second, "speed [rpm]")
+    draw = (_draw_error, _draw_displacement if shifts else _draw_output, _draw_speed)
     figure = new_figure(8.0 if spans else 6.0)
     heights = [1.0, 1.0, 0.6]
     cells = figure.add_gridspec(
@@ -105,7 +112,7 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     columns = range(cells.ncols)
     axes = [[figure.add_subplot(cells[row, column]) for column in columns] for row in (-3, -2, -1)]
     handles = [
-        _draw_row(*row, rows, spans or [whole]) for row in zip(axes, _DRAW, labels, strict=True)
+        _draw_row(*row, rows, spans or [whole]) for row in zip(axes, draw, labels, strict=True)
     ]
     drawn_marks: Handles = {}
     for column, span in enumerate(spans or [whole]):
@@ -136,7 +143,8 @@ def _rows(simulation: Simulation, size: float) -> _Rows:
         )
     }
     gap = (table["flank_b_deg"] - table["flank_a_deg"]) * DEG
-    closed = table["axial_mm"] + gap / float(simulation.case.bounds.closing_sum)
+    closing = float(simulation.case.bounds.closing_sum) or np.inf
+    closed = table["axial_mm"] + gap / closing
     speed = np.asarray(simulation.case.motion.at(table["time_s"]).speed)
     return _Rows(
         time=table["time_s"],
@@ -145,6 +153,7 @@ def _rows(simulation: Simulation, size: float) -> _Rows:
         closed=closed,
         speed=speed * 60 / REV,
         observed=table["speed_rad_s"] * 60 / REV,
+        output=table["output_error_deg"] * DEG / size,
         **errors,
     )
 
@@ -261,15 +270,16 @@ def _draw_displacement(ax: Axes, rows: _Rows) -> Handles:
     return handles
 
 
+def _draw_output(ax: Axes, rows: _Rows) -> Handles:
+    return {"driven shaft less i φ₁": _line(ax, rows.time, rows.output, MODEL_COLOUR, 1.2)}
+
+
 def _draw_speed(ax: Axes, rows: _Rows) -> Handles:
     observed = _line(ax, rows.time, rows.observed, _OBSERVED, 0.8)
     return {
         "driving shaft": _line(ax, rows.time, rows.speed, MODEL_COLOUR, 1.0),
         "observer's estimate": observed,
     }
-
-
-_DRAW = (_draw_error, _draw_displacement, _draw_speed)
 
 
 def _line(

@@ -13,7 +13,7 @@ _ROWS = (
     ("residual_gap_deg", "backlash left\nat the turn [°]"),
     ("interference_mm", "closed too\nfar by [mm]"),
 )
-_LOST = ("lost_motion_deg", "lost motion\nat the turn [°]")
+_OUTPUT = ("output_error_deg", "error of the\noutput [°]")
 """Metric that only a feedforward controller can reduce. It is drawn if the sweep has one."""
 
 _LINES = ("-", "--", "-.", ":")
@@ -50,7 +50,7 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
     """
     name = _axis(table, axis)
     groups = _groups(table, name, by)
-    metrics = (*_ROWS, _LOST) if _feeds_forward(table) else _ROWS
+    metrics = (*_ROWS, _OUTPUT) if _feeds_forward(table) else _ROWS
     figure = new_figure(2.8 * len(metrics))
     rows = figure.subplots(len(metrics), 1, sharex=True)
     handles = []

@@ -18,5 +18,4 @@ from .summary.bands import band as band
 from .summary.bands import band_map as band_map
 from .summary.posterior import Posterior as Posterior
 from .summary.predictive import predictive as predictive
-from .summary.rig_draws import rig_draws as rig_draws
 from .summary.route_agreement import agreement as agreement

@@ -131,7 +131,7 @@ def order_model(pair: GearPair, errors: tuple[OrderError, ...]) -> OrderModel:
         cosine[index] += error.amplitude_deg * DEG * np.sin(error.phase_deg * DEG)
         sine[index] += error.amplitude_deg * DEG * np.cos(error.phase_deg * DEG)
     return OrderModel(
-        ratio=jnp.asarray(float(pair.ratio)),
+        ratio=np.asarray(float(pair.ratio)),
         terms=terms,
         offset=jnp.zeros(2),
         cosine=jnp.asarray(cosine),

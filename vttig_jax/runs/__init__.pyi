@@ -2,3 +2,6 @@ from .fit_run import save_fit as save_fit
 from .posterior_run import save_posterior as save_posterior
 from .run import Run as Run
 from .run import open_run as open_run
+from .simulations import simulate as simulate
+from .simulations import sweep as sweep
+from .simulations import tune as tune

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from vttig_jax.control.controllers.acceleration import AccelerationController
 from vttig_jax.control.controllers.controller import Controller, Measurement, NoController
 from vttig_jax.control.controllers.predictive import PredictiveController
-from vttig_jax.control.plants.flank_bounds import Bounds
+from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 pytestmark = pytest.mark.smoke
 
@@ -29,13 +29,12 @@ def gap(angle: Any) -> Any:
     return MEAN + SWING * np.cos(angle)
 
 
-BOUNDS = Bounds(
+BOUNDS = FirstOrderBounds(
     ratio=0.5625,
     offset=np.array([0.0, MEAN]),
-    cosine=np.array([[0.0], [SWING]]),
-    sine=np.zeros((2, 1)),
+    cosine=np.array([[0.0, 0.0], [SWING, 0.0]]),
+    sine=np.zeros((2, 2)),
     closing=np.array([0.4 * PER_MM, 0.6 * PER_MM]),
-    terms=((1, 0),),
 )
 
 

@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from vttig_jax.control.plants.flank_bounds import bounds_of
 
 import vttig_jax
 from tests.control.scenarios import PAIR, SHORT, spec_of
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.controllers.turn_location import turn_error
-from vttig_jax.control.plants.flank_bounds import bounds_of
 from vttig_jax.control.simulation.build import Builder, case_of
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities

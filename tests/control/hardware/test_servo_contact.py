@@ -28,10 +28,10 @@ from vttig_jax.control.hardware.servo import Servo
 from vttig_jax.control.hardware.shaft_drive import Prescribed
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.elastic import ElasticPlant
-from vttig_jax.control.plants.flank_bounds import Bounds
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
 from vttig_jax.control.plants.play import PlayPlant
 from vttig_jax.control.plants.rigid import RigidPlant
+from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 DRIVING, DRIVEN = Drag(0.002, 0.05), Drag(0.01, 0.1, 0.02)
 GAINS = (1.0, 20.0, 15.0)
@@ -53,7 +53,7 @@ def torques(told: MotionPoint, number: int, angle: Any, speed: Any, wound: Any, 
     return kp * error + ki * (wound + step * error), wound + step * error
 
 
-def te(angle, bounds: Bounds = GEARS, flank: int = 0) -> tuple[float, float, float]:
+def te(angle, bounds: FirstOrderBounds = GEARS, flank: int = 0) -> tuple[float, float, float]:
     """TE of a flank and its first two derivatives, from the coefficients."""
     cycles = np.array([1.0, float(bounds.ratio)])
     c, s = bounds.cosine[flank], bounds.sine[flank]
@@ -260,9 +260,9 @@ def _many(case):
     def one(c):
         driving = Drag(c["driving"], c["friction"])
         driven = Drag(c["driven"], c["friction"])
-        bounds = Bounds(
+        bounds = FirstOrderBounds(
             RATIO, jnp.stack([jnp.zeros(()), c["gap"]]), c["swing"] * c["cosine"],
-            c["swing"] * c["sine"], jnp.ones(2), ((1, 0), (0, 1)),
+            c["swing"] * c["sine"], jnp.ones(2),
         )  # fmt: skip
         first = bounds.at(jnp.zeros(()))
         offset = 0.5 * (first.lower + first.upper)

@@ -20,10 +20,10 @@ from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.control.motion.profiles import trapezoid
 from vttig_jax.control.plants.elastic import ElasticPlant, largest_step, mesh_stiffness
-from vttig_jax.control.plants.flank_bounds import bounds_of
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
 from vttig_jax.control.plants.rigid import RigidPlant
 from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair
 
 SPEED = 2 * math.pi
@@ -50,7 +50,7 @@ def sampled(begin: float, end: float) -> np.ndarray:
 @pytest.fixture(scope="module")
 def bounds(paper_rig):
     pair = paper_pair()
-    return bounds_of(closed_model(pair, paper_rig), pair.taper / pair.reference_radii[1])
+    return first_order_bounds(closed_model(pair, paper_rig), pair.taper / pair.reference_radii[1])
 
 
 @pytest.fixture(scope="module")

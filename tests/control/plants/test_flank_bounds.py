@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from vttig_jax.control.plants.flank_bounds import Bounds, bounds_of
 
 from tests.oracles import flank_formulas
-from vttig_jax.control.plants.flank_bounds import Bounds, bounds_of
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.harmonic import OrderModel

@@ -17,10 +17,10 @@ from tests.oracles.flank_formulas import PAPER, closed
 from tests.oracles.play_operator import by_samples, by_turns
 from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.control.motion.profiles import trapezoid
-from vttig_jax.control.plants.flank_bounds import bounds_of
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Slide
 from vttig_jax.control.plants.play import PlayPlant
 from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair
 
 SPEED = 2 * math.pi
@@ -35,7 +35,7 @@ STEP = 1e-3
 def rig(paper_rig):
     pair = paper_pair()
     model = closed_model(pair, paper_rig)
-    bounds = bounds_of(model, pair.taper / pair.reference_radii[1])
+    bounds = first_order_bounds(model, pair.taper / pair.reference_radii[1])
     return bounds, trapezoid(60.0, 540.0, 0.1, 0.5)
 
 

@@ -17,10 +17,10 @@ from tests.oracles.rigid_bouncing import Flown, Rig, fly
 from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.control.motion.profiles import trapezoid
-from vttig_jax.control.plants.flank_bounds import bounds_of
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
 from vttig_jax.control.plants.rigid import RigidPlant
 from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair
 
 SPEED = 2 * math.pi
@@ -34,7 +34,7 @@ BEGIN, END, SAMPLE = 1.45, 2.55, 1e-3
 def rig(paper_rig):
     pair = paper_pair()
     model = closed_model(pair, paper_rig)
-    bounds = bounds_of(model, pair.taper / pair.reference_radii[1])
+    bounds = first_order_bounds(model, pair.taper / pair.reference_radii[1])
     return bounds, trapezoid(60.0, 540.0, 0.1, 0.5)
 
 

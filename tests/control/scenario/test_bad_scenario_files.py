@@ -31,7 +31,7 @@ BAD_VALUES = [
     ("motion.reversal", 1.0, "unknown key `reversal`; did you mean `reversal_deg`?"),
     ("plant", "rigd", "expected 'elastic' or 'play' or 'rigid', but it is 'rigd'."),
     ("pair", 3, "expected text, but it is 3."),
-    ("pair", "", "expected text of length >= 1, but it is ''."),
+    ("pair", "", "missing"),
     ("eccentricities.driving_mm", -0.01, "expected a number >= 0.0, but it is -0.01."),
     ("eccentricities.driven_mm", float("inf"), "but it is inf."),
     ("eccentricities.constant_backlash_deg", -0.01, "but it is -0.01."),
@@ -176,7 +176,12 @@ def test_rates_that_are_no_exact_multiple_in_binary():
 
 @pytest.mark.parametrize(
     ("table", "seen"),
-    [({"pair": "p"}, "neither"), ({**MINIMAL, "rig": {"from": "RUN"}}, "both")],
+    [
+        ({"pair": "p"}, "missing"),
+        ({**MINIMAL, "rig": {"from": "RUN"}}, "given together"),
+        ({"pair": "p", "plant_map": "RUN", "controller_map": "eccentricities"}, "missing"),
+        ({"pair": "p", "rig": {"from": "RUN"}, "controller_map": "eccentricities"}, "missing"),
+    ],
 )
 def test_the_rig_is_given_once(table, seen):
     with pytest.raises(ScenarioError, match=f"^eccentricities: {seen} of"):

@@ -52,6 +52,7 @@ def test_the_contracts_example(write):
 
 
 DEFAULTS = """
+plant_map = "eccentricities"
 plant = "rigid"
 controller = "acceleration"
 flanks = "exact"

@@ -166,7 +166,9 @@ ALONE = (
 
 
 def test_every_key_has_a_row():
-    assert [row.name for row in ROWS] == list(KEYS)
+    """Keys of maps have tests of their own: they name files."""
+    maps = {"plant_map", "controller_map", "constant_backlash_deg"}
+    assert [row.name for row in ROWS] == [name for name in KEYS if name not in maps]
 
 
 @pytest.fixture(scope="module")
@@ -330,11 +332,9 @@ def test_a_compiled_period_is_one_computed_step_by_step(runs):
 def left(constant_backlash: Any, case: Case, periods: int) -> jax.Array:
     """Backlash left at the turn, of a case with another constant backlash (rad)."""
 
-    def moved(bounds):
-        change = jnp.asarray(constant_backlash) - 0.038 * DEG
-        return jnp.asarray(bounds.offset) + jnp.stack([jnp.zeros(()), change])
-
-    bounds = eqx.tree_at(lambda b: b.offset, case.bounds, moved(case.bounds))
+    nodes = jnp.asarray(case.bounds.nodes)
+    nodes = nodes.at[:, 2].add(jnp.asarray(constant_backlash) - 0.038 * DEG)
+    bounds = eqx.tree_at(lambda b: b.nodes, case.bounds, nodes)
     changed = eqx.tree_at(lambda c: c.bounds, case, bounds)
     return jnp.asarray(
         run_periods(changed, initial_state(changed), jnp.arange(periods)).accumulators.residual_gap

@@ -5,8 +5,8 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from vttig_jax.control.plants.flank_bounds import bounds_of
+
 from vttig_jax.geometry.contact.contact_model import contact_model
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.backlash_map import BacklashMap

@@ -10,7 +10,7 @@ import click
 
 from ...base.errors import ScenarioError, UsageError
 from ...base.logger import LOGGER
-from ...runs.rigs import fitted_rig
+from ...runs.simulations import file_named, simulate, specified
 from ..options import given, verb
 from ..output import Output
 from .map import csv_text
@@ -22,11 +22,8 @@ if TYPE_CHECKING:
 _MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
 """Largest number of rows of a trace file, and of a trace that is only for a picture."""
 
-_LONG, _STEPS_PER_MIN = 2e7, 2e7
-"""Number of plant steps above which the run time is announced, and steps per minute (about)."""
-
-_MOST_STEPS = 1e12
-"""Largest number of plant steps, about a month; chosen value."""
+_LONG, _MOST_PERIODS = 2e7, 1e12
+"""Number of periods above which the run is announced (minutes), and the largest (a month)."""
 
 _QUOTED = ('"', "'", "[", "{")
 """First characters of a value that must be TOML, and not a text without quotes."""
@@ -111,11 +108,10 @@ def command(
     if scenario is None:
         raise UsageError("SCENARIO is missing; --print-defaults prints one to start from.")
     _check_files(trace, figure, overwrite=overwrite)
-    from ...control.scenario.spec import load_scenario_spec
-
-    spec = _with_settings(_with_rig(load_scenario_spec(scenario), scenario, settings), settings)
-    thinned = every if trace else 0
-    found, kept = _simulated(spec, scenario, thinned, output, draws=figure is not None)
+    spec, folder = specified(scenario, sweep=False)
+    with file_named(scenario):
+        spec, thinned = _with_settings(spec, settings), every if trace else 0
+        found, kept = _simulated(spec, folder, thinned, output, draws=figure is not None)
     if trace is not None:
         _write(trace, _csv(found, every // kept), overwrite)
     if figure is not None:
@@ -176,67 +172,35 @@ def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) 
         raise UsageError(error.message, where=where) from None
 
 
-def _with_rig(
-    spec: "ScenarioSpec", path: Path, settings: tuple[tuple[str, Any], ...]
-) -> "ScenarioSpec":
-    """Return the scenario with the eccentricities of the run folder that its table `rig` names.
-
-    The gears are those of the scenario, or of `--set pair=…`.
-    """
-    if spec.rig is None:
-        return spec
-    import vttig_jax
-
-    from ...control.scenario.spec import with_values
-    from ...control.sweeps.cases import rig_table
-
-    vttig_jax.enable_x64()
-    rig = rig_table(
-        fitted_rig(
-            path.parent / spec.rig.run, path.parent / str(dict(settings).get("pair", spec.pair))
-        )
-    )
-    return with_values(spec, {f"eccentricities.{name}": value for name, value in rig.items()})
-
-
 def _simulated(
-    spec: "ScenarioSpec", path: Path, every: int, output: Output, *, draws: bool
+    spec: "ScenarioSpec", folder: Path, every: int, output: Output, *, draws: bool
 ) -> "tuple[Simulation, int]":
-    """Run a scenario whose paths are relative to its file.
-
-    **Returns** the simulation, and the stride of its trace in periods of the controller.
-    """
+    """Run a scenario; return it, and the stride of its trace in periods of the controller."""
     import vttig_jax
 
-    from ...control.simulation.result import Simulation
-    from ...control.simulation.simulate import prepare_case, run_in_chunks
+    from ...control.simulation.build import scenario_motion
 
     vttig_jax.enable_x64()
-    pair, case = prepare_case(spec, path.parent, str(path))
-    periods = float(case.motion.duration_s) * spec.sampling.controller_hz
+    duration = float(scenario_motion(spec.motion, folder).duration_s)
+    periods = duration * spec.sampling.controller_hz
     kept = _stride(periods, every, draws)
-    steps = periods * case.substeps
-    if not steps <= _MOST_STEPS:
+    if not periods <= _MOST_PERIODS:
         raise UsageError(
-            f"a run of {float(case.motion.duration_s):.3g} s has {steps:.3g} steps, but at most"
-            f" {_MOST_STEPS:.0e} are simulated; choose a higher speed, a shorter motion or a lower"
-            " rate of the controller.",
-            where=str(path),
+            f"a run of {duration:.3g} s has {periods:.3g} periods, but at most"
+            f" {_MOST_PERIODS:.0e} are simulated; choose a higher speed, a shorter motion or a"
+            " lower rate of the controller.",
+            where=str(folder),
         )
-    if steps > _LONG:
-        LOGGER.warning(
-            "to run: %.3g steps, some %.0f min; Ctrl-C ends it and writes nothing",
-            steps,
-            max(steps / _STEPS_PER_MIN, 1.0),
-        )
+    if periods > _LONG:
+        LOGGER.warning("to run: %.3g periods; Ctrl-C ends it and writes nothing", periods)
     with output.progress(1, "simulate") as bar:
 
         def follow(done: int, all_: int) -> None:
             bar.total = all_
             bar.update(done - bar.n)
 
-        state, trace = run_in_chunks(case, kept, follow)
-    return Simulation(spec, pair, case, state.accumulators, trace), kept
+        found = simulate(spec, folder=folder, trace_every=kept, progress=follow)
+    return found, kept
 
 
 def _stride(periods: float, every: int, draws: bool) -> int:

@@ -10,7 +10,7 @@ import click
 from ...base.errors import UsageError
 from ...base.logger import LOGGER
 from ...base.threads import usable_cores
-from ...runs.rigs import drawn_rigs
+from ...runs.simulations import sweep
 from ..library_messages import adopt_loggers
 from ..options import verb
 from ..output import Output
@@ -73,8 +73,6 @@ def command(
         import distributed  # noqa: F401 -- it adds handlers to its loggers
 
         adopt_loggers("distributed")
-    from ...control.sweeps.sweep import sweep
-
     with output.progress(1, "lane-steps") as bar:
 
         def announce(expected: "SweepCost") -> None:
@@ -89,11 +87,8 @@ def command(
             bar.total = max(done, all_)
             bar.update(done - bar.n)
 
-        rigs, believed = drawn_rigs(scenario)
         found = sweep(
             scenario,
-            rigs=rigs,
-            believed=believed,
             out=out,
             resume=resume,
             overwrite=overwrite,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from ...base.errors import UsageError
-from ...runs.rigs import drawn_rigs
+from ...runs.simulations import tune
 from ..options import Finite, verb
 from ..output import Output
 from .sweep import prepare
@@ -97,7 +97,6 @@ def command(
     _check_keys(scenario, keys, limits)
     prepare(None)
     from ...control.tuning.search import WIDTHS
-    from ...control.tuning.tune import tune
 
     with output.progress(len(WIDTHS), "tune") as bar:
 
@@ -105,11 +104,8 @@ def command(
             bar.total = all_
             bar.update(done - bar.n)
 
-        rigs, believed = drawn_rigs(scenario)
         found = tune(
             scenario,
-            rigs=rigs,
-            believed=believed,
             free=keys,
             limits=limits,
             objective=objective,

@@ -1,7 +1,9 @@
 """Computation of the harmonics of a backlash map, with a comparison with the map."""
 
+import itertools
 import math
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -11,10 +13,10 @@ from ...base.arrays import Numbers
 from ...base.errors import NoAnswerError, PairError
 from ...base.units import ARCSEC, REV
 from ...kinematics.backlash_map import BacklashMap, chunked
-from ...kinematics.flank_model import FlankModel
+from ...kinematics.first_order import ClosedModel
+from ...kinematics.flank_model import FlankModel, ImplicitModel, fixed_point
 from ...kinematics.harmonic import CombinedModel, OrderModel, Term
 from ...pair.gear_pair import Drive, Flank, GearPair
-from ..plants.flank_bounds import bounds_of
 from .compensation import Compensation, closing_of
 
 _LEAST = 1e-12
@@ -112,17 +114,13 @@ def _with_harmonics(
     if result.error_rad <= _LEAST:
         return result  # a constant gap, which has no harmonics
     for margin in _MARGINS:
-        bounds = bounds_of(model, np.zeros(2), _highest(model, margin))
-        offset, cosine, sine = (
-            np.asarray(values)[1] - np.asarray(values)[0]
-            for values in (bounds.offset, bounds.cosine, bounds.sine)
-        )
+        offset, terms, coefficients = gap_series(model, _highest(model, margin))
         result = replace(
             constant,
-            constant_rad=float(offset),
-            terms=bounds.terms,
-            cosine_rad=cosine,
-            sine_rad=sine,
+            constant_rad=offset,
+            terms=terms,
+            cosine_rad=coefficients.real,
+            sine_rad=-coefficients.imag,
         )
         result = _with_error(result, angles, map_values)
         if result.error_rad <= _TOLERANCE:
@@ -131,6 +129,53 @@ def _with_harmonics(
         f"{len(result.terms)} harmonics of both shafts miss the backlash map by"
         f" {result.error_rad / ARCSEC:.2g}″; fit with lower orders in [fit]."
     )
+
+
+def gap_series(model: FlankModel, highest: tuple[int, int]) -> tuple[float, tuple[Term, ...], Any]:
+    """Return the backlash of a model as a Fourier series in both shaft angles.
+
+        j(φ₁, ξ) = c₀ + Re Σ_t c_t exp(j (n₁ φ₁ + n₂ ξ)),   ξ = i φ₁
+
+    On a grid of both angles it is exact to rounding for orders up to `highest`. Of (n₁, n₂) and
+    (−n₁, −n₂), which are the same harmonic, one is returned, and none of at most `_LEAST` rad.
+
+    **Returns** c₀ (rad), the orders (n₁, n₂) and the complex c_t (rad).
+
+    **Raises** `ValueError` for a model that is neither closed nor implicit.
+    """
+    if isinstance(model, ClosedModel):
+        phasors = np.stack([np.diff(model.driving_phasor), np.diff(model.driven_phasor)])[:, 0]
+        return float(np.diff(model.offset)[0]), ((1, 0), (0, 1)), -1j * phasors
+    if not isinstance(model, ImplicitModel):
+        raise ValueError(
+            f"Argument `model` must be a closed or implicit flank model, but is {type(model)}."
+        )
+    counts = [4 * order + 4 for order in highest]
+    angles: Any = np.meshgrid(*(REV * np.arange(n) / n for n in counts), indexing="ij")
+    spectrum = np.fft.fft2(np.asarray(_gap_on_torus(model, *angles))) / (counts[0] * counts[1])
+    orders = itertools.product(range(highest[0] + 1), range(-highest[1], highest[1] + 1))
+    terms = tuple(
+        term for term in orders if (term[0] > 0 or term[1] > 0) and abs(spectrum[term]) > _LEAST / 2
+    )
+    return float(spectrum[0, 0].real), terms, 2 * np.array([spectrum[term] for term in terms])
+
+
+@eqx.filter_jit
+def _gap_on_torus(model: ImplicitModel, driving: Array, ideal: Array) -> Array:
+    """Return TE_B − TE_A, rad, where both angles are independent: φ₂ = ξ + TE."""
+    upper, lower = (fixed_point(_ON_TORUS[flank], (model, driving, ideal)) for flank in ("B", "A"))
+    return upper - lower
+
+
+def _step_on(flank: Flank):
+    def step(error, args):
+        model, driving, ideal = args
+        return model.at_both_angles(driving, ideal + error, flank)
+
+    return step
+
+
+_ON_TORUS = {flank: _step_on(flank) for flank in ("A", "B")}
 
 
 def _highest(model: FlankModel, margin: int) -> tuple[int, int]:

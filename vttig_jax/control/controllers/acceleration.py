@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, float64
-from ..plants.flank_bounds import Bounds
+from ...kinematics.flank_table import Bounds
 from .controller import Controller, Measurement
 
 
@@ -49,6 +49,6 @@ class AccelerationController(Controller):
         forward = jnp.sign(seen.speed) * seen.acceleration
         decelerates = moving & (forward < -self.threshold)
         closing = decelerates | (state.closing & ~(moving & (forward > self.threshold)))
-        target = self.bounds.gap(seen.driving) * (1.0 / self.bounds.closing_sum) - self.margin
+        target = self.bounds.closed_at(self.bounds.gap(seen.driving)) - self.margin
         shift = jnp.where(closing & ~state.closing, jnp.maximum(target, 0.0), state.shift)
         return Latch(closing, shift), jnp.where(closing, shift, 0.0)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...base.arrays import Number, float64
-from ..plants.flank_bounds import Bounds
+from ...kinematics.flank_table import Bounds
 from .controller import Command, Controller, Measurement
 
 _STILL = 1e-6

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, float64
-from ..plants.flank_bounds import Bounds
+from ...kinematics.flank_table import Bounds
 from .controller import Controller, Measurement
 
 
@@ -58,5 +58,5 @@ class PredictiveController(Controller):
         steps = (jnp.zeros(()), seen.speed * self.lead, stop_angle)
         gaps = [self.bounds.gap(seen.driving + step) for step in steps]
         least = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
-        shift = jnp.maximum(least * (1.0 / self.bounds.closing_sum) - self.margin, 0.0)
+        shift = jnp.maximum(self.bounds.closed_at(least) - self.margin, 0.0)
         return PredictiveState(moved), jnp.where(moved & (stands | stops), shift, 0.0)

@@ -74,7 +74,7 @@ class SmoothAccelerationController(Controller):
         decelerates = moving * smooth_step(-forward - 1, width)
         accelerates = moving * smooth_step(forward - 1, width)
         kept, added = 1 - accelerates * (1 - decelerates), decelerates * (1 - state.closing)
-        target = hard.bounds.gap(seen.driving) / hard.bounds.closing_sum - hard.margin
+        target = hard.bounds.closed_at(hard.bounds.gap(seen.driving)) - hard.margin
         closing = kept * state.closing + added
         shift = kept * state.shift + added * jnp.maximum(target, 0.0)
         return SmoothLatch(closing, shift), shift
@@ -121,7 +121,7 @@ class SmoothPredictiveController(Controller):
         steps = (jnp.zeros(()), seen.speed * hard.lead, stop_angle)
         gaps = [hard.bounds.gap(seen.driving + step) for step in steps]
         lowest = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
-        shift = jnp.maximum(lowest / hard.bounds.closing_sum - hard.margin, 0.0)
+        shift = jnp.maximum(hard.bounds.closed_at(lowest) - hard.margin, 0.0)
         closes = moved * (1 - (1 - stands) * (1 - stops))
         return SmoothPredictiveState(moved), closes * shift
 

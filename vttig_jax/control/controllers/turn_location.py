@@ -12,10 +12,10 @@ from jaxtyping import Array, Float
 
 from ...base.units import REV
 from ...kinematics.flank_model import FlankModel
+from ...kinematics.flank_table import Bounds
 from ...kinematics.turn_location import locate
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ..hardware.encoder import Sensor, noise_draws
-from ..plants.flank_bounds import Bounds
 from .controller import Controller, Measurement
 
 CERTAINTY = 0.999
@@ -42,7 +42,7 @@ class LostController(Controller):
 
 
 def turn_error(
-    pair: GearPair,
+    pair: GearPair | Drive,
     believed: FlankModel,
     rig: Bounds,
     sensors: tuple[Sensor, Sensor],

@@ -18,9 +18,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, float64
+from ...kinematics.flank_table import Bounds, Flanks
 from ..motion.motion import MotionPoint
 from ..plants.elastic import ElasticPlant
-from ..plants.flank_bounds import Bounds, Flanks
 from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, Slide, walls
 from .shaft_drive import ShaftDrive, Tracking
 

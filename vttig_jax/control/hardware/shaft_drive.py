@@ -7,9 +7,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ...kinematics.flank_table import Bounds
 from ..hermite import cubic
 from ..motion.motion import MotionPoint
-from ..plants.flank_bounds import Bounds
 from ..plants.plant import ContactEvent, Plant, Shafts, Slide
 
 

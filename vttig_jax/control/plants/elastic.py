@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, float64
+from ...kinematics.flank_table import Bounds
 from ..hermite import cubic
 from ..motion.motion import MotionPoint
 from .elastic_impact import Press, Pulls, impact, longest_contact
-from .flank_bounds import Bounds
 from .plant import (
     FREE,
     ON_A,

@@ -10,8 +10,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, Numbers, float64
+from ...kinematics.flank_table import Bounds, Flanks
 from ..motion.motion import MotionPoint
-from .flank_bounds import Bounds, Flanks
 
 ON_A, FREE, ON_B = -1.0, 0.0, 1.0
 

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 
 from ...base.arrays import Number
+from ...kinematics.flank_table import Bounds
 from ..hermite import cubic, first_root
 from ..motion.motion import MotionPoint
-from .flank_bounds import Bounds
 from .plant import ContactEvent, Plant, Shafts, Slide, newly_met, touching, walls
 
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from ...base.arrays import Number, float64
+from ...kinematics.flank_table import Bounds
 from ..hermite import cubic, first_root
 from ..motion.motion import MotionPoint
-from .flank_bounds import Bounds
 from .plant import FREE, ContactEvent, Drag, Plant, Shafts, Slide, newly_met, touching, walls
 
 

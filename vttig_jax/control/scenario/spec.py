@@ -38,6 +38,10 @@ if TYPE_CHECKING:
     from .tables import MotionTable, SamplingTable
 
 
+ECCENTRICITIES = "eccentricities"
+"""Value of `plant_map` and `controller_map` for the exact or closed map of [eccentricities]."""
+
+
 def check_scenario(spec: "ScenarioSpec") -> None:
     """Raise `ScenarioError` if keys contradict each other; its `where` is the dotted key."""
     check_rig(spec)
@@ -46,14 +50,44 @@ def check_scenario(spec: "ScenarioSpec") -> None:
 
 
 def check_rig(spec: "ScenarioSpec") -> None:
-    """Raise `ScenarioError` unless exactly one of `eccentricities` and `rig` is given."""
-    if (spec.eccentricities is None) == (spec.rig is None):
-        given = "neither" if spec.rig is None else "both"
+    """Raise `ScenarioError` unless the flanks of plant and controller have one source each."""
+    if spec.rig is not None and spec.plant_map != ECCENTRICITIES:
         raise ScenarioError(
-            f"{given} of [eccentricities] and `rig` given; write [eccentricities], or"
-            ' rig = { from = "RUN" } for those of a run folder.',
+            "given together with `rig`, whose map the plant has; remove one of them.",
+            where="plant_map",
+        )
+    uses = (
+        (ECCENTRICITIES in (spec.controller_map, spec.plant_map))
+        if spec.rig is None
+        else (spec.controller_map == ECCENTRICITIES)
+    )
+    if uses and spec.eccentricities is None:
+        raise ScenarioError(
+            'missing; write [eccentricities], or rig = { from = "RUN" } or plant_map = "RUN" for'
+            " the map of a run folder.",
             where="eccentricities",
         )
+    if spec.rig is not None and spec.eccentricities is not None and not uses:
+        raise ScenarioError(
+            "given together with `rig`; remove one of them, or write controller_map ="
+            ' "eccentricities" for a controller that closes by these.',
+            where="eccentricities",
+        )
+    if not spec.pair and not names_of_maps(spec):
+        raise ScenarioError("missing; name the pair file, relative to this file.", where="pair")
+
+
+def names_of_maps(spec: "ScenarioSpec") -> tuple[str, ...]:
+    """Return the run folders and map files that a scenario or sweep names, each once."""
+    axes = {} if spec.sweep is None else spec.sweep.axes
+    named: list[str] = [] if spec.rig is None else [spec.rig.run]
+    for which in ("plant_map", "controller_map"):
+        named += [getattr(spec, which) or "", *_texts(axes.get(which, ()))]
+    return tuple(dict.fromkeys(name for name in named if name not in ("", ECCENTRICITIES)))
+
+
+def _texts(axis: Any) -> list[str]:
+    return [value for value in axis if isinstance(value, str)] if isinstance(axis, tuple) else []
 
 
 def smallest_reversal_deg(motion: "MotionTable") -> float:
@@ -125,7 +159,8 @@ class ScenarioSpec(Table, frozen=True):
     """Content of a scenario or sweep file; it has either `eccentricities` or `rig`, not both."""
 
     pair: Annotated[
-        str, key("pair file, relative to this file", min_length=1, examples=["pair.toml"])
+        str,
+        key("pair file, relative to this file; a run folder has its own", examples=["pair.toml"]),
     ]
     plant: Annotated[Plant, key("model of the driven shaft and the contact")] = "rigid"
     controller: Annotated[Controller, key("rule that shifts the driven gear")] = "acceleration"
@@ -134,6 +169,29 @@ class ScenarioSpec(Table, frozen=True):
     eccentricities: Annotated[
         EccentricityTable | None, key("eccentricities of the gears, and the constant backlash")
     ] = None
+    plant_map: Annotated[
+        str, key("flanks of the plant: eccentricities, a run folder or a map file")
+    ] = ECCENTRICITIES
+    controller_map: Annotated[
+        str | None,
+        key(
+            "flanks the controller believes; by default eccentricities, else those of the plant",
+            examples=["RUN"],
+        ),
+    ] = None
+    constant_backlash_deg: (
+        Annotated[
+            float,
+            key(
+                "gap of a run whose log has one direction; replaces that of others",
+                "deg",
+                ge=0,
+                le=90,
+                examples=[0.02],
+            ),
+        ]
+        | None
+    ) = None
     map: Annotated[MapTable, key("rig assumed by the controller; absent keys: true values")] = (
         MapTable()
     )
@@ -173,20 +231,26 @@ def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioS
     with SCENARIO_FILE.error_context(source):
         _check_places(table)
         plain = {name: value for name, value in table.items() if name != "sweep"}
+        if "rig" in plain or "plant_map" in plain:
+            plain.setdefault("pair", "")  # a run folder has its own
         spec: ScenarioSpec = SCENARIO_FILE.convert(plain, ScenarioSpec)
         if "sweep" not in table:
             check_scenario(spec)
             return spec
-        sweep = parse_sweep(table["sweep"], KEYS)
+        axes = {name: entry for name, entry in KEYS.items() if name != "constant_backlash_deg"}
+        sweep = parse_sweep(table["sweep"], axes)  # maps are read once, with one backlash
         _check_axes(sweep, spec)
-        check_rig(spec)
+        check_rig(_with_values(spec, {name: sweep.values(name)[0] for name in sweep.axes}))
     return replace(spec, sweep=sweep)
 
 
-def load_scenario_spec(path: str | Path) -> ScenarioSpec:
-    """Read and validate a scenario file (TOML) of one case."""
-    spec = parse_scenario_spec(SCENARIO_FILE.read(path), str(path))
-    with SCENARIO_FILE.error_context(str(path)):
+def load_scenario_spec(path: str | Path | Mapping[str, Any], **changes: str) -> ScenarioSpec:
+    """Read and validate a scenario of one case: a file (TOML) or its parsed table.
+
+    `changes` are further values of keys at the top of the file.
+    """
+    spec, source = _read(path, changes)
+    with SCENARIO_FILE.error_context(source):
         if spec.sweep is not None:
             raise ScenarioError(
                 "this file has many cases; run it with `vttig sweep`, or remove [sweep].",
@@ -202,17 +266,26 @@ def load_scenario_spec(path: str | Path) -> ScenarioSpec:
     return spec
 
 
-def load_sweep_spec(path: str | Path) -> ScenarioSpec:
-    """Read and validate a sweep file (TOML): a scenario with `[sweep]`."""
-    spec = parse_scenario_spec(SCENARIO_FILE.read(path), str(path))
+def load_sweep_spec(path: str | Path | Mapping[str, Any], **changes: str) -> ScenarioSpec:
+    """Read and validate a sweep: a scenario with `[sweep]`; see `load_scenario_spec`."""
+    spec, source = _read(path, changes)
     if spec.sweep is None:
         hint = "" if spec.rig is None else "; an empty [sweep] runs the draws of `rig` alone"
         raise ScenarioError(
             f"missing; a sweep names its axes in [sweep], one case is run with `vttig simulate`"
             f"{hint}.",
-            where=f"{path}: sweep",
+            where=f"{source}: sweep" if source else "sweep",
         )
     return spec
+
+
+def _read(
+    path: str | Path | Mapping[str, Any], changes: dict[str, str]
+) -> tuple[ScenarioSpec, str]:
+    """Return the specification, and the name of its file; "" for a table."""
+    if isinstance(path, Mapping):
+        return parse_scenario_spec({**path, **changes}), ""
+    return parse_scenario_spec({**SCENARIO_FILE.read(path), **changes}, str(path)), str(path)
 
 
 def spec_table(spec: ScenarioSpec) -> dict[str, Any]:

@@ -51,6 +51,14 @@ class Accumulators(eqx.Module):
     - `travel`, `farthest`: path length and farthest position of the actuator until `retracted`.
     - `following_error`: largest tracking error of a servo motor, rad. - `limited_s`: time of the
       motor at its torque limit. - `forced`: whether the teeth exceeded the actuator's force limit.
+    - `carrier`: flank that was loaded last, `ON_A` or `ON_B`. - `largest_jump`, `early_jump`:
+      largest gap that the teeth crossed to the other flank, in the run and before the turn.
+    - `early_angle`: driving angle of `early_jump`. - `wrong_travel`: travel of the driving shaft
+      before the turn with the flank in contact that carries after it.
+    - `output_start`, `output_error`, `output_squares`: φ₂ − i φ₁ of the reference, minus its value
+      `output_start` in the first sample: the largest after the turn, and the sum of its squares.
+    - `lost`, `lost_travel`: ∫ |φ₂ − i φ₁ − TE| dφ₁ after the turn, with φ₁ of the reference and TE
+      of the flank that carries first; and the travel of the reference.
     - `commanded`: last command, mm. - `blocked`, `blocked_s`: whether and since when the drive is
       blocked by contact on both flanks.
     """
@@ -80,6 +88,16 @@ class Accumulators(eqx.Module):
     following_error: Float[Numbers, "*shape"]
     limited_s: Float[Numbers, "*shape"]
     forced: Bool[Numbers, "*shape"]
+    carrier: Float[Numbers, "*shape"]
+    largest_jump: Float[Numbers, "*shape"]
+    early_jump: Float[Numbers, "*shape"]
+    early_angle: Float[Numbers, "*shape"]
+    wrong_travel: Float[Numbers, "*shape"]
+    output_start: Float[Numbers, "*shape"]
+    output_error: Float[Numbers, "*shape"]
+    output_squares: Float[Numbers, "*shape"]
+    lost: Float[Numbers, "*shape"]
+    lost_travel: Float[Numbers, "*shape"]
     commanded: Float[Numbers, "*shape"]
     blocked: Bool[Numbers, "*shape"]
     blocked_s: Float[Numbers, "*shape"]
@@ -90,7 +108,9 @@ def empty_accumulators() -> Accumulators:
     zero, never = jnp.zeros(()), jnp.full((), jnp.nan, float)
     zeros = (
         *("samples", "total", "false_closings", "largest_command", "interference", "travel"),
-        *("farthest", "commanded", "behind", "following_error", "limited_s"),
+        *("farthest", "commanded", "behind", "following_error", "limited_s", "carrier"),
+        *("largest_jump", "early_jump", "wrong_travel", "output_error", "output_squares"),
+        *("lost", "lost_travel"),
     )
     values = {field.name: never for field in fields(Accumulators)} | dict.fromkeys(zeros, zero)
     values |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
@@ -108,12 +128,17 @@ def add_sample(
     open_gap: Float[Array, ""],
     side: Float[Array, ""],
     carriage: Carriage,
+    output: Float[Array, ""],
+    lost: Float[Array, ""],
+    speed: Float[Array, ""],
 ) -> Accumulators:
     """Return the accumulators after the sample of one period at `time` (s); units rad and mm.
 
     `error`: TE from both encoder readings. `angle`: true driving angle. `command`: displacement
     that the controller commands. `target`: position that the actuator approaches (delayed command).
-    `open_gap`: backlash for a displacement of zero. `side`: loaded flank.
+    `open_gap`: backlash for a displacement of zero. `side`: loaded flank. `output`: φ₂ − i φ₁ with
+    φ₁ of the reference. `lost`: the same minus the TE of the flank that carries first, at this φ₁.
+    `speed`: speed of the reference, rad/s.
     """
     counts = (time <= run.duration_s) & ~old.blocked
     first = jnp.where(old.samples == 0, error, old.first)
@@ -129,8 +154,16 @@ def add_sample(
     at_turn = turned & jnp.isnan(old.residual_gap)
     gap = open_gap - (run.closing[0] + run.closing[1]) * carriage.reached
     in_reversal = counts & ~old.opened
+    start = jnp.where(old.samples == 0, output, old.output_start)
+    output, back = jnp.abs(output - start), counts & (time > run.turn_s)
+    travel = jnp.where(back, run.period * jnp.abs(speed), 0.0)
     return replace(
         old,
+        output_start=start,
+        output_error=jnp.where(back, jnp.maximum(old.output_error, output), old.output_error),
+        output_squares=old.output_squares + jnp.where(counts, output**2, 0.0),
+        lost=old.lost + travel * jnp.abs(lost),
+        lost_travel=old.lost_travel + travel,
         samples=old.samples + counts,
         total=old.total + jnp.where(counts, error, 0.0),
         highest=jnp.where(counts, jnp.fmax(old.highest, error), old.highest),
@@ -164,12 +197,15 @@ def add_plant_step(
     blocked: Bool[Array, ""],
     behind: Float[Array, ""] | None = None,
     tracking: Tracking | None = None,
+    turned: Float[Array, ""] | float = 0.0,
+    side: Float[Array, ""] | float = 0.0,
 ) -> Accumulators:
     """Return the accumulators after a plant step of length `step` that ends at `time`, both in s.
 
     `contact`: first new contact in the step. `travel`: movement of the actuator, mm. `blocked`:
     whether the drive blocks. `behind`: lag of the driving shaft at the contact, rad; None if the
     shaft cannot lag. `tracking`: tracking error and torque limit of a servo motor, or None.
+    `turned`: rotation of the driving shaft in the step, rad. `side`: loaded flank at its end.
     """
     counts = (time <= run.duration_s) & ~old.blocked
     meets = counts & (contact.side == run.other_flank)
@@ -180,8 +216,18 @@ def add_plant_step(
         error = jnp.where(counts, jnp.maximum(error, tracking.error), error)
         limited_s += jnp.where(counts & tracking.limited, step, 0.0)
     in_reversal, travels = counts & ~old.opened, counts & ~old.retracted
+    early = counts & (time < run.turn_s)
+    carrier = jnp.where(old.carrier == 0, -run.other_flank, old.carrier)  # before any contact
+    jump = jnp.where(counts & (contact.side == -carrier), contact.gap, 0.0)
+    sooner = early & (jump > old.early_jump)
     return replace(
         old,
+        carrier=jnp.where(counts & (jnp.asarray(side) != 0), side, carrier),
+        largest_jump=jnp.maximum(old.largest_jump, jump),
+        early_jump=jnp.where(sooner, jump, old.early_jump),
+        early_angle=jnp.where(sooner, contact.angle, old.early_angle),
+        wrong_travel=old.wrong_travel
+        + jnp.where(early & (side == run.other_flank), jnp.abs(turned), 0.0),
         gap=jnp.where(crosses, contact.gap, old.gap),
         crossing=jnp.where(crosses, contact.angle, old.crossing),
         behind=old.behind if behind is None else jnp.where(crosses, behind, old.behind),

@@ -1,24 +1,36 @@
 """Construction of a case from a scenario: motion, motor, plant, actuator and controller."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from msgspec import structs
 
-from ...base.arrays import float64
+from ...base.arrays import Numbers, float64
 from ...base.errors import ScenarioError
 from ...base.files.toml_io import plain_table
 from ...base.units import ARCSEC, DEG, REV
 from ...kinematics.exact import exact_model
-from ...kinematics.first_order import closed_model
+from ...kinematics.first_order import ClosedModel, closed_model
 from ...kinematics.flank_model import FlankModel
+from ...kinematics.flank_table import (
+    Bounds,
+    FlankTable,
+    first_order_bounds,
+    nodes_per_turn,
+    tabulate_flanks,
+)
 from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ..controllers.acceleration import AccelerationController
 from ..controllers.controller import Controller, NoController
 from ..controllers.feedforward import FeedforwardController
@@ -33,11 +45,10 @@ from ..motion.motion import Motion
 from ..motion.profiles import motion_of
 from ..motion.recorded import read_motion
 from ..plants.elastic import ElasticPlant, largest_step, mesh_stiffness
-from ..plants.flank_bounds import Bounds, bounds_of
 from ..plants.plant import Drag, Plant
 from ..plants.play import PlayPlant
 from ..plants.rigid import RigidPlant
-from ..scenario.spec import ScenarioSpec
+from ..scenario.spec import ECCENTRICITIES, ScenarioSpec
 from ..scenario.tables import (
     ActuatorTable,
     EccentricityTable,
@@ -48,6 +59,7 @@ from ..scenario.tables import (
     LoadTable,
     MeshTable,
     MotionTable,
+    SamplingTable,
     ServoTable,
 )
 from .case import Case
@@ -102,7 +114,8 @@ def drive_of(
 
 
 def actuator_of(
-    pair: GearPair,
+    pair: GearPair | Drive,
+    taper: Float[Numbers, "2"],
     table: ActuatorTable,
     servo: ServoTable,
     plant: str,
@@ -113,8 +126,8 @@ def actuator_of(
     controller_hz: float,
 ) -> Actuator:
     """Return the actuator that slides the driven gear."""
-    thrust, back_drivable = None, can_back_drive(pair.taper, mesh.friction_coefficient)
-    if table.force_limit_N > 0:
+    thrust, back_drivable = None, can_back_drive(taper, mesh.friction_coefficient)
+    if table.force_limit_N > 0 and isinstance(pair, GearPair):
         drag = drag_of(0.0 if plant == "play" else inertia.driven_kgm2, friction, load)
         radius_m = 1e-3 * float(pair.reference_radii[1])
         ratio, sliding = float(pair.ratio), mesh.friction_coefficient
@@ -153,14 +166,40 @@ _LOOP_PERIODS = 3.0
 """Delay from an encoder reading to the resulting actuator position, in controller periods."""
 
 
+Travel = tuple[float, float]
+"""Smallest and largest driving angle of a motion, turns."""
+
+_Span = tuple[int, int, bool]
+_Source = str | tuple[EccentricityTable | None, str]
+"""A named map; or eccentricities with the kind of their flanks, "exact" or "closed"."""
+
+_WHOLE_ROWS, _MOST_ROWS = 1 << 20, 1 << 25
+"""Nodes of all tables up to which the hunting period is tabulated (32 MB) and the largest number
+(1 GB): chosen values."""
+
+
+class Maps(NamedTuple):
+    """Flank models that a scenario names instead of its [eccentricities].
+
+    - `named`: run folder or map file as the scenario writes it → its flank model.
+    - `draws`: models drawn from a posterior, stacked along a first axis; the plants of a sweep.
+    - `number`: number of draws.
+    """
+
+    named: Mapping[str, FlankModel] = MappingProxyType({})
+    draws: FlankModel | None = None
+    number: int = 0
+
+
 def case_of(
     spec: ScenarioSpec,
-    pair: GearPair,
+    pair: GearPair | Drive,
     folder: Path = Path(),
     controller: Controller | None = None,
+    maps: Maps = Maps(),
 ) -> Case:
     """Build the case of a validated scenario; see `Builder`."""
-    return Builder(pair, folder, controller).case(spec)
+    return Builder(pair, folder, controller, maps).case(spec)
 
 
 class CaseParts(NamedTuple):
@@ -182,38 +221,66 @@ class CaseParts(NamedTuple):
     drive: ShaftDrive
 
 
+def scenario_motion(table: MotionTable, folder: Path) -> Motion:
+    """Return the motion of the driving shaft; `folder` is that of recorded motions."""
+    if table.kind == "recorded":
+        return read_motion(folder / table.file)
+    return motion_of(
+        table.kind,
+        event=table.event,
+        speed_rpm=table.speed_rpm,
+        reversal_deg=table.reversal_deg,
+        dwell_s=table.dwell_s,
+        ramp_s=table.ramp_s,
+        slow_share=table.slow_share,
+        stop_s=table.stop_s,
+    )
+
+
 class Builder:
     """Builder of the cases of one gear pair; it builds a part that several cases share only once.
 
     **Arguments**
-    - `pair`: gears of the scenarios. - `folder`: folder of recorded motions.
+    - `pair`: gears, or a drive without gears. - `folder`: folder of recorded motions.
     - `controller`: controller of the user, instead of those of the scenarios.
+    - `maps`: flank models that the scenarios name.
     """
 
     def __init__(
-        self, pair: GearPair, folder: Path = Path(), controller: Controller | None = None
+        self,
+        pair: GearPair | Drive,
+        folder: Path = Path(),
+        controller: Controller | None = None,
+        maps: Maps = Maps(),
     ) -> None:
         self.pair = pair
         self.folder = folder
         self.controller = controller
+        self.maps = maps
+        self.taper = pair.taper if isinstance(pair, GearPair) else np.zeros(2)
+        self.closing = np.zeros(2)
+        if isinstance(pair, GearPair):
+            self.closing = np.asarray(pair.taper / pair.reference_radii[1])
         self._part = lru_cache(_CACHED_PARTS)(lambda make, *arguments: make(*arguments))
 
-    def case(self, spec: ScenarioSpec) -> Case:
-        """Build the case of a validated scenario.
+    def case(self, spec: ScenarioSpec, draw: int = 0) -> Case:
+        """Build the case of a validated scenario, whose plant is drawn if there are draws.
 
-        **Raises** `ScenarioError` for helix angles with which no displacement closes the gap, and
-        for a step of the plant that is too long for the stiffness of the mesh.
+        **Raises** `ScenarioError` for a controller that shifts gears without taper, for a map that
+        is shorter than the motion or whose flanks cross, and for a step of the plant that is too
+        long for the stiffness of the mesh.
         """
-        return Case(**self.parts(spec)._asdict())
+        return Case(**self.parts(spec, draw)._asdict())
 
-    def parts(self, spec: ScenarioSpec) -> CaseParts:
+    def parts(self, spec: ScenarioSpec, draw: int = 0) -> CaseParts:
         """Return the parts of a case; see `case`."""
         motion, sense = self._part(self._motion, spec.motion)
-        bounds = self._part(self._bounds, spec.eccentricities, spec.flanks)
+        travel = self._part(self._travel, spec.motion)
+        bounds = self._plant_bounds(spec, travel, draw)
         hertz = spec.sampling.controller_hz
-        substeps = round(spec.sampling.plant_hz / hertz) or 1
-        sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
         tables = spec.inertia, spec.friction, spec.load, spec.mesh
+        substeps = self._part(self._substeps, spec.plant, spec.inertia, spec.mesh, spec.sampling)
+        sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
         return CaseParts(
             motion=motion,
             bounds=bounds,
@@ -223,7 +290,7 @@ class Builder:
                 self._actuator, spec.actuator, spec.servo, spec.plant, *tables, hertz
             ),
             observer=self._part(_OBSERVERS[spec.judgement.observer], spec.judgement.bandwidth_hz),
-            controller=self._located(spec, bounds, motion),
+            controller=self._located(spec, bounds, motion, travel),
             driving_sensor=self._part(self._sensor, *sensors[0]),
             driven_sensor=self._part(self._sensor, *sensors[1]),
             period=self._part(float64, 1.0 / hertz),
@@ -235,22 +302,24 @@ class Builder:
 
     def _motion(self, table: MotionTable) -> tuple[Motion, float]:
         """Return the motion and the direction, 1 or −1, in which it begins."""
-        if table.kind == "recorded":
-            motion = read_motion(self.folder / table.file)
-            return motion, _sense(motion)
-        return motion_of(
-            table.kind,
-            event=table.event,
-            speed_rpm=table.speed_rpm,
-            reversal_deg=table.reversal_deg,
-            dwell_s=table.dwell_s,
-            ramp_s=table.ramp_s,
-            slow_share=table.slow_share,
-            stop_s=table.stop_s,
-        ), 1.0
+        motion = scenario_motion(table, self.folder)
+        return motion, _sense(motion) if table.kind == "recorded" else 1.0
+
+    def _travel(self, table: MotionTable) -> Travel:
+        """Return the smallest and the largest driving angle of the motion, turns."""
+        motion, _ = self._part(self._motion, table)
+        time = jnp.linspace(0.0, 1.0, _TIMES) * jnp.asarray(motion.duration_s)
+        angle = np.asarray(motion.at(time).angle) / REV
+        return float(angle.min()), float(angle.max())
 
     def _model(self, rig: EccentricityTable | None, flanks: str) -> FlankModel:
         assert rig is not None  # checked where the scenario is read
+        if not isinstance(self.pair, GearPair):
+            raise ScenarioError(
+                "names a [drive] without gears, in which eccentricities mean nothing; write"
+                ' plant_map = "RUN" with the run folder of a fit of this drive.',
+                where="pair",
+            )
         eccentricities = Eccentricities(
             rig.driving_mm,
             rig.driving_phase_deg,
@@ -261,17 +330,116 @@ class Builder:
         build = exact_model if flanks == "exact" else closed_model
         return build(self.pair, eccentricities)
 
-    def _bounds(self, rig: EccentricityTable | None, flanks: str) -> Bounds:
-        pair = self.pair
-        closing = pair.taper / pair.reference_radii[1]
-        if not float(closing.sum()) > 0:
+    def _plant_bounds(self, spec: ScenarioSpec, travel: Travel, draw: int) -> Bounds:
+        """Return the flanks of the plant.
+
+        **Raises** `ScenarioError` for a map whose flanks cross: no drive has a gap below zero.
+        """
+        where = "plant_map" if spec.rig is None else "rig"
+        if spec.rig is not None and self.maps.draws is not None:
+            one = jax.tree.map(lambda leaf: leaf[0], self.maps.draws)
+            span = self._span(one, travel, self.maps.number)
+            bounds, gap = self._part(self._drawn, span, nodes_per_turn(one), draw)
+        else:
+            name = spec.plant_map if spec.rig is None else spec.rig.run
+            if name == ECCENTRICITIES:
+                source = spec.eccentricities, spec.flanks
+                return self._part(self._bounds, source, self._checked(source, travel, where), 0)
+            bounds, gap = self._part(self._mapped, name, self._checked(name, travel, where))
+        if gap < 0:
             raise ScenarioError(
-                f"the helix angles of flank A and B add up to {float(pair.taper.sum()):g} in tan β,"
-                " so that no axial displacement closes the gap; give gears that thin along the axis"
-                " (`helix_angle_deg`).",
-                where="pair",
+                f"flank B lies {-gap / DEG:.5f}° before flank A at one angle, where no gap is left;"
+                " take a map with a larger backlash (constant_backlash_deg).",
+                where=where,
             )
-        return bounds_of(self._model(rig, flanks), closing)
+        return bounds
+
+    def _believed(self, spec: ScenarioSpec) -> "_Source":
+        """Return what the controller takes for the flanks."""
+        name = spec.controller_map
+        if name is None and spec.eccentricities is None:
+            name = spec.plant_map if spec.rig is None else spec.rig.run
+        if name in (None, ECCENTRICITIES):
+            return _believed(spec), spec.flanks
+        return name
+
+    def _checked(self, source: "_Source", travel: Travel, where: str) -> "_Span":
+        """Return the span of the table of a named map or of eccentricities.
+
+        **Raises** `ScenarioError` for a map that is not given or is shorter than the motion.
+        """
+        model = self._flank_model(source, where)
+        if not isinstance(model, FlankTable):
+            return self._span(model, travel)
+        start, end = (float(x) / REV for x in (model.start, model.start + model.length))
+        if not model.periodic and not (start <= travel[0] and travel[1] <= end):
+            raise ScenarioError(
+                f"the map covers {360 * start:g}° … {360 * end:g}° of the driving angle, but the"
+                f" motion goes from {360 * travel[0]:g}° to {360 * travel[1]:g}°; take a longer map"
+                " (`vttig map --span-rev`) or a shorter motion.",
+                where=where,
+            )
+        return 0, 0, model.periodic
+
+    def _flank_model(self, source: "_Source", where: str) -> FlankModel:
+        if not isinstance(source, str):
+            return self._part(self._model, *source)
+        if source not in self.maps.named:
+            raise ScenarioError(
+                f"{source!r} is a run folder or a map file, which `vttig simulate` and"
+                " `vttig_jax.simulate` read; here give its flank model as `maps`.",
+                where=where,
+            )
+        return self.maps.named[source]
+
+    def _bounds(self, source: "_Source", span: "_Span", turns: int) -> Bounds:
+        """Return the flanks of a named map or of eccentricities, `turns` driving turns on."""
+        model, (first, count, periodic) = self._flank_model(source, ""), span
+        if isinstance(model, ClosedModel):
+            return first_order_bounds(model, self.closing).turned(turns)
+        if not isinstance(model, FlankTable):
+            model = _tabulated(model, count, periodic, first + turns, nodes_per_turn(model))
+        return replace(model, closing=self.closing).turned(turns)
+
+    def _mapped(self, name: str, span: "_Span") -> tuple[Bounds, float]:
+        """Return the flanks of a named map, and the smallest gap at its nodes, rad."""
+        bounds = self._part(self._bounds, name, span, 0)
+        return bounds, float(_smallest(bounds.nodes)) if isinstance(bounds, FlankTable) else 0.0
+
+    def _drawn(self, span: "_Span", per_turn: int, draw: int) -> tuple[Bounds, float]:
+        """Return the flanks of a draw, and the smallest gap at its nodes, rad."""
+        tables, smallest = self._part(self._draw_tables, span, per_turn)
+        return tables.of_map(draw), float(smallest[draw])
+
+    def _draw_tables(
+        self, span: "_Span", per_turn: int
+    ) -> tuple[FlankTable, Float[np.ndarray, " draws"]]:
+        """Return one table of all draws, and the smallest gap of each at the nodes, rad."""
+        first, count, periodic = span
+        assert self.maps.draws is not None
+        if self.maps.number * count * per_turn > _MOST_ROWS:
+            raise ScenarioError(
+                f"the maps of {self.maps.number} draws over {count} driving turns need"
+                f" {self.maps.number * count * per_turn:.2g} nodes, more than {_MOST_ROWS:.2g};"
+                " take fewer draws (rig.draws) or a shorter motion.",
+                where="rig",
+            )
+        tables = _tabulated_draws(self.maps.draws, count, periodic, first, per_turn)
+        smallest = np.asarray(_smallest(tables.nodes))
+        one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), replace(tables, nodes=None))
+        return replace(one, nodes=tables.nodes.reshape(-1, 4), closing=self.closing), smallest
+
+    def _span(self, model: FlankModel, travel: Travel, maps: int = 1) -> "_Span":
+        """Return first turn and number of turns of a table, and whether it is periodic.
+
+        The table has the hunting period, or at least the travel where the period is too long. The
+        number of turns is then a power of two, so that motions share compiled programs.
+        """
+        hunting, first = self.pair.hunting_turns, math.floor(travel[0]) - 1
+        needed = math.ceil(travel[1]) + 1 - first
+        count = 1 << (needed - 1).bit_length()
+        whole = hunting * nodes_per_turn(model) * maps <= _WHOLE_ROWS
+        return (0, hunting, True) if whole or count >= hunting else (first, count, False)
 
     def _plant(
         self,
@@ -288,10 +456,9 @@ class Builder:
             return PlayPlant()
         if kind == "rigid":
             return RigidPlant(drag, mesh.restitution)
-        stiffness = self._stiffness(mesh)
-        step = 1.0 / (controller_hz * substeps)
+        stiffness, step = self._stiffness(mesh), 1.0 / (controller_hz * substeps)
         longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
-        if step > longest:
+        if step > longest * (1 + 1e-12):
             least_hz = controller_hz * math.ceil(1.0 / (controller_hz * longest))
             raise ScenarioError(
                 f"a step of {step:.3g} s is too long for a mesh of {stiffness:.3g} N m/rad on"
@@ -301,8 +468,25 @@ class Builder:
             )
         return ElasticPlant(drag, stiffness, mesh.damping_ratio)
 
+    def _substeps(
+        self, kind: str, inertia: InertiaTable, mesh: MeshTable, sampling: SamplingTable
+    ) -> int:
+        """Return the plant steps in a controller period; by default as many as teeth need."""
+        hertz = sampling.controller_hz
+        if sampling.plant_hz or kind != "elastic":
+            return round(sampling.plant_hz / hertz) or 1
+        stiffness = self._stiffness(mesh)
+        longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
+        return math.ceil(1.0 / (hertz * longest))
+
     def _stiffness(self, mesh: MeshTable) -> float:
         """Return the stiffness of the mesh at the driven shaft, N m/rad."""
+        if not isinstance(self.pair, GearPair):
+            raise ScenarioError(
+                "the elastic plant needs the teeth of a gear pair, but this is a [drive]; choose"
+                " the rigid plant.",
+                where="plant",
+            )
         width = float(self.pair.driven.face_width_mm)
         if math.isnan(width):
             raise ScenarioError(
@@ -314,14 +498,21 @@ class Builder:
         return mesh_stiffness(mesh.stiffness_N_mm_um, width, radius)
 
     def _actuator(self, *arguments: Any) -> Actuator:
-        return actuator_of(self.pair, *arguments)
+        return actuator_of(self.pair, self.taper, *arguments)
 
-    def _located(self, spec: ScenarioSpec, bounds: Bounds, motion: Motion) -> Controller:
+    def _located(
+        self, spec: ScenarioSpec, bounds: Bounds, motion: Motion, travel: Travel
+    ) -> Controller:
         """Return the controller, or a `LostController` if it cannot locate its driving turn.
 
         If the controller locates a wrong turn of the hunting period, its map is shifted by this
         error.
+
+        **Raises** `ScenarioError` for a controller that shifts gears without taper.
         """
+        own = self.controller
+        if own.closes if own else spec.controller in _CLOSING:
+            self._require_taper(spec.controller if own is None else type(own).__name__)
         source, turns = spec.judgement.turn, None
         if source == "known" or spec.controller == "none":
             turns = 0
@@ -330,36 +521,33 @@ class Builder:
                 self._part(self._sensor, table, driven)
                 for table, driven in ((spec.driving_encoder, False), (spec.driven_encoder, True))
             )
-            model = self._part(self._model, _believed(spec), spec.flanks)
+            model = self._flank_model(self._believed(spec), "controller_map")
             start = float(motion.at(jnp.zeros(())).angle)
             turns = turn_error(
                 self.pair, believed=model, rig=bounds, sensors=sensors, angle=start, seed=spec.seed
             )
         if turns is None:
             return LostController()
-        hertz = spec.sampling.controller_hz
+        if own is not None or spec.controller == "none":
+            return own or NoController()
+        hertz, source = spec.sampling.controller_hz, self._believed(spec)
+        believed = source, self._checked(source, travel, "controller_map"), turns
         lead = (delay_of(spec.actuator, hertz) + _LOOP_PERIODS) / hertz
-        believed = _believed(spec), spec.flanks, turns
-        return self.controller or self._part(
-            self._controller, spec.controller, spec.judgement, lead, *believed
-        )
+        return self._part(self._controller, spec.controller, spec.judgement, lead, *believed)
 
     def _controller(
         self,
         name: str,
         judgement: JudgementTable,
         lead: float,
-        rig: EccentricityTable,
-        flanks: str,
+        source: "_Source",
+        span: "_Span",
         turns: int,
     ) -> Controller:
-        if name == "none":
-            return NoController()
-        bounds = self._part(self._bounds, rig, flanks)
-        bounds = bounds.turned(turns) if turns else bounds
+        bounds = self._part(self._bounds, source, span, turns)
+        least_speed = judgement.least_rpm * REV / 60.0
         if name == "feedforward":
             return FeedforwardController(bounds, judgement.jump_s)
-        least_speed = judgement.least_rpm * REV / 60.0
         if name == "acceleration":
             threshold = judgement.threshold_rad_s2
             return AccelerationController(bounds, threshold, least_speed, judgement.margin_mm)
@@ -367,9 +555,25 @@ class Builder:
             bounds, judgement.horizon_s, least_speed, judgement.margin_mm, lead
         )
 
+    def _require_taper(self, controller: str) -> None:
+        if self.closing.sum() > 0:
+            return
+        why = "this drive has no gears"
+        if isinstance(self.pair, GearPair):
+            why = f"the helix angles of both flanks add up to {float(self.taper.sum()):g} in tan β"
+        raise ScenarioError(
+            f"the controller {controller!r} shifts a gear along its axis to close the gap, but"
+            f' {why}; choose "none" or "feedforward", or gears that thin along the axis'
+            " (`helix_angle_deg`).",
+            where="controller",
+        )
+
     def _sensor(self, table: EncoderTable, driven: bool) -> Sensor:
-        default = (self.pair.driven if driven else self.pair.driving).encoder.counts_per_rev
-        per_rev = default if table.counts_per_rev is None else table.counts_per_rev
+        per_rev = table.counts_per_rev
+        if per_rev is None:
+            gears = self.pair if isinstance(self.pair, GearPair) else None
+            gear = gears and (gears.driven if driven else gears.driving)
+            per_rev = gear.encoder.counts_per_rev if gear else 0
         return Sensor(
             REV / per_rev if per_rev else 0.0,
             table.amplitude_arcsec * ARCSEC,
@@ -390,3 +594,27 @@ def _sense(motion: Motion) -> float:
     """Return the direction, 1 or −1, in which the motion runs before the braking."""
     angle = motion.at(jnp.asarray(motion.braking_s)).angle - motion.at(jnp.zeros(())).angle
     return -1.0 if float(angle) < 0 else 1.0
+
+
+_CLOSING = ("acceleration", "predictive")
+"""Controllers that shift gear 2."""
+
+_TIMES = 4097
+"""Times of a motion at which its travel is read: a chosen value."""
+
+
+@eqx.filter_jit
+def _tabulated(model: FlankModel, count: int, periodic: bool, first: int, per: int) -> FlankTable:
+    return tabulate_flanks(model, count, periodic=periodic, first_turn=first, per_turn=per)
+
+
+@eqx.filter_jit
+def _tabulated_draws(
+    models: FlankModel, count: int, periodic: bool, first: int, per: int
+) -> FlankTable:
+    return eqx.filter_vmap(lambda model: _tabulated(model, count, periodic, first, per))(models)
+
+
+def _smallest(nodes: Float[Numbers, "*maps rows 4"]) -> Float[Numbers, "*maps"]:
+    """Return the smallest gap at the nodes of tables, rad."""
+    return (nodes[..., 2] - nodes[..., 0]).min(axis=-1)

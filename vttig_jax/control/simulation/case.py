@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ...base.arrays import Number, Numbers, float64
+from ...kinematics.flank_table import Bounds
 from ..controllers.controller import Controller, Measurement
 from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import Sensor, noise_draws
@@ -19,7 +20,6 @@ from ..hardware.observer import MotionEstimate, Observer
 from ..hardware.shaft_drive import Lead, Prescribed, ShaftDrive, led, next_lead, no_lead
 from ..hermite import cubic
 from ..motion.motion import Motion, MotionPoint
-from ..plants.flank_bounds import Bounds
 from ..plants.plant import ON_A, ON_B, Plant, Shafts
 from .accumulators import Accumulators, RunFacts, add_plant_step, add_sample, empty_accumulators
 
@@ -85,6 +85,7 @@ class Sample(eqx.Module):
     - `speed`, `acceleration`: estimates of the observer for the driving shaft.
     - `lower`, `upper`: TE on flank A and flank B at the axial displacement `reached`.
     - `command`, `reached`: commanded and actual axial displacement.
+    - `output`: φ₂ − i φ₁ with φ₁ of the reference, the error of the driven shaft.
     """
 
     time: Float[Numbers, "*shape"]
@@ -97,6 +98,7 @@ class Sample(eqx.Module):
     upper: Float[Numbers, "*shape"]
     command: Float[Numbers, "*shape"]
     reached: Float[Numbers, "*shape"]
+    output: Float[Numbers, "*shape"]
 
 
 def initial_state(case: Case) -> State:
@@ -168,6 +170,9 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
         lead = next_lead(state.lead, jnp.asarray(output.advance), period)
     carriage, position = case.actuator.commanded(carriage, command)
     shown = driven - case.bounds.ratio * driving
+    flanks = shafts.flanks if state.target is None else case.bounds.at(reference.angle)
+    first = jnp.where(run.other_flank > 0, flanks.lower, flanks.upper)
+    reached = shafts.offset + case.bounds.ratio * (shafts.angle - reference.angle)
     accumulators = add_sample(
         state.accumulators,
         run=run,
@@ -179,6 +184,9 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
         open_gap=shafts.flanks.upper - shafts.flanks.lower,
         side=shafts.side,
         carriage=carriage,
+        output=reached,
+        lost=reached - first,
+        speed=reference.speed,
     )
     sample = Sample(
         time=time,
@@ -191,6 +199,7 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
         upper=shafts.flanks.upper - run.closing[1] * carriage.reached,
         command=command,
         reached=carriage.reached,
+        output=reached,
     )
     plant = _PlantState(shafts, carriage, accumulators, state.target, state.motor)
     inputs = _PeriodInputs(position, time, state.lead, lead)
@@ -252,7 +261,7 @@ def _plant_step(
         target = led(point, inputs.before, inputs.after, share, jnp.asarray(case.period))
     shafts = plant.shafts
     expected = case.drive.expected(shafts, target, step)
-    closed = case.bounds.gap(expected) * (1.0 / case.bounds.closing_sum)
+    closed = case.bounds.closed_at(case.bounds.gap(expected))
     push, thrust = None, case.actuator.thrust
     if thrust is not None:
         push = thrust.at(shafts.side, shafts.speed, target.acceleration)
@@ -272,7 +281,10 @@ def _plant_step(
         course = cubic(start.angle, point.angle, start.speed, point.speed, step)
         behind = course.at(contact.share) - contact.angle
     changes = contact, carriage, travel, blocked, behind, case.drive.tracking(motor, shafts)
-    accumulators = add_plant_step(plant.accumulators, run, end, step, *changes)
+    turned = shafts.angle - plant.shafts.angle
+    accumulators = add_plant_step(
+        plant.accumulators, run, end, step, *changes, turned=turned, side=shafts.side
+    )
     kept = point if _can_deviate(case) else None
     return _PlantState(shafts, carriage, accumulators, kept, motor)
 

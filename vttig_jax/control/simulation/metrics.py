@@ -36,10 +36,15 @@ METRICS = (
     "interference_mm",
     "actuator_travel_mm",
     "lost_motion_deg",
+    "output_error_deg",
+    "output_error_rms_deg",
+    "largest_jump_deg",
+    "early_jump_deg",
+    "wrong_flank_deg",
 )
 
-NEAR_MM = 1e-4
-"""Axial displacements up to this value, in mm, count as zero; a chosen tolerance."""
+NEAR_MM, NEAR_DEG = 1e-4, 1e-6
+"""Axial displacements (mm) and backlash (deg) that count as zero; chosen tolerances."""
 
 
 class MetricInputs(eqx.Module):
@@ -51,8 +56,6 @@ class MetricInputs(eqx.Module):
     - `idle`: whether the controller is of a kind that never closes the gap.
     - `lost`: whether the controller could not locate its turn within the hunting period.
     - `stroke`: stroke of the actuator, mm.
-    - `turn_s`, `turn`: time (s) and driving angle (rad) at which the motion turns back.
-    - `ratio`: ratio i of the driven to the driving speed.
     """
 
     sense: Float[Numbers, "*shape"]
@@ -62,9 +65,6 @@ class MetricInputs(eqx.Module):
     idle: Bool[Numbers, "*shape"]
     lost: Bool[Numbers, "*shape"]
     stroke: Float[Numbers, "*shape"]
-    turn_s: Float[Numbers, "*shape"]
-    turn: Float[Numbers, "*shape"]
-    ratio: Float[Numbers, "*shape"]
 
 
 def metric_inputs_of(case: Case) -> MetricInputs:
@@ -78,9 +78,6 @@ def metric_inputs_of(case: Case) -> MetricInputs:
         idle=jnp.full((), not case.controller.closes),
         lost=jnp.full((), isinstance(case.controller, LostController)),
         stroke=jnp.asarray(case.actuator.stroke),
-        turn_s=jnp.asarray(case.motion.turn_s),
-        turn=case.motion.at(jnp.asarray(case.motion.turn_s)).angle,
-        ratio=jnp.asarray(case.bounds.ratio),
     )
 
 
@@ -103,15 +100,20 @@ def metrics_of(
       delay after the start of braking. - `residual_gap_deg`: backlash when the motion turns.
     - `interference_mm`: largest distance by which the closed gap held the actuator back.
     - `actuator_travel_mm`: path length of the actuator, in both directions together.
-    - `lost_motion_deg`: angle, at the driven gear, that the motion turns back until the crossing;
-      0 if the crossing comes before the turn.
+    - `lost_motion_deg`: distance of the driven shaft, on the way back, from where the flank that
+      carried first would hold it: mean over the travel. Too much compensation counts as too little.
+    - `output_error_deg`, `output_error_rms_deg`: deviation of the driven shaft from i φ₁ of the
+      reference, relative to the first sample: the largest after the turn, and the rms of the run.
+    - `largest_jump_deg`, `early_jump_deg`: largest gap that the teeth crossed to the other flank,
+      anywhere in the run and before the turn.
+    - `wrong_flank_deg`: travel of the driving shaft before the turn with the flank in contact that
+      carries after it.
 
     Interference, travel and axial step are those of the reversal, which ends with the command to
     open the gap after the turn. If the motion never turns back, they are those of the whole run.
     """
     f, t, xp = inputs, accumulators, namespace(inputs, accumulators)
-    back = f.sense * f.ratio * (f.turn - t.crossing - t.behind)
-    lost = xp.where(t.crossing_s <= f.turn_s, 0.0, back)
+    travel = xp.where(t.lost_travel > 0, t.lost_travel, 1.0)
     values = (
         t.total / t.samples / DEG,
         t.highest / DEG,
@@ -124,7 +126,12 @@ def metrics_of(
         t.residual_gap / DEG,
         t.interference,
         t.travel,
-        xp.where(f.turns, lost, np.nan) / DEG,
+        xp.where(t.lost_travel > 0, t.lost / travel, np.nan) / DEG,
+        xp.where(f.turns, t.output_error, np.nan) / DEG,
+        xp.sqrt(t.output_squares / t.samples) / DEG,
+        t.largest_jump / DEG,
+        t.early_jump / DEG,
+        t.wrong_travel / DEG,
     )
     return {name: xp.asarray(value) for name, value in zip(METRICS, values, strict=True)}
 

@@ -11,11 +11,12 @@ from jaxtyping import Float, Int
 
 from ...base.arrays import Numbers
 from ...base.runtime import require_x64
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
 from ..controllers.smooth import smoothed
 from ..motion.limits import is_concrete
 from ..scenario.spec import ScenarioSpec
+from .build import Maps
 from .case import Case, Sample, initial_state, run_periods, trace_periods
 from .metrics import metric_inputs_of, metrics_of, outcome_codes
 from .simulate import periods_of, scenario_case
@@ -39,10 +40,11 @@ class CaseRun(eqx.Module):
 
 def build_case(
     scenario: str | Path | ScenarioSpec,
-    pair: GearPair | None = None,
+    pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
     controller: Controller | None = None,
+    maps: Maps = Maps(),
     periods: int | None = None,
     rounding: Rounding = "exact",
     smooth_width: float | None = None,
@@ -53,7 +55,7 @@ def build_case(
     whose derivative is zero. `rounding` and `smooth_width` replace them.
 
     **Arguments**
-    - `scenario`, `pair`, `folder`, `controller`: as for `simulate`.
+    - `scenario`, `pair`, `folder`, `controller`, `maps`: as for `simulate`.
     - `periods`: number of controller periods in a run; by default that of the motion. Periods after
       the end of the motion have no effect; a batch of motions needs the number of the longest one.
     - `rounding`: "exact" rounds as the hardware does, with derivatives of zero. "none" has encoders
@@ -87,7 +89,7 @@ def build_case(
         )
     if smooth_width is not None and not 0 < smooth_width < np.inf:
         raise ValueError(f"Argument `smooth_width` must be positive, but is {smooth_width}.")
-    _, _, case = scenario_case(scenario, pair, folder, controller)
+    _, _, case = scenario_case(scenario, pair, folder, controller, maps)
     if smooth_width is not None:
         case = replace(case, controller=smoothed(case.controller, smooth_width))
     needed = periods_of(case)

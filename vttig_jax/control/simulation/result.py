@@ -11,16 +11,21 @@ from ...base.arrays import Number
 from ...base.files.text_tables import key_values
 from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
+from ..controllers.controller import Controller, NoController
 from ..hardware.shaft_drive import Prescribed
-from ..scenario.spec import ScenarioSpec, spec_table
+from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, spec_table
 from .accumulators import Accumulators
 from .case import Case, Sample
-from .metrics import MetricInputs, Outcome, metric_inputs_of, metrics_of, outcomes_of
-
-_NEAR_MM = 1e-4
-_NEAR_DEG = 1e-6
-"""Interference (mm) and backlash (deg) above which the report has a remark; chosen values."""
+from .metrics import (
+    NEAR_DEG,
+    NEAR_MM,
+    MetricInputs,
+    Outcome,
+    metric_inputs_of,
+    metrics_of,
+    outcomes_of,
+)
 
 _EVENTS = {
     "reversal": "reversal",
@@ -45,9 +50,21 @@ def simulation_text(run: "Simulation") -> str:
 def sentences(run: "Simulation") -> Iterator[str]:
     """Yield the remarks about a run, each of them one sentence."""
     t, outcome = run.accumulators, run.outcome
+    margin = run.spec.judgement.margin_mm * float(run.case.bounds.closing_sum)
+    allowed = NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
+    if float(t.early_jump) > allowed:
+        where = f"at {float(t.early_angle) / DEG:.2f}°"
+        if run.turns:
+            turn, _ = run.place(run.case.motion.turn_s)
+            where = f"{abs(turn - float(t.early_angle)) / DEG:.3g}° before the turn"
+        yield (
+            f"The flanks change {where}, with a jump of {_angle(float(t.early_jump))}: the driven"
+            " shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more friction"
+            " or load on the driven shaft."
+        )
     if outcome != "ok":
         yield _ending(run)
-    if float(t.interference) > _NEAR_MM and not bool(t.blocked):
+    if float(t.interference) > NEAR_MM and not bool(t.blocked):
         yield (
             f"At its worst the controller closes {float(t.interference):.3f} mm further than the"
             " gap allows: the actuator stalls and is pushed back."
@@ -65,8 +82,6 @@ def sentences(run: "Simulation") -> Iterator[str]:
             f"The motor is at servo.torque_limit_Nm for {float(t.limited_s):.3g} s; the driving"
             f" shaft is up to {_angle(float(t.following_error))} away from its target."
         )
-    margin = run.spec.judgement.margin_mm * float(run.case.bounds.closing_sum)
-    allowed = _NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
     if outcome == "ok" and run.case.controller.closes and float(t.residual_gap) > allowed:
         yield (
             f"The motion turns with {_angle(float(t.residual_gap))} of backlash left, more than"
@@ -97,7 +112,8 @@ def _ending(run: "Simulation") -> str:
 
 def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
     t, spec, metrics = run.accumulators, run.spec, _numeric_metrics(run)
-    yield "simulated", f"{spec.plant} plant, {spec.flanks} flanks, controller {run.controller}"
+    yield "simulated", f"{spec.plant} plant, controller {run.controller}"
+    yield "flanks", _flanks(spec, run.case.controller)
     yield "motion", _motion(run)
     yield "outcome", run.outcome
     mean, most, least = (metrics[f"te_{name}_deg"] for name in ("mean", "max", "min"))
@@ -113,8 +129,12 @@ def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
         left = "–" if np.isnan(t.residual_gap) else _angle(float(t.residual_gap))
         yield "backlash at the turn", f"{left} left of {open_gap / DEG:.5f}°"
     yield "jump", _jump(run)
-    if (moves or run.servo) and "lost_motion_deg" in metrics:
-        yield "lost motion", _lost(run)
+    if "lost_motion_deg" in metrics:
+        yield "lost motion", f"{_angle(metrics['lost_motion_deg'] * DEG)}, mean on the way back"
+    largest = f"{metrics['output_error_rms_deg']:.5f}° rms over the run"
+    if "output_error_deg" in metrics:
+        largest = f"{_angle(metrics['output_error_deg'] * DEG)} at most after the turn, {largest}"
+    yield "error of the output", largest
     if closes:
         yield "axial step", _angle(metrics["axial_step_deg"] * DEG)
         yield "interference", f"{float(t.interference):.4f} mm at most"
@@ -155,14 +175,22 @@ def _jump(run: "Simulation") -> str:
         return "none: the other flank is never met"
     text = f"{_angle(metrics['jump_deg'] * DEG)} at {float(run.accumulators.crossing) / DEG:.3f}°"
     paper = metrics.get("jump_paper_deg")
+    if metrics["largest_jump_deg"] > 1.01 * metrics["jump_deg"] + NEAR_DEG:
+        text += f"; the largest of the run {_angle(metrics['largest_jump_deg'] * DEG)}"
     return text if paper is None else f"{text}; reading before minus reading after {paper:+.5f}°"
 
 
-def _lost(run: "Simulation") -> str:
-    """Return as text the lost motion, and the time from the turn until the other flank carries."""
-    since = max(float(run.accumulators.crossing_s - run.case.motion.turn_s), 0.0)
-    text = _angle(_numeric_metrics(run)["lost_motion_deg"] * DEG)
-    return f"{text}, the other flank carries {1e3 * since:.3g} ms after the turn"
+def _flanks(spec: ScenarioSpec, controller: Controller) -> str:
+    """Return as text where the flanks of plant and controller come from."""
+    given = f"{spec.flanks} ones of [eccentricities]"
+    plant = spec.plant_map if spec.rig is None else spec.rig.run
+    plant = given if plant == ECCENTRICITIES else f"map {plant}"
+    if isinstance(controller, NoController):
+        return plant
+    believed = spec.controller_map
+    if believed is None:
+        believed = ECCENTRICITIES if spec.eccentricities is not None else plant
+    return f"{plant}; the controller believes {given if believed == ECCENTRICITIES else believed}"
 
 
 def _numeric_metrics(run: "Simulation") -> dict[str, float]:
@@ -172,7 +200,7 @@ def _numeric_metrics(run: "Simulation") -> dict[str, float]:
 
 def _angle(value: float) -> str:
     """Format an angle given in rad."""
-    shown = max(value, 0.0) if value > -_NEAR_DEG * DEG else value  # no −0
+    shown = max(value, 0.0) if value > -NEAR_DEG * DEG else value  # no −0
     return f"{shown / DEG:.5f}° ({shown / ARCSEC:.1f}″)"
 
 
@@ -194,12 +222,13 @@ class Trace:
         """Return the samples as a table, column name → values.
 
         All angles are converted from rad to degrees: `driving_deg`, `te_deg`, `te_shown_deg`,
-        `flank_a_deg` and `flank_b_deg`. The other columns are `time_s`, `speed_rad_s`,
+        `flank_a_deg`, `flank_b_deg` and `output_error_deg`, the deviation of the driven shaft from
+        i φ₁ of the reference since the first sample. The other columns are `time_s`, `speed_rad_s`,
         `acceleration_rad_s2`, `command_mm` and `axial_mm`.
         """
         s = self.samples
         angles = {"driving": s.driving, "te": s.error, "te_shown": s.shown}
-        angles |= {"flank_a": s.lower, "flank_b": s.upper}
+        angles |= {"flank_a": s.lower, "flank_b": s.upper, "output_error": s.output - s.output[0]}
         return (
             {"time_s": np.asarray(s.time)}
             | {f"{name}_deg": np.asarray(values) / DEG for name, values in angles.items()}
@@ -222,7 +251,7 @@ class Simulation(PlottedResult):
     """
 
     spec: ScenarioSpec
-    pair: GearPair
+    pair: GearPair | Drive
     case: Case
     accumulators: Accumulators
     trace: Trace | None = None

@@ -11,12 +11,12 @@ from jaxtyping import Array, Int
 
 from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ...pair.load import load_pair
 from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.spec import ScenarioSpec, load_scenario_spec
-from .build import CaseParts, case_of
+from .build import CaseParts, Maps, case_of
 from .case import Case, Sample, State, initial_state, run_periods, trace_periods
 from .result import Simulation, Trace
 
@@ -28,11 +28,13 @@ Between two calls Ctrl-C can interrupt the run; much shorter calls would be slow
 
 def simulate(
     scenario: str | Path | ScenarioSpec,
-    pair: GearPair | None = None,
+    pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
     controller: Controller | None = None,
+    maps: Maps = Maps(),
     trace_every: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Simulation:
     """Simulate the run of one scenario: the gear drive, its motion and its controller.
 
@@ -42,7 +44,10 @@ def simulate(
     - `folder`: folder for relative paths; by default that of the scenario file, or else the working
       folder.
     - `controller`: controller of the user, instead of that of the scenario; see `Controller`.
+    - `maps`: flank models of the run folders and map files that the scenario names;
+      `vttig_jax.simulate` reads them.
     - `trace_every`: number of periods from one sample of the trace to the next; 0 for no trace.
+    - `progress`: is called with the numbers of finished and of all periods.
 
     **Raises** `ScenarioError` with file and key, `PairError`, and `ValueError` without 64-bit
     floats or for a `trace_every` below 0.
@@ -67,61 +72,48 @@ def simulate(
     require_x64("simulate")
     if trace_every < 0:
         raise ValueError(f"Argument `trace_every` must be at least 0, but is {trace_every}.")
-    spec, pair, case = scenario_case(scenario, pair, folder, controller)
-    state, trace = run_in_chunks(case, trace_every)
+    spec, pair, case = scenario_case(scenario, pair, folder, controller, maps)
+    state, trace = run_in_chunks(case, trace_every, progress)
     return Simulation(spec, pair, case, state.accumulators, trace)
 
 
 def scenario_case(
     scenario: str | Path | ScenarioSpec,
-    pair: GearPair | None,
+    pair: GearPair | Drive | None,
     folder: str | Path | None,
     controller: Controller | None,
-) -> tuple[ScenarioSpec, GearPair, Case]:
+    maps: Maps = Maps(),
+) -> tuple[ScenarioSpec, GearPair | Drive, Case]:
     """Return the specification, the gears and the case; the arguments are those of `simulate`."""
     source = "" if isinstance(scenario, ScenarioSpec) else str(scenario)
     if folder is None:
         folder = Path(source).parent
     spec = scenario if isinstance(scenario, ScenarioSpec) else load_scenario_spec(scenario)
-    return spec, *prepare_case(spec, Path(folder), source, pair, controller)
+    return spec, *prepare_case(spec, Path(folder), source, pair, controller, maps)
 
 
 def prepare_case(
     spec: ScenarioSpec,
     folder: Path,
     source: str = "",
-    pair: GearPair | None = None,
+    pair: GearPair | Drive | None = None,
     controller: Controller | None = None,
-) -> tuple[GearPair, Case]:
+    maps: Maps = Maps(),
+) -> tuple[GearPair | Drive, Case]:
     """Return the gears and the case of a scenario; `source` is its file name for messages."""
     with SCENARIO_FILE.error_context(source):
-        if spec.rig is not None:
-            raise ScenarioError(
-                "names a run folder, which `vttig simulate` reads; in Python give [eccentricities],"
-                " such as those of fit.eccentricities().",
-                where="rig",
-            )
         if pair is None:
             pair = load_gears(folder / spec.pair)
-        return pair, case_of(spec, pair, folder, controller)
+        return pair, case_of(spec, pair, folder, controller, maps)
 
 
-def load_gears(path: Path) -> GearPair:
-    """Read the gears of a pair file.
-
-    **Raises** `ScenarioError` for a missing file and for a drive without gears.
-    """
-    if not path.exists():
+def load_gears(path: Path) -> GearPair | Drive:
+    """Read the gears of a pair file; **raises** `ScenarioError` for a missing file."""
+    if not path.is_file():
         raise ScenarioError(
             f"there is no file {path}; name the pair file, relative to the scenario.", where="pair"
         )
-    pair = load_pair(path)
-    if not isinstance(pair, GearPair):
-        raise ScenarioError(
-            "names a [drive] without gears; a simulation needs the geometry of [pair].",
-            where="pair",
-        )
-    return pair
+    return load_pair(path)
 
 
 def periods_of(case: Case | CaseParts) -> int:

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...base.arrays import Numbers
 from ..simulation.accumulators import Accumulators
 from ..simulation.case import State, initial_state, run_periods
 from ..simulation.metrics import MetricInputs, metric_inputs_of
@@ -53,14 +54,14 @@ def batch_of(cases: Sequence[CaseLeaves], batched: tuple[bool, ...], lanes: int)
     for index, needed in enumerate(batched):
         column = [case.leaves[index] for case in filled]
         first = column[0]
-        differs = needed or any(leaf is not first and not _same(leaf, first) for leaf in column)
+        differs = needed or any(not _same(leaf, first) for leaf in column)
         has_axis.append(differs)
-        leaves.append(np.stack(column) if differs else first)
+        leaves.append(np.stack([np.asarray(leaf) for leaf in column]) if differs else first)
     return CaseBatch(cases[0].structure, tuple(has_axis), tuple(leaves), lanes)
 
 
-def _same(first: np.ndarray, second: np.ndarray) -> bool:
-    return bool(np.array_equal(first, second, equal_nan=True))
+def _same(first: Numbers, second: Numbers) -> bool:
+    return first is second or bool(np.array_equal(first, second, equal_nan=True))
 
 
 def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:

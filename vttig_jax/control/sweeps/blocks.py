@@ -25,7 +25,7 @@ from .batching import (
     varying,
 )
 from .case_leaves import CaseLeaves, CaseStructure, leaves_of
-from .cases import DRAW, SweepCases, rig_table
+from .cases import SweepCases
 from .parallel import Follow, ParallelRuns
 
 Rows = dict[str, np.ndarray]
@@ -199,17 +199,12 @@ class SweepWork:
             )
 
     def _case_columns(self, numbers: Sequence[int]) -> Rows:
-        """Return the columns with the case number, the value of every axis, and the drawn rig."""
+        """Return the columns with the case number and the value of every axis."""
         values = [self.cases.values(number) for number in numbers]
         columns: Rows = {"case": np.array(numbers, np.int64)}
         for axis in self.cases.axes:
             kind = self.cases.kind(axis)
             columns[axis] = np.array([row[axis] for row in values], None if kind is str else kind)
-        if self.cases.rigs:
-            rigs = [rig_table(self.cases.rigs[draw]) for draw in columns[DRAW]]
-            columns |= {
-                f"eccentricities.{name}": np.array([rig[name] for rig in rigs]) for name in rigs[0]
-            }
         return columns
 
 

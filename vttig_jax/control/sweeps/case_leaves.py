@@ -47,7 +47,8 @@ def leaves_of(case: Case) -> CaseLeaves:
 
 def _flat(tree: Any) -> tuple[tuple[Any, ...], Any]:
     leaves, structure = jax.tree.flatten(tree)
-    return tuple(x if isinstance(x, np.ndarray) else np.asarray(x) for x in leaves), structure
+    arrays = np.ndarray, jax.Array  # an array of JAX, such as a large table, is not copied
+    return tuple(x if isinstance(x, arrays) else np.asarray(x) for x in leaves), structure
 
 
 class _FlatPart(NamedTuple):

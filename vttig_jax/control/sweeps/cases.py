@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -10,34 +9,22 @@ from typing import Any
 
 import jax
 import numpy as np
-from msgspec.structs import replace
 
 from ...base.errors import InputError, ScenarioError
-from ...base.files.toml_io import plain_table
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE, Value
 from ..scenario.spec import KEYS, ScenarioSpec, load_sweep_spec, spec_table, with_values
-from ..scenario.tables import MapTable
-from ..simulation.build import Builder
+from ..simulation.build import Builder, Maps
 from ..simulation.case import Case
 from ..simulation.simulate import load_gears
 from .case_leaves import CaseLeaves, LeafCache
 
 DRAW = "draw"
-"""Name of the axis of rigs drawn from a posterior; this axis varies slowest."""
+"""Name of the axis of maps drawn from a posterior; this axis varies slowest."""
 
 _MOST_TEXTS = 16
 """All values of a text axis are examined if there are at most this number of them; chosen value."""
-
-_RIG = (
-    "driving_mm",
-    "driving_phase_deg",
-    "driven_mm",
-    "driven_phase_deg",
-    "constant_backlash_deg",
-)
 
 
 class SweepCases:
@@ -45,38 +32,43 @@ class SweepCases:
 
     **Arguments**
     - `spec`: specification of the sweep. - `pair`: gears. - `folder`: folder of recorded motions.
-    - `rigs`: eccentricities that replace those of the file; all cases are run for each rig.
     - `controller`: controller of the user that replaces that of the file.
+    - `maps`: flank models of the maps that the file names; all cases are run for each draw.
     """
 
     def __init__(
         self,
         spec: ScenarioSpec,
-        pair: GearPair,
+        pair: GearPair | Drive,
         folder: Path = Path(),
-        rigs: Sequence[Eccentricities] = (),
         controller: Controller | None = None,
+        maps: Maps = Maps(),
     ) -> None:
         assert spec.sweep is not None  # checked by `load_sweep_spec`
         self.spec = spec
-        self.rigs = tuple(rigs)
+        self.draws = maps.number
         self._sweep = spec.sweep
         self._groups = spec.sweep.groups
         self._values = {name: spec.sweep.values(name) for name in spec.sweep.axes}
         self._lengths = [len(self._values[group[0]]) for group in self._groups]
-        if rigs:
-            self._lengths.insert(0, len(self.rigs))
-        self._builder = Builder(pair, folder, controller)
+        if self.draws:
+            self._lengths.insert(0, self.draws)
+        self._builder = Builder(pair, folder, controller, maps)
         self._leaves = LeafCache()
 
     @property
+    def closing(self) -> float:
+        """Decrease of the backlash per axial displacement, rad/mm; 0 without taper."""
+        return float(self._builder.closing.sum())
+
+    @property
     def axes(self) -> tuple[str, ...]:
-        """Names of the axes in file order; with `rigs`, the axis `draw` comes first."""
-        return (*([DRAW] if self.rigs else []), *self._sweep.axes)
+        """Names of the axes in file order; with draws, the axis `draw` comes first."""
+        return (*([DRAW] if self.draws else []), *self._sweep.axes)
 
     def length(self, axis: str) -> int:
         """Return the number of values of an axis."""
-        return len(self.rigs) if axis == DRAW else len(self._values[axis])
+        return self.draws if axis == DRAW else len(self._values[axis])
 
     def kind(self, axis: str) -> type:
         """Return the type of the values of an axis: `str`, `int` or `float`."""
@@ -91,14 +83,14 @@ class SweepCases:
         """Number of combinations of text values; each needs a compiled program."""
         return math.prod(
             length
-            for group, length in zip(self._groups, self._lengths[bool(self.rigs) :], strict=True)
+            for group, length in zip(self._groups, self._lengths[bool(self.draws) :], strict=True)
             if length <= _MOST_TEXTS and any(self.kind(name) is str for name in group)
         )
 
     def values(self, number: int) -> dict[str, Value]:
         """Return the value of every axis in the case with this number."""
         indices = self._indices(number)
-        values: dict[str, Value] = {DRAW: indices.pop(0)} if self.rigs else {}
+        values: dict[str, Value] = {DRAW: indices.pop(0)} if self.draws else {}
         for group, index in zip(self._groups, indices, strict=True):
             values |= {name: self._values[name][index] for name in group}
         return {name: values[name] for name in self.axes}
@@ -109,22 +101,21 @@ class SweepCases:
         **Raises** `ScenarioError` for values that contradict each other.
         """
         values: dict[str, Any] = self.values(number)
-        if self.rigs:
-            rig = self.rigs[values.pop(DRAW)]
-            values |= {f"eccentricities.{name}": value for name, value in rig_table(rig).items()}
+        values.pop(DRAW, None)
         return with_values(self.spec, values)
 
     def case(self, number: int) -> Case | InputError:
         """Return a case ready to run, or the error that prevents it."""
         try:
-            return self._builder.case(self.spec_of(number))
+            return self._builder.case(self.spec_of(number), self._draw(number))
         except InputError as error:
             return error
 
     def leaves(self, number: int) -> CaseLeaves | InputError:
         """Return structure and leaves of a case, or the error that prevents it."""
         try:
-            return self._leaves.leaves_of(self._builder.parts(self.spec_of(number)))
+            parts = self._builder.parts(self.spec_of(number), self._draw(number))
+            return self._leaves.leaves_of(parts)
         except InputError as error:
             return error
 
@@ -136,13 +127,16 @@ class SweepCases:
         """
         numbers = {0: None, len(self) - 1: None}
         stride = len(self)
-        names = [(DRAW,), *self._groups] if self.rigs else list(self._groups)
+        names = [(DRAW,), *self._groups] if self.draws else list(self._groups)
         for group, length in zip(names, self._lengths, strict=True):
             stride //= length
             texts = any(self.kind(name) is str for name in group)
             indices = range(length) if texts and length <= _MOST_TEXTS else (1, length - 1)
             numbers |= {index * stride: None for index in indices if index < length}
         return list(numbers)
+
+    def _draw(self, number: int) -> int:
+        return self._indices(number)[0] if self.draws else 0
 
     def _indices(self, number: int) -> list[int]:
         """Return the index of the value on each axis, or group of axes that advance together.
@@ -156,11 +150,6 @@ class SweepCases:
         return indices[::-1]
 
 
-def rig_table(rig: Eccentricities) -> dict[str, float]:
-    """Return the eccentricities of a rig as keys of [eccentricities] or [map]."""
-    return {name: float(getattr(rig, name)) for name in _RIG}
-
-
 _PACKAGES = ("vttig-jax", "jax", "numpy")
 
 
@@ -169,14 +158,14 @@ class Recipe:
     """Inputs of a sweep, with the arguments of `sweep`; `folder` holds recorded motions."""
 
     spec: ScenarioSpec
-    pair: GearPair
+    pair: GearPair | Drive
     folder: Path
-    rigs: tuple[Eccentricities, ...] = ()
     controller: Controller | None = None
+    maps: Maps = Maps()
 
     def cases(self) -> SweepCases:
         """Return the cases of the sweep."""
-        return SweepCases(self.spec, self.pair, self.folder, self.rigs, self.controller)
+        return SweepCases(self.spec, self.pair, self.folder, self.controller, self.maps)
 
     @property
     def header(self) -> dict[str, Any]:
@@ -185,7 +174,7 @@ class Recipe:
             "schema": "vttig.sweep_parts/1",
             "versions": {name: version(name) for name in _PACKAGES},
             "pair": _digest(self.pair),
-            "rigs": _digest(self.rigs),
+            "maps": _digest((dict(self.maps.named), self.maps.draws, self.maps.number)),
             "controller": _digest(self.controller),
             "scenario": spec_table(self.spec),
         }
@@ -193,11 +182,10 @@ class Recipe:
 
 def recipe_of(
     spec: str | Path | ScenarioSpec,
-    pair: GearPair | None = None,
+    pair: GearPair | Drive | None = None,
     folder: str | Path | None = None,
-    rigs: Sequence[Eccentricities] = (),
-    believed: Eccentricities | None = None,
     controller: Controller | None = None,
+    maps: Maps = Maps(),
 ) -> Recipe:
     """Read and validate the inputs of a sweep; see `sweep`."""
     source = "" if isinstance(spec, ScenarioSpec) else str(spec)
@@ -205,23 +193,14 @@ def recipe_of(
     with SCENARIO_FILE.error_context(source):
         if whole.sweep is None:
             raise ScenarioError("missing; a sweep names its axes in [sweep].", where="sweep")
-        if whole.rig is not None and not rigs:
-            raise ScenarioError(
-                "names a posterior, which `vttig sweep` draws from; in Python give"
-                " rigs=vttig_jax.rig_draws(posterior, 200), believed=fit.eccentricities().",
-                where="rig",
-            )
         if controller is not None and "controller" in whole.sweep.axes:
             raise ScenarioError(
                 "is an axis, but a controller of your own is given; remove one of them.",
                 where="sweep.controller",
             )
-        if believed is not None:
-            stated = plain_table(whole.map)
-            whole = replace(whole, map=MapTable(**(rig_table(believed) | stated)))
         folder = Path(source).parent if folder is None else Path(folder)
         pair = load_gears(folder / whole.pair) if pair is None else pair
-    return Recipe(whole, pair, folder, tuple(rigs), controller)
+    return Recipe(whole, pair, folder, controller, maps)
 
 
 def _digest(tree: Any) -> str:

@@ -11,11 +11,11 @@ import jax
 import numpy as np
 
 from ...base.runtime import require_x64
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.spec import ScenarioSpec
+from ..simulation.build import Maps
 from .batching import BatchRunner
 from .blocks import REFUSED, Rows, SweepWork
 from .cases import Recipe, recipe_of
@@ -29,12 +29,11 @@ _REASONS, _EXAMINED = 5, 500
 
 def sweep(
     spec: str | Path | ScenarioSpec,
-    pair: GearPair | None = None,
+    pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
-    rigs: Sequence[Eccentricities] = (),
-    believed: Eccentricities | None = None,
     controller: Controller | None = None,
+    maps: Maps = Maps(),
     out: str | Path | None = None,
     resume: bool = False,
     overwrite: bool = False,
@@ -53,9 +52,8 @@ def sweep(
     **Arguments**
     - `spec`: a sweep file (TOML) or its specification.
     - `pair`, `folder`, `controller`: as for `simulate`.
-    - `rigs`: drawn rigs that replace the eccentricities; all cases are run for each of them.
-    - `believed`: rig whose map the controllers use, such as the fit behind the draws. By default
-      the controllers use [map] of the file, and the exact map of each rig for absent keys.
+    - `maps`: flank models of the maps that the file names, and of the draws of `rig`, which
+      `vttig_jax.sweep` reads; all cases are run for each draw.
     - `out`: folder for `sweep.parquet`, which is written block by block.
     - `resume`: continue with the blocks that are missing in `out`. If `out` holds no sweep, start
       from the beginning; if it holds the complete table, return that table.
@@ -88,9 +86,7 @@ def sweep(
     require_x64("sweep")
     if (resume or overwrite) and out is None:
         raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
-    recipe = recipe_of(
-        spec, pair=pair, folder=folder, rigs=rigs, believed=believed, controller=controller
-    )
+    recipe = recipe_of(spec, pair, folder, controller, maps)
     if resume and out is not None and (done := finished_sweep(recipe, Path(out))):
         return done
     with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
@@ -158,6 +154,7 @@ def _run(
         write_s=timed.seconds,
         refusals=_refusals(work, columns),
         path=None if path is None else path / TABLE,
+        closing=work.cases.closing,
     )
 
 

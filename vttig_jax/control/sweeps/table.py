@@ -1,6 +1,7 @@
 """Result of a sweep: a table with one row per case, and its report."""
 
 import json
+import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,11 +13,15 @@ from ...base.errors import InputError, UsageError
 from ...base.files.json_io import dumps
 from ...base.files.text_tables import key_values, text_table
 from ...base.results import PlottedResult
+from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
-from ..simulation.metrics import METRICS, NEAR_MM
+from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM
 from .blocks import REFUSED, Rows
 from .cases import Recipe
 from .store import HEADER, TABLE, read_table
+
+_NUMBERS = ("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg")
+"""Metrics whose mean, range and maximum a report of a sweep also has."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +39,7 @@ class SweepTable(PlottedResult):
       batches, and time to write the table, s. Cases are built while the devices run, so that the
       sum may exceed `run_s`; on a cluster only the last one is measured.
     - `refusals`: first refused case of each reason, and the reason. - `path`: Parquet file or None.
+    - `closing`: decrease of the backlash per axial displacement, rad/mm; NaN if it is not known.
     """
 
     spec: ScenarioSpec
@@ -49,6 +55,7 @@ class SweepTable(PlottedResult):
     write_s: float = 0.0
     refusals: tuple[tuple[int, str], ...] = ()
     path: Path | None = None
+    closing: float = math.nan
 
     @property
     def outcomes(self) -> dict[str, int]:
@@ -90,15 +97,30 @@ class SweepTable(PlottedResult):
     def _group(self, name: str, mask: np.ndarray) -> dict[str, Any]:
         gap = _without_nan(self.columns["residual_gap_deg"][mask])
         interference = _without_nan(self.columns["interference_mm"][mask])
-        lost = _without_nan(self.columns["lost_motion_deg"][mask])
+        numbers = {
+            name: _spread(_without_nan(self.columns[name][mask]))
+            for name in (
+                "lost_motion_deg",
+                "output_error_deg",
+                "largest_jump_deg",
+                "wrong_flank_deg",
+            )
+        }
+        interferes = interference > NEAR_MM
+        draws = self.columns["draw"][mask] if "draw" in self.columns else np.arange(mask.sum())
+        draws = draws[~np.isnan(self.columns["interference_mm"][mask])]
+        early = _without_nan(self.columns["early_jump_deg"][mask])
+        allowed = 1.01 * max(self.spec.judgement.margin_mm, 0.0) * self.closing / DEG + NEAR_DEG
         return {
             "name": name,
             "cases": int(mask.sum()),
             "outcomes": dict(Counter(self.columns["outcome"][mask].tolist()).most_common()),
             "residual_gap_deg": _spread(gap),
             "interference_mm": _spread(interference),
-            "interfering_share": _share(interference > NEAR_MM),
-            "lost_motion_deg": _spread(lost),
+            "interfering_share": _share(interferes),
+            "interfering_share_95": _share_interval(interferes, draws),
+            "early_share": None if math.isnan(self.closing) else _share(early > allowed),
+            **numbers,
         }
 
     def __str__(self) -> str:
@@ -161,7 +183,8 @@ def finished_sweep(recipe: Recipe, folder: Path) -> SweepTable | None:
             " its first inputs, choose another folder, or replace it with --overwrite.",
             where=str(folder / HEADER),
         )
-    return replace(found, pair=recipe.pair.name, run_s=0.0, compile_s=0.0)
+    closing = recipe.cases().closing
+    return replace(found, pair=recipe.pair.name, run_s=0.0, compile_s=0.0, closing=closing)
 
 
 def _without_nan(values: np.ndarray) -> np.ndarray:
@@ -170,6 +193,20 @@ def _without_nan(values: np.ndarray) -> np.ndarray:
 
 def _share(mask: np.ndarray) -> float | None:
     return float(mask.mean()) if len(mask) else None
+
+
+def _share_interval(mask: np.ndarray, draws: np.ndarray) -> list[float] | None:
+    """Return the 95 % interval of a share: cases of one draw are counted as one case.
+
+    Of n independent cases with k hits it is that of Wilson; cases with the same draw are dependent.
+    """
+    if not len(mask):
+        return None
+    cases = len(np.unique(draws))
+    share, z2 = float(mask.mean()), 1.959964**2
+    middle = (share + z2 / (2 * cases)) / (1 + z2 / cases)
+    half = math.sqrt(z2 * (share * (1 - share) / cases + z2 / (4 * cases**2))) / (1 + z2 / cases)
+    return [max(middle - half, 0.0), min(middle + half, 1.0)]
 
 
 def _spread(values: np.ndarray) -> dict[str, float] | None:
@@ -216,9 +253,12 @@ def _text(table: SweepTable) -> str:
             *_cells(group["residual_gap_deg"], ".5f"),
             "–"
             if group["interfering_share"] is None
-            else f"{100 * group['interfering_share']:.1f} %",
+            else _share_text(group["interfering_share"], group["interfering_share_95"]),
             *_cells(group["interference_mm"], ".4f")[2:],
+            *_cells(group["largest_jump_deg"], ".5f")[2:],
+            *_cells(group["wrong_flank_deg"], ".2f")[2:],
             *_cells(group["lost_motion_deg"], ".5f")[:1],
+            *_cells(group["output_error_deg"], ".5f")[2:],
         )
         for group in record["groups"]
     ]
@@ -230,15 +270,29 @@ def _text(table: SweepTable) -> str:
         "max",
         "interfere",
         ("by at most", "mm"),
+        ("largest jump", "deg"),
+        ("wrong flank: most", "deg"),
         ("motion lost: mean", "deg"),
+        ("output error: most", "deg"),
     ]
-    lines = [key_values(head, title=table.pair), "", text_table(rows, headers)]
+    early = [group for group in record["groups"] if group["early_share"]]
+    remarks = [
+        f"{group['name']}: the flanks change before the turn in {100 * group['early_share']:.1f} %"
+        " of the cases; the driven shaft overruns when the motor brakes."
+        for group in early
+    ]
+    lines = [*remarks, *[""] * bool(remarks), key_values(head, title=table.pair), ""]
+    lines += [text_table(rows, headers)]
     if table.refusals:
         lines += ["", "notes:"]
         count = table.outcomes.get(REFUSED, 0)
         lines += [f"  {count} cases were refused, such as:"]
         lines += [f"  case {case}: {why}" for case, why in table.refusals]
     return "\n".join(lines)
+
+
+def _share_text(share: float, interval: list[float]) -> str:
+    return f"{100 * share:.1f} % ({100 * interval[0]:.1f} … {100 * interval[1]:.1f})"
 
 
 def _sizes(table: SweepTable) -> str:

@@ -36,11 +36,10 @@ class Judge:
         self.keys = keys
         self.objective: Objective = objective
         self.weight = weight
-        pair = recipe.pair
-        self.closing = float((pair.taper / pair.reference_radii[1]).sum())
+        self.cases = recipe.cases()
+        self.closing = self.cases.closing
         self._scores: dict[tuple[float, ...], Score] = {}
         self.start = tuple(key.start for key in keys)
-        self.cases = recipe.cases()
         self.costs = costs_of(self._rows(self.start), weight, self.closing)
 
     def score(self, values: tuple[float, ...]) -> Score:
@@ -86,7 +85,7 @@ class _WithSettings(SweepCases):
         keys: Sequence[FreeKey],
         values: Sequence[float],
     ) -> None:
-        super().__init__(with_keys(recipe.spec, keys, values), recipe.pair, rigs=recipe.rigs)
+        super().__init__(with_keys(recipe.spec, keys, values), recipe.pair, maps=recipe.maps)
         self._built = built
         names = [key.name for key in keys]
         self._settings = dict(zip(names, map(np.asarray, values), strict=True))

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.spec import ScenarioSpec, load_sweep_spec
+from ..simulation.build import Maps
 from ..simulation.metrics import NEAR_MM
 from ..sweeps.sweep import recipe_of
 from .free_keys import SETTINGS, Limits, free_keys
@@ -33,11 +33,10 @@ _LEAST_GAIN = 1e-3
 
 def tune(
     spec: str | Path | ScenarioSpec,
-    pair: GearPair | None = None,
+    pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
-    rigs: Sequence[Eccentricities] = (),
-    believed: Eccentricities | None = None,
+    maps: Maps = Maps(),
     free: Sequence[str] | None = None,
     limits: Limits | None = None,
     objective: Objective = "expected",
@@ -64,7 +63,7 @@ def tune(
     around the last one are tried.
 
     **Arguments**
-    - `spec`, `pair`, `folder`, `rigs`, `believed`: as for `vttig_jax.sweep`; the axes define the
+    - `spec`, `pair`, `folder`, `maps`: as for `vttig_jax.sweep`; the axes define the
       cases, and `controller` is no axis.
     - `free`: dotted keys of [judgement], by default all numeric settings of the controller.
     - `limits`: key → (lowest, highest) value; by default the bounds of the key, and factors of 1000
@@ -104,7 +103,7 @@ def tune(
         )
     source = "" if isinstance(spec, ScenarioSpec) else str(spec)
     scenario = spec if isinstance(spec, ScenarioSpec) else load_sweep_spec(spec)
-    recipe = recipe_of(spec, pair, folder, rigs, believed)
+    recipe = recipe_of(spec, pair, folder, maps=maps)
     with SCENARIO_FILE.error_context(source):
         _check_controller(scenario)
         keys = free_keys(scenario, free, limits)

@@ -43,7 +43,7 @@ class ContactModel(ImplicitModel):
     - `search_grid`: grid of the search for first contact.
     """
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     teeth: tuple[Tooth, Tooth]
     starts: Float[Numbers, "gear=2 flank=2"]
     nominal_distance: Scalar
@@ -98,11 +98,11 @@ def mates_on(model: ContactModel, side: int) -> Mates:
 
     The function is separate so that the code compiled for flank A is used for flank B too.
     """
-    drawn = mates_of(model.teeth, model.starts, model.ratio, None, 0)
+    drawn = mates_of(model.teeth, model.starts, jnp.asarray(model.ratio), None, 0)
     # Flank B of a driving tooth touches the next tooth of the driven gear.
     on_b = model.opening + 2 * math.pi / model.teeth[1].teeth
     standing = side * on_b - concentric_touch(drawn, model.nominal_distance)
-    mates = mates_of(model.teeth, model.starts, model.ratio, model.deviations, side)
+    mates = mates_of(model.teeth, model.starts, jnp.asarray(model.ratio), model.deviations, side)
     return eqx.tree_at(lambda tree: tree.standing, mates, standing)
 
 

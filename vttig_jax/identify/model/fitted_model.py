@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
+from ...base.arrays import Numbers
 from ...base.errors import UsageError
 from ...kinematics.flank_model import FlankModel, ImplicitModel
 from ...kinematics.harmonic import OrderModel
@@ -22,7 +23,7 @@ class FittedModel(ImplicitModel):
     angles.
     """
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     orders: OrderModel
     arrays: Any
     constants: Any = eqx.field(static=True)
@@ -73,7 +74,7 @@ class StoredModel(FlankModel):
     **Raises** `UsageError` with the name of the class and the cure.
     """
 
-    ratio: Float[Array, ""]
+    ratio: Float[Numbers, ""]
     name: str = eqx.field(static=True)
 
     @property

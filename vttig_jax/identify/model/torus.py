@@ -44,7 +44,7 @@ class Torus(eqx.Module):
         driving, driven = (jnp.asarray(angle)[None] for angle in grid())
         sides = np.array([flank_index(flank) for flank in flanks])
         senses = np.where(sides == 0, 1.0, -1.0)[:, None]
-        return model.turned(driving, driven, self.base_sum[sides][:, None], senses)
+        return jnp.asarray(model.turned(driving, driven, self.base_sum[sides][:, None], senses))
 
 
 def grid() -> tuple[Float[np.ndarray, " grid"], Float[np.ndarray, " grid"]]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ....base.errors import PairError, UsageError
-from ....runs.rigs import fitted_rig
+from ....runs.maps import fitted_rig
 from ...options import POSITIVE, STEP_DEG, Finite, verb
 from ...output import Output
 from ..map import csv_text

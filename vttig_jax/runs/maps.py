@@ -1,0 +1,297 @@
+"""Flank models of a simulation, read from run folders and map files.
+
+They are read here, so that the simulator does not import the modules of fits and posteriors.
+"""
+
+import json
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..base.errors import InputError, ScenarioError, VttigError
+from .run import Run
+from .run_file import CHECKPOINT
+
+logger = logging.getLogger("vttig_jax")
+
+if TYPE_CHECKING:
+    from ..control.scenario.spec import ScenarioSpec
+    from ..control.simulation.build import Maps
+    from ..kinematics.flank_model import FlankModel
+    from ..pair.eccentricities import Eccentricities
+    from ..pair.gear_pair import Drive, GearPair
+    from ..posterior.summary.gap_draws import GapDraws
+    from ..posterior.summary.posterior import Posterior
+
+
+def opened_maps(
+    spec: "ScenarioSpec",
+    folder: Path,
+    pair: "GearPair | Drive | None" = None,
+    given: "dict[str, FlankModel] | None" = None,
+) -> "tuple[GearPair | Drive, Maps]":
+    """Return the gears of a scenario or sweep, and the flank models of the maps that it names.
+
+    A sweep with `rig` also gets the whole maps of its posterior draws.
+
+    **Arguments**
+    - `folder`: folder for relative paths. - `pair`: gears instead of those that the file names.
+    - `given`: flank models of names that are no files.
+
+    **Raises** `ScenarioError` for a map that cannot be read or belongs to other gears.
+    """
+    from ..control.scenario.spec import names_of_maps
+    from ..control.simulation.build import Maps
+    from ..control.simulation.simulate import load_gears
+
+    named = dict(given or {})
+    names = [name for name in names_of_maps(spec) if name not in named]
+    runs = {name: Run(folder / name) for name in names if (folder / name).is_dir()}
+    if pair is None and spec.pair:
+        pair = load_gears(folder / spec.pair)
+    elif pair is None and not runs:
+        raise ScenarioError("missing; name the pair file, relative to this file.", where="pair")
+    draws = None
+    for name in names:
+        try:
+            if name not in runs:
+                assert pair is not None
+                named[name] = read_map_file(folder / name, pair)
+                continue
+            run = runs[name]
+            pair = run.pair if pair is None else pair
+            _require_same_gears(run.pair, pair, folder / name)
+            named[name] = _run_model(run, spec.constant_backlash_deg)
+            if spec.sweep is not None and spec.rig is not None and name == spec.rig.run:
+                draws = _drawn_models(run, spec)
+        except VttigError as error:
+            message = (
+                error.message if error.where in ("", name) else f"{error.where}: {error.message}"
+            )
+            raise ScenarioError(message, where=f"map {name!r}") from None
+    assert pair is not None
+    return pair, Maps(named, *(draws or (None, 0)))
+
+
+def _run_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel":
+    """Return both flanks of a run folder: the mean of the draws, or else the fit."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from ..identify.backlash import contact_map
+    from ..pair.gear_pair import Drive
+
+    if constant_backlash_deg is None and (run.folder / CHECKPOINT).exists():
+        draws = _gap_draws(run)
+        model = draws.mean_model
+        return replace(model, offset=model.offset + np.array([0.0, np.mean(draws.of_delay)]))
+    if isinstance(run.pair, Drive):
+        return _orders_model(run, constant_backlash_deg)
+    return contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)[1]
+
+
+def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel":
+    """Return the flanks of a drive from the orders in its `fit.json`.
+
+    The mean of flank A is zero. Flank B stands the constant backlash above it, or else the gap over
+    the angles covered; an unmeasured flank has the orders of the other one.
+    """
+    import numpy as np
+
+    from ..base.units import ARCSEC, DEG
+    from ..kinematics.harmonic import OrderModel
+
+    try:
+        fit = json.loads((run.folder / "fit.json").read_text("utf-8"))
+        rows = [row for row in fit["orders"] if float(row["order"]).is_integer()]
+        gaps = fit["parameters"]["constant_backlash_deg"], fit["checks"]["gap_over_angles_covered"]
+        measured = {flank: flank for flank in fit["flanks"]}
+        given = [gap["value"] for gap in gaps if gap and gap["determined"]]
+        waves = {
+            (row["shaft"], int(row["order"]), row["flank"]): row["amplitude_arcsec"]
+            * ARCSEC
+            * np.exp(1j * (row["phase_deg"] or 0.0) * DEG)
+            for row in rows
+        }
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"fit.json is missing or damaged ({type(error).__name__}); make it again with `vttig"
+            " fit … --overwrite`."
+        ) from None
+    gap_deg = constant_backlash_deg if constant_backlash_deg is not None else (given or [None])[0]
+    if gap_deg is None:
+        raise InputError(
+            f"the log has flank {' and '.join(measured)} and no gap; record both directions, or"
+            " give the gap: constant_backlash_deg = …, or --set constant_backlash_deg=…."
+        )
+    terms = sorted({(shaft, order) for shaft, order, _ in waves})
+    flanks = [measured.get(flank, next(iter(measured))) for flank in ("A", "B")]
+    phasors: Any = np.array(
+        [[waves.get((*term, flank), 0.0) for term in terms] for flank in flanks], complex
+    ).reshape(2, len(terms))  # a sin(x + p) = Im[a exp(jp) exp(jx)]
+    orders = [(order, 0) if shaft == "driving" else (0, order) for shaft, order in terms]
+    offset: Any = np.array([0.0, gap_deg * DEG])
+    ratio = np.asarray(float(run.pair.ratio))
+    return OrderModel(ratio, tuple(orders), offset, phasors.imag, phasors.real)
+
+
+def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
+    """Return the flank models of posterior draws, stacked along a first axis, and their number.
+
+    The gap that an unknown delay adds to a draw is part of its flank B.
+    """
+    import numpy as np
+
+    from ..kinematics.harmonic import OrderModel
+
+    assert spec.rig is not None
+    if spec.constant_backlash_deg is not None:
+        raise ScenarioError(
+            "given, but every draw of `rig` has a backlash of its own; remove one of them.",
+            where="constant_backlash_deg",
+        )
+    if not (run.folder / CHECKPOINT).exists():
+        raise InputError(
+            f"there is no {CHECKPOINT} in {run.folder}; make it with `vttig sample {run.folder}`."
+        )
+    draws, (count, seed) = _gap_draws(run), spec.rig.chosen
+    if count > len(draws.offset):
+        raise InputError(
+            f"rig.draws asks for {count} draws, but the posterior holds {len(draws.offset)}; take"
+            " fewer, or sample longer."
+        )
+    chosen = np.sort(np.random.default_rng(seed).choice(len(draws.offset), count, replace=False))
+    of_delay = np.broadcast_to(draws.of_delay, len(draws.offset))[chosen]
+    offset: Any = draws.offset[chosen] + np.stack([np.zeros(count), of_delay], axis=1)
+    ratio = np.full(count, float(draws.pair.ratio))
+    cosine: Any = draws.cosine[chosen]
+    sine: Any = draws.sine[chosen]
+    return OrderModel(ratio, draws.terms, offset, cosine, sine), count
+
+
+def _gap_draws(run: Run) -> "GapDraws":
+    from ..posterior.summary.posterior import gap_draws
+
+    posterior = run.posterior
+    _warn_of_convergence(posterior)
+    return gap_draws(posterior)
+
+
+def read_map_file(path: Path, pair: "GearPair | Drive") -> "FlankModel":
+    """Return the flanks of a map file, such as `vttig map --out map.csv` writes it.
+
+    The rows stand at even steps of `driving_deg`. The flanks are `te_a_deg` and `te_b_deg`; a file
+    with `backlash_deg` alone has a perfect flank A. Cubic splines pass through all rows. The map is
+    periodic if the rows cover the hunting period.
+
+    **Raises** `InputError` for a file that is no such table.
+    """
+    import numpy as np
+    from scipy.interpolate import CubicSpline
+
+    from ..base.units import DEG, REV
+    from ..kinematics.flank_table import FlankTable
+
+    try:
+        table = np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"no map can be read here ({error}); name a run folder, or the CSV of `vttig map`."
+        ) from None
+    columns = table.dtype.names or ()
+    flanks, given = ("te_a_deg", "te_b_deg"), set(columns)
+    if not {"driving_deg", *flanks} <= given and not {"driving_deg", "backlash_deg"} <= given:
+        raise InputError(
+            "a map has the columns driving_deg and te_a_deg, te_b_deg or backlash_deg, but this"
+            f" file has {', '.join(columns) or 'none'}; write it with `vttig map --out`."
+        )
+    angle = np.atleast_1d(table["driving_deg"]) * DEG
+    if set(flanks) <= given:
+        errors = [np.atleast_1d(table[name]) * DEG for name in flanks]
+    else:
+        errors = [np.zeros(len(angle)), np.atleast_1d(table["backlash_deg"]) * DEG]
+    if len(angle) < 4 or not np.all(np.isfinite([angle, *errors])):
+        raise InputError(
+            f"a map needs four rows or more, each with all numbers, but here are {len(angle)} rows"
+            " or empty cells; write it with `vttig map --out`."
+        )
+    step = (angle[-1] - angle[0]) / (len(angle) - 1)
+    if not (step > 0 and np.allclose(np.diff(angle), step, rtol=1e-6)):
+        raise InputError(
+            "the rows of a map stand at even, rising steps of driving_deg, but these do not; write"
+            " it with `vttig map --out`."
+        )
+    turns = len(angle) * step / REV / pair.hunting_turns
+    periodic = abs(turns - round(turns)) < 1e-6 and round(turns) >= 1
+    nodes = []
+    if periodic:
+        angle = np.append(angle, angle[0] + len(angle) * step)
+        errors = [np.append(error, error[0]) for error in errors]
+    for error in errors:
+        spline = CubicSpline(angle, error, bc_type="periodic" if periodic else "not-a-knot")
+        nodes += [error, step * spline(angle, 1)]
+    return FlankTable(
+        nodes=np.stack(nodes, axis=1),
+        ratio=float(pair.ratio),
+        start=angle[0],
+        step=step,
+        closing=np.zeros(2),
+        first=np.asarray(0),
+        intervals=len(angle) - 1,
+        periodic=periodic,
+    )
+
+
+def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
+    """Return the rig of a run folder: the mean of its posterior, or the fit without a posterior.
+
+    **Raises** `InputError` if the gears of the run differ from those in the pair file.
+    """
+    from ..identify.fit_result import require_rig
+    from ..pair.load import load_pair
+
+    run = Run(folder)
+    fit = run.fit
+    if pair.exists():  # the code that uses the pair file reports its errors
+        _require_same_gears(fit.pair, load_pair(pair), folder, str(pair))
+    if (folder / CHECKPOINT).exists():
+        from ..posterior.sampler import read_posterior
+
+        posterior = read_posterior(folder / CHECKPOINT, fit, model_draws=0)
+        _warn_of_convergence(posterior)
+        fit = posterior.centred_fit
+    require_rig(fit)
+    return fit.eccentricities()
+
+
+def _require_same_gears(
+    fitted: "GearPair | Drive", pair: "GearPair | Drive", folder: Path, where: str = ""
+) -> None:
+    """Raise `InputError` if `pair` differs from the gears of the fit in `folder`."""
+    import numpy as np
+
+    from ..pair.gear_pair import GearPair
+
+    compared = [("ratio", "", lambda one: float(one.ratio))]
+    if isinstance(pair, GearPair) and isinstance(fitted, GearPair):
+        compared = [
+            ("teeth", "", lambda one: (one.driving.teeth, one.driven.teeth)),
+            ("module", " mm", lambda one: one.module_mm),
+            ("pressure angles", "°", lambda one: one.pressure_angles_deg),
+            ("centre distance", " mm", lambda one: one.centre_distance_mm),
+        ]
+    for what, unit, of in compared:
+        here, there = (np.ravel(np.asarray(of(one), float)) for one in (pair, fitted))
+        if not np.allclose(here, there, rtol=1e-9):
+            seen, known = ("/".join(f"{x:g}" for x in dict.fromkeys(v)) for v in (here, there))
+            raise InputError(
+                f"not the gears of the run in {folder}: {what} {seen}{unit} here, {known}{unit}"
+                " there; name the pair file of that run, or give eccentricities of these gears.",
+                where=where,
+            )
+
+
+def _warn_of_convergence(posterior: "Posterior") -> None:
+    if not posterior.diagnosis.converged:
+        logger.warning("the draws have not converged: %s", posterior.diagnosis)

@@ -1,0 +1,192 @@
+"""Simulations with fitted maps: run folders and map files take the place of eccentricities."""
+
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .maps import opened_maps
+
+if TYPE_CHECKING:
+    from ..control.scenario.spec import ScenarioSpec
+    from ..control.simulation.build import Maps
+    from ..control.simulation.result import Simulation
+    from ..control.sweeps.table import SweepTable
+    from ..control.tuning.result import Tuned
+    from ..pair.gear_pair import Drive, GearPair
+
+
+def simulate(
+    scenario: "str | Path | Mapping[str, Any] | ScenarioSpec",
+    pair: "GearPair | Drive | None" = None,
+    *,
+    plant_map: Any = None,
+    controller_map: Any = None,
+    folder: str | Path | None = None,
+    **options: Any,
+) -> "Simulation":
+    """Simulate the run of one scenario: the gear drive, its motion and its controller.
+
+    The plant has one map of its flanks, and the controller believes another one. By default both
+    are those of [eccentricities]; the scenario or the arguments name other ones.
+
+    **Arguments**
+    - `scenario`: a scenario file (TOML), its parsed table or specification, or the run folder of a
+      fit, which is then simulated with default values.
+    - `pair`: gears or drive instead of those of the scenario.
+    - `plant_map`, `controller_map`: a run folder, a map file, a `FlankModel`, `BacklashMap`, `Fit`
+      or posterior draw, or a function (driving angle in rad, "A" or "B") → TE in rad.
+    - `folder`: folder for relative paths; by default that of the scenario file.
+    - `options`: `controller`, `trace_every` and `progress` of `vttig_jax.control.simulate`.
+
+    **Raises** `ScenarioError` with file and key, `PairError`, and `ValueError` without 64-bit
+    floats.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.rig import paper_rig
+    >>> vttig_jax.enable_x64()
+    >>> rig = paper_rig()
+    >>> fit = vttig_jax.fit(rig.log(), rig.pair)
+    >>> motion = {"reversal_deg": 720.0, "dwell_s": 0.2}
+    >>> run = vttig_jax.simulate(
+    ...     {"motion": motion, "controller": "predictive"},
+    ...     rig.pair, plant_map=rig.flank_model(), controller_map=fit,
+    ... )
+    >>> run.metrics["residual_gap_deg"] < 0.0012, run.metrics["interference_mm"] < 0.006
+    (True, True)
+
+    ```
+    """
+    from ..control.simulation.simulate import simulate
+
+    spec, folder = specified(scenario, folder, plant_map, controller_map, sweep=False)
+    with file_named(scenario):
+        pair, maps = _opened(spec, folder, pair, plant_map, controller_map)
+        return simulate(spec, pair, folder=folder, maps=maps, **options)
+
+
+def sweep(
+    spec: "str | Path | Mapping[str, Any] | ScenarioSpec",
+    pair: "GearPair | Drive | None" = None,
+    *,
+    plant_map: Any = None,
+    controller_map: Any = None,
+    folder: str | Path | None = None,
+    **options: Any,
+) -> "SweepTable":
+    """Simulate every case of a sweep: the Cartesian product of its axes.
+
+    With rig = { from = "RUN", draws = N } the plant of each case has the whole map of a posterior
+    draw, and the controller the map of the run, so that the table says what the machine will do
+    with the map that it was given.
+
+    **Arguments**
+    - `spec`: a sweep file (TOML), its parsed table or specification.
+    - `pair`, `plant_map`, `controller_map`, `folder`: as for `simulate`.
+    - `options`: further arguments of `vttig_jax.control.sweep`, such as `out` and `resume`.
+    """
+    from ..control.sweeps.sweep import sweep
+
+    read, folder = specified(spec, folder, plant_map, controller_map, sweep=True)
+    with file_named(spec):
+        pair, maps = _opened(read, folder, pair, plant_map, controller_map)
+        return sweep(read, pair, folder=folder, maps=maps, **options)
+
+
+def tune(
+    spec: "str | Path | Mapping[str, Any] | ScenarioSpec",
+    pair: "GearPair | Drive | None" = None,
+    *,
+    plant_map: Any = None,
+    controller_map: Any = None,
+    folder: str | Path | None = None,
+    **options: Any,
+) -> "Tuned":
+    """Tune the settings of a controller for all cases of a sweep.
+
+    **Arguments**
+    - `spec`, `pair`, `plant_map`, `controller_map`, `folder`: as for `sweep`.
+    - `options`: further arguments of `vttig_jax.control.tune`, such as `free` and `objective`.
+    """
+    from ..control.tuning.tune import tune
+
+    read, folder = specified(spec, folder, plant_map, controller_map, sweep=True)
+    with file_named(spec):
+        pair, maps = _opened(read, folder, pair, plant_map, controller_map)
+        return tune(read, pair, folder=folder, maps=maps, **options)
+
+
+def file_named(scenario: Any) -> AbstractContextManager[None]:
+    """Return a context in which errors of a scenario name its file, if it is one."""
+    from ..control.scenario.axes import SCENARIO_FILE
+
+    return SCENARIO_FILE.error_context(str(scenario) if isinstance(scenario, (str, Path)) else "")
+
+
+def specified(
+    scenario: Any,
+    folder: str | Path | None = None,
+    plant_map: Any = None,
+    controller_map: Any = None,
+    *,
+    sweep: bool,
+) -> "tuple[ScenarioSpec, Path]":
+    """Return the specification with the given maps, and the folder of its relative paths."""
+    from msgspec.structs import replace
+
+    from ..control.scenario.spec import (
+        ScenarioSpec,
+        check_rig,
+        load_scenario_spec,
+        load_sweep_spec,
+    )
+
+    given = {"plant_map": plant_map, "controller_map": controller_map}
+    changes = {
+        name: str(value) if isinstance(value, (str, Path)) else name
+        for name, value in given.items()
+        if value is not None
+    }
+    if isinstance(scenario, ScenarioSpec):
+        spec = replace(scenario, **changes)
+        if spec.sweep is None:
+            check_rig(spec)
+        return spec, Path(folder or "")
+    load = load_sweep_spec if sweep else load_scenario_spec
+    if isinstance(scenario, Mapping):
+        return load(scenario, **changes), Path(folder or "")
+    path = Path(scenario)
+    if path.is_dir():
+        path = path.resolve()
+        return load(_table_of_run(path), **changes), path.parent
+    return load(path, **changes), Path(path.parent if folder is None else folder)
+
+
+def _table_of_run(path: Path) -> dict[str, Any]:
+    """Return the scenario of a run folder: default values, and no controller without taper."""
+    from ..pair.gear_pair import GearPair
+    from .run import open_run
+
+    pair = open_run(path).pair
+    tapers = isinstance(pair, GearPair) and float(pair.thinning) > 0
+    return {"rig": {"from": path.name}, **({} if tapers else {"controller": "none"})}
+
+
+def _opened(
+    spec: "ScenarioSpec", folder: Path, pair: Any, plant_map: Any, controller_map: Any
+) -> "tuple[GearPair | Drive, Maps]":
+    """Return the gears, and the flank models of all maps; see `opened_maps`."""
+    from ..identify.backlash import contact_map
+    from ..identify.fit_result import Fit
+    from ..kinematics.flank_table import as_flank_model
+
+    given = {}
+    for name, source in (("plant_map", plant_map), ("controller_map", controller_map)):
+        if source is None or isinstance(source, (str, Path)):
+            continue
+        if isinstance(source, Fit):
+            source = contact_map(source, constant_backlash_deg=spec.constant_backlash_deg)[1]
+        given[name] = as_flank_model(source, float("nan") if pair is None else float(pair.ratio))
+    return opened_maps(spec, folder, pair, given)
