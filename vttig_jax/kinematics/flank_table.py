@@ -36,8 +36,11 @@ PER_CYCLE = 64
 
 The interpolation is then within (2π/64)⁴/384 = 2.4e-7 of the amplitude of that order."""
 
-_FEWEST = 512
-"""Least number of nodes in a driving turn: first orders are within 6e-11 of their amplitude."""
+_FEWEST = 256
+"""Least number of nodes in a driving turn: first orders are within 1e-9 of their amplitude."""
+
+_CHUNK = 4096
+"""Nodes computed at once, so that the harmonics of a long table need little memory; chosen."""
 
 _NO_CLOSING = np.zeros(2)
 
@@ -262,17 +265,22 @@ def tabulate_flanks(
     """
     per_turn = nodes_per_turn(model) if per_turn is None else per_turn
     step = REV / per_turn
-    angle = REV * first_turn + step * jnp.arange(turns * per_turn + 1)
-    columns: list[Array] = []
-    for flank in get_args(Flank):
-        value, slope = jax.jvp(
-            lambda angle, flank=flank: model.transmission_error(angle, flank),
-            (angle,),
-            (jnp.ones_like(angle),),
-        )
-        columns += [value, step * slope]
+    rows = turns * per_turn + 1
+    angle = REV * first_turn + step * jnp.arange(-(-rows // _CHUNK) * _CHUNK)
+
+    def nodes(angle: Float[Array, " chunk"]) -> Float[Array, "chunk 4"]:
+        columns: list[Array] = []
+        for flank in get_args(Flank):
+            value, slope = jax.jvp(
+                lambda angle, flank=flank: model.transmission_error(angle, flank),
+                (angle,),
+                (jnp.ones_like(angle),),
+            )
+            columns += [value, step * slope]
+        return jnp.stack(columns, axis=1)
+
     return FlankTable(
-        nodes=jnp.stack(columns, axis=1),
+        nodes=jax.lax.map(nodes, angle.reshape(-1, _CHUNK)).reshape(-1, 4)[:rows],
         ratio=model.ratio,
         start=REV * first_turn,
         step=step,

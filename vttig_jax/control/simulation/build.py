@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from msgspec import structs
 
 from ...base.arrays import Numbers, float64
@@ -160,8 +160,8 @@ _OBSERVERS: dict[str, Callable[[float], Observer]] = {
     "alpha_beta_gamma": AlphaBetaGamma,
     "difference": FilteredDifference,
 }
-_CACHED_PARTS = 4096
-"""Largest number of parts of cases that a builder caches; a chosen value."""
+_CACHED_PARTS, _CACHED_TABLES = 4096, 512
+"""Largest numbers of parts of cases and of their flanks that a builder caches; chosen values."""
 _LOOP_PERIODS = 3.0
 """Delay from an encoder reading to the resulting actuator position, in controller periods."""
 
@@ -173,9 +173,8 @@ _Span = tuple[int, int, bool]
 _Source = str | tuple[EccentricityTable | None, str]
 """A named map; or eccentricities with the kind of their flanks, "exact" or "closed"."""
 
-_WHOLE_ROWS, _MOST_ROWS = 1 << 20, 1 << 25
-"""Nodes of all tables up to which the hunting period is tabulated (32 MB) and the largest number
-(1 GB): chosen values."""
+_WHOLE_ROWS, _MOST_ROWS = 1 << 18, 1 << 25
+"""Most nodes of a table of the hunting period (8 MB), and of all tables (1 GB): chosen values."""
 
 
 class Maps(NamedTuple):
@@ -262,6 +261,9 @@ class Builder:
         if isinstance(pair, GearPair):
             self.closing = np.asarray(pair.taper / pair.reference_radii[1])
         self._part = lru_cache(_CACHED_PARTS)(lambda make, *arguments: make(*arguments))
+        # Tables are large, and cases that share one must have the same object.
+        self._bounds = lru_cache(_CACHED_TABLES)(self._make_bounds)
+        self._draw_tables = lru_cache(_CACHED_TABLES)(self._make_draw_tables)
 
     def case(self, spec: ScenarioSpec, draw: int = 0) -> Case:
         """Build the case of a validated scenario, whose plant is drawn if there are draws.
@@ -307,10 +309,8 @@ class Builder:
 
     def _travel(self, table: MotionTable) -> Travel:
         """Return the smallest and the largest driving angle of the motion, turns."""
-        motion, _ = self._part(self._motion, table)
-        time = jnp.linspace(0.0, 1.0, _TIMES) * jnp.asarray(motion.duration_s)
-        angle = np.asarray(motion.at(time).angle) / REV
-        return float(angle.min()), float(angle.max())
+        low, high = _ends(self._part(self._motion, table)[0])
+        return float(low) / REV, float(high) / REV
 
     def _model(self, rig: EccentricityTable | None, flanks: str) -> FlankModel:
         assert rig is not None  # checked where the scenario is read
@@ -344,7 +344,7 @@ class Builder:
             name = spec.plant_map if spec.rig is None else spec.rig.run
             if name == ECCENTRICITIES:
                 source = spec.eccentricities, spec.flanks
-                return self._part(self._bounds, source, self._checked(source, travel, where), 0)
+                return self._bounds(source, self._checked(source, travel, where), 0)
             bounds, gap = self._part(self._mapped, name, self._checked(name, travel, where))
         if gap < 0:
             raise ScenarioError(
@@ -392,7 +392,7 @@ class Builder:
             )
         return self.maps.named[source]
 
-    def _bounds(self, source: "_Source", span: "_Span", turns: int) -> Bounds:
+    def _make_bounds(self, source: "_Source", span: "_Span", turns: int) -> Bounds:
         """Return the flanks of a named map or of eccentricities, `turns` driving turns on."""
         model, (first, count, periodic) = self._flank_model(source, ""), span
         if isinstance(model, ClosedModel):
@@ -403,15 +403,15 @@ class Builder:
 
     def _mapped(self, name: str, span: "_Span") -> tuple[Bounds, float]:
         """Return the flanks of a named map, and the smallest gap at its nodes, rad."""
-        bounds = self._part(self._bounds, name, span, 0)
+        bounds = self._bounds(name, span, 0)
         return bounds, float(_smallest(bounds.nodes)) if isinstance(bounds, FlankTable) else 0.0
 
     def _drawn(self, span: "_Span", per_turn: int, draw: int) -> tuple[Bounds, float]:
         """Return the flanks of a draw, and the smallest gap at its nodes, rad."""
-        tables, smallest = self._part(self._draw_tables, span, per_turn)
+        tables, smallest = self._draw_tables(span, per_turn)
         return tables.of_map(draw), float(smallest[draw])
 
-    def _draw_tables(
+    def _make_draw_tables(
         self, span: "_Span", per_turn: int
     ) -> tuple[FlankTable, Float[np.ndarray, " draws"]]:
         """Return one table of all draws, and the smallest gap of each at the nodes, rad."""
@@ -438,7 +438,8 @@ class Builder:
         hunting, first = self.pair.hunting_turns, math.floor(travel[0]) - 1
         needed = math.ceil(travel[1]) + 1 - first
         count = 1 << (needed - 1).bit_length()
-        whole = hunting * nodes_per_turn(model) * maps <= _WHOLE_ROWS
+        rows = hunting * nodes_per_turn(model)
+        whole = rows <= _WHOLE_ROWS and rows * maps <= _MOST_ROWS
         return (0, hunting, True) if whole or count >= hunting else (first, count, False)
 
     def _plant(
@@ -544,7 +545,7 @@ class Builder:
         span: "_Span",
         turns: int,
     ) -> Controller:
-        bounds = self._part(self._bounds, source, span, turns)
+        bounds = self._bounds(source, span, turns)
         least_speed = judgement.least_rpm * REV / 60.0
         if name == "feedforward":
             return FeedforwardController(bounds, judgement.jump_s)
@@ -604,6 +605,13 @@ _TIMES = 4097
 
 
 @eqx.filter_jit
+def _ends(motion: Motion) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Return the smallest and the largest angle of a motion, rad."""
+    angle = motion.at(jnp.linspace(0.0, 1.0, _TIMES) * jnp.asarray(motion.duration_s)).angle
+    return angle.min(), angle.max()
+
+
+@eqx.filter_jit
 def _tabulated(model: FlankModel, count: int, periodic: bool, first: int, per: int) -> FlankTable:
     return tabulate_flanks(model, count, periodic=periodic, first_turn=first, per_turn=per)
 
@@ -612,7 +620,7 @@ def _tabulated(model: FlankModel, count: int, periodic: bool, first: int, per: i
 def _tabulated_draws(
     models: FlankModel, count: int, periodic: bool, first: int, per: int
 ) -> FlankTable:
-    return eqx.filter_vmap(lambda model: _tabulated(model, count, periodic, first, per))(models)
+    return jax.lax.map(lambda model: _tabulated(model, count, periodic, first, per), models)
 
 
 def _smallest(nodes: Float[Numbers, "*maps rows 4"]) -> Float[Numbers, "*maps"]:

@@ -208,5 +208,5 @@ def _digest(tree: Any) -> str:
     leaves, structure = jax.tree.flatten(tree)
     digest = hashlib.sha256(str(structure).encode())
     for leaf in leaves:
-        digest.update(np.asarray(leaf, np.float64).tobytes())
+        digest.update(np.asarray(leaf, np.complex128).tobytes())
     return digest.hexdigest()

@@ -107,8 +107,9 @@ class SweepTable(PlottedResult):
             )
         }
         interferes = interference > NEAR_MM
-        draws = self.columns["draw"][mask] if "draw" in self.columns else np.arange(mask.sum())
-        draws = draws[~np.isnan(self.columns["interference_mm"][mask])]
+        draws = None
+        if "draw" in self.columns:
+            draws = self.columns["draw"][mask & ~np.isnan(self.columns["interference_mm"])]
         early = _without_nan(self.columns["early_jump_deg"][mask])
         allowed = 1.01 * max(self.spec.judgement.margin_mm, 0.0) * self.closing / DEG + NEAR_DEG
         return {
@@ -195,17 +196,21 @@ def _share(mask: np.ndarray) -> float | None:
     return float(mask.mean()) if len(mask) else None
 
 
-def _share_interval(mask: np.ndarray, draws: np.ndarray) -> list[float] | None:
-    """Return the 95 % interval of a share: cases of one draw are counted as one case.
+def _share_interval(mask: np.ndarray, draws: np.ndarray | None) -> list[float] | None:
+    """Return the 95 % interval of the share of one machine.
 
-    Of n independent cases with k hits it is that of Wilson; cases with the same draw are dependent.
+    The machine is one of the posterior draws: the interval holds 95 % of their shares. Without
+    draws, or with one case for each, it is that of Wilson for independent cases.
     """
     if not len(mask):
         return None
-    cases = len(np.unique(draws))
-    share, z2 = float(mask.mean()), 1.959964**2
-    middle = (share + z2 / (2 * cases)) / (1 + z2 / cases)
-    half = math.sqrt(z2 * (share * (1 - share) / cases + z2 / (4 * cases**2))) / (1 + z2 / cases)
+    names, place = (None, None) if draws is None else np.unique(draws, return_inverse=True)
+    if names is not None and len(mask) > len(names) > 1:
+        shares = np.bincount(place, mask) / np.bincount(place)
+        return np.quantile(shares, [0.025, 0.975]).tolist()
+    share, count, z2 = float(mask.mean()), len(mask), 1.959964**2
+    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
+    half = math.sqrt(z2 * (share * (1 - share) / count + z2 / (4 * count**2))) / (1 + z2 / count)
     return [max(middle - half, 0.0), min(middle + half, 1.0)]
 
 
