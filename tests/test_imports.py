@@ -78,6 +78,7 @@ INNER_FLOORS = {
         "solve",
         "report",
         "evidence",
+        "log_coverage",
         "fit_result",
         "store",
         "given_search",
@@ -88,7 +89,6 @@ INNER_FLOORS = {
         "log_requirements",
         "fitting",
         "many",
-        "log_coverage",
         "backlash",
     ),
     "posterior": (

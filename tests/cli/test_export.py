@@ -134,8 +134,8 @@ def test_names_come_from_the_pair_and_files_repeat(vttig, run_folder, tmp_path):
         (["export", "run", "--out", "run/fit.json"], "already exists"),
         (["export", "run", "--out", "x.csv", "--name", "a"], "a .csv file takes no --name"),
         (
-            ["export", "run", "--out", "x.json", "--quantity", "shift", "--step-deg", "2"],
-            "a .json file takes no --quantity and no --step-deg",
+            ["export", "run", "--out", "x.json", "--name", "a", "--step-deg", "2"],
+            "a .json file takes no --name and no --step-deg",
         ),
         (["export", "run", "--out", "x.h", "--step-deg", "2"], "a .h file takes no --step-deg"),
         (["export", "run", "--out", "x.h", "--name", "2a"], "--name: '2a' cannot begin"),

@@ -8,7 +8,6 @@ import pytest
 
 from tests.posterior.made import made_posterior, quick_fit
 from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.identify.log_coverage import log_coverage
 from vttig_jax.identify.report.per_log import LogStart
 from vttig_jax.posterior.summary.bands import band_map
 
@@ -32,7 +31,7 @@ def start_at(turns: float, **std) -> LogStart:
 
 
 def test_one_log_lies_at_its_own_zero():
-    found = log_coverage(quick_fit())
+    found = quick_fit().coverage
     assert found.share == pytest.approx(ALONE, abs=0.2 / 16)
     assert found.unplaced == 0 and found.both[0, 0] > 0 and found.both[-1, 1] < 5 * 2 * np.pi
 
@@ -40,8 +39,8 @@ def test_one_log_lies_at_its_own_zero():
 @pytest.mark.parametrize("turns", [0.0, 7.25, 13.9])
 def test_a_log_with_its_own_zero_is_placed_by_both_start_angles(turns):
     """Far from the first log it doubles the share, also over the end of the period."""
-    found = log_coverage(two_logs(start_at(turns)))
-    alone = log_coverage(quick_fit()).share
+    found = two_logs(start_at(turns)).coverage
+    alone = quick_fit().coverage.share
     seen = {0.0: alone, 7.25: 2 * alone}.get(turns)
     if seen is None:  # overlaps the start of the first log
         seen = found.share
@@ -52,9 +51,9 @@ def test_a_log_with_its_own_zero_is_placed_by_both_start_angles(turns):
 
 
 def test_start_angles_that_do_not_tell_the_turn_place_nothing():
-    alone = log_coverage(quick_fit())
+    alone = quick_fit().coverage
     for std in (6.0, 0.0, np.inf, np.nan):
-        found = log_coverage(two_logs(start_at(7.25, driven_std_deg=std)))
+        found = two_logs(start_at(7.25, driven_std_deg=std)).coverage
         assert found.share == alone.share and found.unplaced == 2
         assert str(found).startswith("at least")
 
@@ -62,16 +61,16 @@ def test_start_angles_that_do_not_tell_the_turn_place_nothing():
 def test_logs_are_told_apart_by_their_time_or_not_at_all():
     """A time that runs on hides where the second log begins."""
     hidden = two_logs(start_at(7.25), later_s=1e4)
-    assert log_coverage(hidden).share == 0.0 and "unknown part" in str(log_coverage(hidden))
+    assert hidden.coverage.share == 0.0 and "unknown part" in str(hidden.coverage)
     common = LogStart(driving_deg=0.0, driving_std_deg=0.0, driven_deg=0.0, driven_std_deg=0.0)
-    same = log_coverage(two_logs(common, later_s=1e4))
-    assert same.share == log_coverage(quick_fit()).share and same.unplaced == 0
+    same = two_logs(common, later_s=1e4).coverage
+    assert same.share == quick_fit().coverage.share and same.unplaced == 0
 
 
 def test_a_map_with_bands_has_it():
     found = band_map(made_posterior(quick_fit()), 10.0)
     assert found.map.coverage is not None
-    assert found.map.coverage.share == log_coverage(quick_fit()).share
+    assert found.map.coverage.share == quick_fit().coverage.share
     assert "of the 16 driving turns of the hunting period on both flanks" in str(found)
 
 
@@ -79,6 +78,6 @@ def test_a_map_from_python_knows_what_was_covered():
     """As that of the command line; here the map of one log."""
     fit = quick_fit()
     grid = backlash_map(fit)
-    assert grid.coverage is not None and grid.coverage.share == log_coverage(fit).share
+    assert grid.coverage is not None and grid.coverage.share == fit.coverage.share
     assert grid.is_extrapolated(grid.smallest) is not None
     assert str(grid.coverage) in str(grid)

@@ -16,7 +16,6 @@ from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..pair.gear_pair import Drive, Flank
 from .fit_result import Fit
-from .log_coverage import log_coverage
 from .model.fitted_model import StoredModel
 from .model.mounting import mounted_closed, mounted_exact, mounting_of
 
@@ -198,4 +197,4 @@ def with_coverage(grid: BacklashMap, fit: Fit) -> BacklashMap:
 
     It also states why there is no hunting period, if the fitted ratio is not that of the pair.
     """
-    return replace(grid, coverage=log_coverage(fit), no_period=no_period(fit))
+    return replace(grid, coverage=fit.coverage, no_period=no_period(fit))

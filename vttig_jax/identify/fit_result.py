@@ -1,7 +1,8 @@
 """Result of a fit: parameters, orders, checks, flank model, and the report."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +14,22 @@ from ..base.facade import from_front_door
 from ..base.files.text_tables import decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, REV
+from ..kinematics.flank_error import FlankError, errors_at, flank_error
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
+from ..kinematics.hunting_coverage import HuntingCoverage
 from ..kinematics.te_curve import TECurve
 from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Drive, GearPair
+from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .evidence import Evidence
+from .log_coverage import log_coverage
 from .model.fitted_model import FittedModel, StoredModel
 from .noise.noise_model import NoiseModel
 from .noise.noise_text import duration_text, noise_rows
 from .report.check_sentences import check_sentences, doubt
 from .report.checks import Checks
-from .report.order_table import Order, judged_orders
+from .report.order_table import Order, exceeds_noise, fractional_error, judged_orders
 from .report.parameters import Outcome, Parameter
 from .report.per_log import LogRecord
 from .settings import FitSettings
@@ -110,6 +114,37 @@ class Fit(PlottedResult):
         """The whole flank model of the fit: `given`, or `model` of a fit of the exact relation."""
         return self.model if self.given is None else self.given
 
+    @cached_property
+    def coverage(self) -> HuntingCoverage:
+        """Part of the hunting period that the logs cover."""
+        return log_coverage(self.curves, self.logs, self.pair)
+
+    @cached_property
+    def flank_errors(self) -> dict[Flank, FlankError]:
+        """Size of the fitted transmission error of each measured flank over the covered angles.
+
+        Fractional orders are part of it, with the phases of the first log; drift and regressors are
+        not. A flank of which no angle is known to be covered is left out.
+        """
+        if isinstance(model := self.flank_model, StoredModel):
+            return dict(model.errors)
+
+        def error(angle: Float[np.ndarray, " n"], flank: Flank) -> Float[np.ndarray, " n"]:
+            error = errors_at(model, flank, angle)
+            driven = float(self.pair.ratio) * angle + error
+            return error + fractional_error(self.orders, flank, angle, driven)
+
+        highest = max([model.highest_order, *(float(one.order) for one in self.orders)])
+        return {
+            flank: replace(
+                flank_error(partial(error, flank=flank), spans, highest),
+                significant=self.given is not None
+                or exceeds_noise(one for one in self.orders if one.flank == flank),
+            )
+            for flank, spans in self.coverage.spans.items()
+            if flank in self.flanks
+        }
+
     def value(self, name: str) -> float:
         """Return the value of a parameter; NaN if it has none."""
         value = self.parameters[name].value
@@ -160,6 +195,9 @@ class Fit(PlottedResult):
             "conditional_on": list(self.conditional_on),
             "noise": self.noise.to_json(),
             "residual_rms_deg": self.residual_rms_deg,
+            "transmission_error": {
+                flank: error.to_json() for flank, error in self.flank_errors.items()
+            },
             "parameters": {name: p.to_json() for name, p in self.parameters.items()},
             "regressors": {p.name: p.to_json() for p in self.regressors},
             "orders": [order.to_json() for order in self.judged_orders()],
@@ -228,6 +266,7 @@ def fit_text(fit: "Fit") -> str:
             ("zero of both angles", _ZEROS[fit.zero]),
             *_starts(fit.logs),
             ("residual", f"{rms:.5f}° rms ({rms * DEG / ARCSEC:.2f}″)"),
+            *_flank_errors(fit),
             *noise_rows(fit.noise, _longest_s(fit.curves)),
             ("drift", _drift(fit.checks)),
         ],
@@ -250,6 +289,15 @@ def fit_text(fit: "Fit") -> str:
     parts += _with_errors("checks", sentences)
     parts += _with_errors("notes", [note for note in fit.notes if note not in fit.warnings])
     return "\n\n".join(parts)
+
+
+def _flank_errors(fit: "Fit") -> list[tuple[str, str]]:
+    """Return the report rows (label, text) of the transmission error of each measured flank."""
+    turns = f"{fit.pair.hunting_turns} driving turns"
+    return [
+        (f"error of flank {flank}", f"{error}, over {error.turns:.3g} of {turns}")
+        for flank, error in fit.flank_errors.items()
+    ]
 
 
 def _with_errors(title: str, sentences: list[str]) -> list[str]:

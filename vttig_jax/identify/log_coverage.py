@@ -10,15 +10,16 @@ from ..base.units import DEG, REV
 from ..kinematics.hunting_coverage import HuntingCoverage, hunting_coverage
 from ..kinematics.te_curve import TECurve
 from ..pair.gear_pair import Drive, GearPair
-from .fit_result import Fit
-from .report.per_log import LogStart
+from .report.per_log import LogRecord, LogStart
 
 _LARGEST_TE_DEG = 0.5
 """Largest transmission error assumed in a start angle of a log, ° of the driven shaft (chosen)."""
 
 
-def log_coverage(fit: Fit) -> HuntingCoverage:
-    """Return the driving angles of the hunting period that the logs of a fit cover.
+def log_coverage(
+    curves: Sequence[TECurve], logs: Sequence[LogRecord], pair: GearPair | Drive
+) -> HuntingCoverage:
+    """Return the driving angles of the hunting period that logs cover; `Fit.coverage` calls it.
 
     The curves of the first log have the zero of the map. A further log with a zero of its own has
     start angles a₁ and a₂ that are known up to whole turns of their shafts. It lies in the turn k
@@ -28,22 +29,21 @@ def log_coverage(fit: Fit) -> HuntingCoverage:
     **Example**
     ```python
     >>> import vttig_jax
-    >>> from vttig_jax.identify.log_coverage import log_coverage
     >>> from vttig_jax.rig import paper_rig
     >>> vttig_jax.enable_x64()
     >>> rig = paper_rig()
-    >>> print(log_coverage(vttig_jax.fit(rig.log(), rig.pair)))
+    >>> print(vttig_jax.fit(rig.log(), rig.pair).coverage)
     all 16 driving turns of the hunting period on both flanks
 
     ```
     """
-    places = [_place(log.start, fit.pair) for log in fit.logs] or [0.0]
-    numbers = _log_numbers(fit.curves)
+    places = [_place(log.start, pair) for log in logs] or [0.0]
+    numbers = _log_numbers(curves)
     if numbers and numbers[-1] + 1 == len(places):
-        return hunting_coverage(fit.curves, fit.pair, [places[number] for number in numbers])
+        return hunting_coverage(curves, pair, [places[number] for number in numbers])
     # It is unknown which curve belongs to which log, but logs with a common zero need no place.
     common = 0.0 if all(place == 0.0 for place in places) else None
-    return hunting_coverage(fit.curves, fit.pair, [common] * len(fit.curves))
+    return hunting_coverage(curves, pair, [common] * len(curves))
 
 
 def _log_numbers(curves: Sequence[TECurve]) -> list[int]:

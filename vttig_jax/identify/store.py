@@ -14,6 +14,7 @@ import numpy as np
 from ..base.errors import InputError, UsageError
 from ..base.files.commit import settle_if_free
 from ..base.files.limits import MemoryBudget, read_regular
+from ..kinematics.flank_error import FlankError
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..pair.gear_pair import Drive, GearPair
@@ -171,6 +172,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         sine=jnp.asarray(arrays["sine"]),
     )
     given = record.get("flank_model")
+    errors = record.get("transmission_error", {}).items()
     return Fit(
         pair=pair,
         source=record["source"],
@@ -186,7 +188,11 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         },
         orders=tuple(Order(**fields) for fields in record["orders"]),
         model=orders,
-        given=None if given is None else StoredModel(orders.ratio, str(given)),
+        given=None
+        if given is None
+        else StoredModel(
+            orders.ratio, str(given), tuple((flank, FlankError(**one)) for flank, one in errors)
+        ),
         noise=_noise_from(arrays),
         residual_rms_deg=record["residual_rms_deg"],
         curves=curves,

@@ -1,7 +1,11 @@
 """Harmonic flank models: Fourier series in both shaft angles, alone or added to the exact model."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arrays import Numbers
@@ -12,6 +16,11 @@ from .flank_model import ImplicitModel, flank_index
 
 Term = tuple[int, int]
 """Orders (n₁, n₂) of one harmonic with phase n₁ φ₁ + n₂ φ₂; (k z₁, 0) for tooth-mesh order k."""
+
+_MOST_STEPS = 20  # most Newton steps to the driven angle; chosen value, three are needed
+_SETTLED = 1e-9
+"""Size of the last Newton step, rad (chosen). The remaining error is about its square, which is
+below the rounding error."""
 
 
 class OrderModel(ImplicitModel):
@@ -77,3 +86,32 @@ class CombinedModel(ImplicitModel):
         return self.exact.at_both_angles(
             driving_angle, driven_angle, flank
         ) + self.orders.at_both_angles(driving_angle, driven_angle, flank)
+
+
+def linearised_series(
+    ratio: float,
+    terms: tuple[tuple[int, int], ...],
+    coefficients: Sequence[Any],
+    driving_angle: Float[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n c"]]:
+    """Return TE of a harmonic series, rad, and its derivatives by all coefficients.
+
+    `terms` are the orders (n₁, n₂) of the harmonics, as in `OrderModel`. `coefficients` are the
+    offset, the cosines and the sines of one flank, rad. NumPy finds the driven angle by Newton
+    steps, so that JAX need not compile a program for each number of angles.
+    """
+    offset, cosine, sine = coefficients
+    orders = np.asarray(terms, float).reshape(-1, 2)
+    ideal = np.outer(driving_angle, orders[:, 0]) + np.outer(ratio * driving_angle, orders[:, 1])
+    error, steps = np.zeros(len(ideal)), 0
+    while True:
+        phase = ideal + np.outer(error, orders[:, 1])
+        in_phase, quadrature = np.cos(phase), np.sin(phase)
+        slope = in_phase @ (sine * orders[:, 1]) - quadrature @ (cosine * orders[:, 1])
+        step = (offset + in_phase @ cosine + quadrature @ sine - error) / (1.0 - slope)
+        error, steps = error + step, steps + 1
+        moved = np.abs(step).max(initial=0.0)
+        if not moved > _SETTLED or steps == _MOST_STEPS:  # `not >` also ends the loop for NaN
+            break
+    basis = np.concatenate([np.ones((len(ideal), 1)), in_phase, quadrature], axis=1)
+    return error, basis / (1.0 - slope)[:, None]

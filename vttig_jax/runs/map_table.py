@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..identify.fit_result import Fit
     from ..kinematics.backlash_map import BacklashMap, Extreme
+    from ..pair.gear_pair import Drive, GearPair
     from ..posterior.summary.bands import BandedMap
 
 COLUMNS: tuple[str, ...] = (
@@ -51,6 +52,21 @@ def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
     if grid.shift is not None:
         found += [end / DEG for end in grid.interval(backlash)]
     return np.stack(found, axis=1)
+
+
+def shift_first(
+    table: Any, columns: Sequence[str], pair: "GearPair | Drive"
+) -> tuple[Any, tuple[str, ...]]:
+    """Return a table of the backlash with its axial columns behind the angle, and their names.
+
+    **Raises** `UsageError` for a pair whose backlash no axial displacement closes.
+    """
+    from ..control.compensation.compensation import closing_of, require_closing
+
+    require_closing(closing_of(pair))
+    behind = [place for place, name in enumerate(columns) if not name.startswith("axial")]
+    order = [0, *sorted(set(range(len(columns))) - set(behind)), *behind[1:]]
+    return table[:, order], tuple(columns[place] for place in order)
 
 
 def map_record(

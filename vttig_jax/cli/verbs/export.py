@@ -1,21 +1,21 @@
-"""`vttig export`: the backlash map for a controller, as CSV, JSON or a C header."""
+"""`vttig export`: backlash or transmission error for a controller, as CSV, JSON or a C header."""
 
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from ...base.errors import UsageError, VttigError
 from ...base.logger import LOGGER
-from ...runs.map_table import columns_of, csv_text, map_record, map_table
+from ...runs.map_table import columns_of, csv_text, map_record, map_table, shift_first
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
 from ..options import STEP_DEG, Finite, given, verb
 from ..output import Output
-from .map import MOST_ROWS
+from .map import MOST_ROWS, QuantityName, drawn
 
 if TYPE_CHECKING:
     from ...control.compensation.c_header import HeaderOrigin
@@ -24,12 +24,10 @@ if TYPE_CHECKING:
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.flank_model import FlankModel
 
-QuantityName = Literal["shift", "backlash"]
-
 _OPTIONS = {
     ".csv": ("step_deg",),
     ".json": ("tolerance_arcsec", "accuracy_arcsec"),
-    ".h": ("tolerance_arcsec", "accuracy_arcsec", "name", "quantity"),
+    ".h": ("tolerance_arcsec", "accuracy_arcsec", "name"),
 }
 """Suffix of the file → the options that are valid only for some suffixes and valid for this one."""
 
@@ -44,6 +42,7 @@ difference between two readings that are taken 0.3 ms apart at 100 rpm."""
 vttig export run --out compensation.h --name axis_2
 vttig export run --out compensation.json
 vttig export run --out compensation.csv --step-deg 0.5
+vttig export run --quantity error --out error.csv
 """,
 )
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
@@ -59,9 +58,10 @@ vttig export run --out compensation.csv --step-deg 0.5
 )
 @click.option(
     "--quantity",
-    type=click.Choice(QuantityName.__args__),
-    default="shift",
-    help="With .h: axial shift and backlash (the default), or the backlash alone.",
+    type=click.Choice(get_args(QuantityName)),
+    help="With .h: axial shift and backlash (the default), or the backlash alone. With .csv and"
+    " .json: the backlash (the default), the same with the axial shift as the first column, or the"
+    " transmission error of each measured flank.",
 )
 @click.option(
     "--tolerance-arcsec",
@@ -84,61 +84,66 @@ def command(
     run_folder: Path,
     out: Path,
     name: str | None,
-    quantity: QuantityName,
+    quantity: QuantityName | None,
     tolerance_arcsec: float | None,
     accuracy_arcsec: float,
     step_deg: float,
     constant_backlash_deg: float | None,
     overwrite: bool,
 ) -> None:
-    """Write the backlash map of the fit in RUN for a controller.
+    """Write the backlash map, or the transmission error, of the fit in RUN for a controller.
 
     The C header needs no other header, not even math.h. Its functions take the angle of each shaft
     within one turn and find the turn within the hunting period from both angles. They return the
     status "unknown" if both angles cannot be readings of this pair at the same time. The JSON file
-    contains the same harmonics, the CSV file the table of `vttig map`.
+    contains the same harmonics, the CSV file the table of `vttig map`. The transmission error of a
+    flank (--quantity error) needs no gap: a log of one direction is enough.
     """
     suffix = out.suffix.lower()
-    _check_options(out, suffix, overwrite=overwrite)
+    quantity = quantity or ("shift" if suffix == ".h" else "backlash")
+    _check_options(out, suffix, quantity, overwrite=overwrite)
     import vttig_jax
 
+    from ...base.files.json_io import dumps
     from ...base.units import ARCSEC, DEG
-    from ...control.compensation.map_harmonics import compensation_of
 
     vttig_jax.enable_x64()
     opened = Run(run_folder)
-    run, fit = opened.record, opened.fit
-    shift = suffix == ".h" and quantity == "shift"
-    grid, contact = _maps(opened, constant_backlash_deg, header=suffix == ".h", shift=shift)
-    if (run_folder / CHECKPOINT).exists():
-        LOGGER.warning(
-            "this is the map of the fit; its draws know how far it may be wrong: `vttig map %s` has"
-            " bands and the closing that is safe with them",
-            run_folder,
-        )
-    if suffix == ".csv":
-        text, record = _table(fit, grid, step_deg, out)
-        _write(out, text, overwrite)
-        output.emit(record, f"{grid}\nwritten to {out}")
-        return
-    allowed_deg = max(_DEVIATIONS * fit.residual_rms_deg, _LEAST_DEG)
-    allowed = allowed_deg * DEG if tolerance_arcsec is None else tolerance_arcsec * ARCSEC
-    compensation = compensation_of(
-        grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
-    )
-    interval = _interval(fit) if constant_backlash_deg is None else None
-    record = _record(fit, compensation, out, interval)
-    if suffix == ".json":
-        from ...base.files.json_io import dumps
-
-        text = dumps(record) + "\n"
+    fit = opened.fit
+    if quantity == "error":
+        text, record, shown = _error(opened, out, step_deg, accuracy_arcsec * ARCSEC)
     else:
-        text = _header(compensation, _origin(run, fit, interval), name, quantity)
+        shift = quantity == "shift"
+        grid, contact = _maps(opened, constant_backlash_deg, header=suffix == ".h", shift=shift)
+        if suffix == ".csv":
+            text, record, shown = _table(fit, grid, step_deg, out, quantity)
+        else:
+            from ...control.compensation.map_harmonics import compensation_of
+
+            allowed_deg = max(_DEVIATIONS * fit.residual_rms_deg, _LEAST_DEG)
+            allowed = allowed_deg * DEG if tolerance_arcsec is None else tolerance_arcsec * ARCSEC
+            compensation = compensation_of(
+                grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
+            )
+            interval = _interval(fit) if constant_backlash_deg is None else None
+            record, shown = _record(fit, compensation, out, interval), str(compensation)
+            text = dumps(record) + "\n"
+            if suffix == ".h":
+                origin = _origin(opened.record, fit, interval)
+                text = _header(compensation, origin, name, shift=shift)
+    if (run_folder / CHECKPOINT).exists() and (quantity, suffix) != ("error", ".csv"):
+        asked = " --quantity error" if quantity == "error" else ""
+        LOGGER.warning(
+            "these are the values of the fit; its draws know how far they may be wrong:"
+            " `vttig map %s%s` has bands",
+            run_folder,
+            asked,
+        )
     _write(out, text, overwrite)
-    output.emit(record, f"{compensation}\nwritten to {out}")
+    output.emit(record, f"{shown}\nwritten to {out}")
 
 
-def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
+def _check_options(out: Path, suffix: str, quantity: QuantityName, *, overwrite: bool) -> None:
     if suffix not in _OPTIONS:
         raise UsageError(
             "--out writes .csv, .json or .h; choose a name that ends with one.", where=str(out)
@@ -146,6 +151,15 @@ def _check_options(out: Path, suffix: str, *, overwrite: bool) -> None:
     others = {option for options in _OPTIONS.values() for option in options} - set(_OPTIONS[suffix])
     if wrong := given(sorted(others)):
         raise UsageError(f"a {suffix} file takes no {' and no '.join(wrong)}; leave it out.")
+    if quantity == "error":
+        if suffix == ".h":
+            raise UsageError(
+                "a C header contains the backlash and the shift; write the transmission error to"
+                " .csv or .json.",
+                where=str(out),
+            )
+        if wrong := given({"tolerance_arcsec", "constant_backlash_deg"}):
+            raise UsageError(f"--quantity error takes no {' and no '.join(wrong)}; leave it out.")
     if out.exists() and not overwrite:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
 
@@ -214,24 +228,47 @@ def _require_delay(fit: "Fit") -> None:
     )
 
 
+def _error(
+    run: Run, out: Path, step_deg: float, left_out_rad: float
+) -> tuple[str, dict[str, Any], str]:
+    """Return the transmission error as CSV or JSON, its record, and its report."""
+    from ...base.files.json_io import dumps
+    from ...runs.error_table import error_harmonics, error_table
+
+    if out.suffix.lower() == ".csv":
+        turns = _whole_period(run.pair.hunting_turns, step_deg)
+        found = error_table(run.fit, drawn(run), step_deg, turns)
+        return csv_text(found.table(), found.columns), found.to_json(out), str(found)
+    record = error_harmonics(run.fit, out, left_out_rad)
+    held = [f"{len(one['harmonics'])} of flank {f}" for f, one in record["flanks"].items()]
+    return dumps(record) + "\n", record, f"harmonics of the error: {', '.join(held)}"
+
+
 def _table(
-    fit: "Fit", grid: "BacklashMap", step_deg: float, out: Path
-) -> tuple[str, dict[str, Any]]:
-    """Return the map over the hunting period as CSV, and the object of schema `vttig.map/1`.
+    fit: "Fit", grid: "BacklashMap", step_deg: float, out: Path, quantity: QuantityName
+) -> tuple[str, dict[str, Any], str]:
+    """Return the map over the hunting period as CSV, its record `vttig.map/1`, and its report."""
+    turns = _whole_period(grid.pair.hunting_turns, step_deg)
+    table, columns = map_table(grid, step_deg, turns), columns_of(grid)
+    if quantity == "shift":
+        table, columns = shift_first(table, columns, grid.pair)
+    record = map_record(fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out)
+    return csv_text(table, columns), record | {"quantity": quantity}, str(grid)
+
+
+def _whole_period(hunting_turns: int, step_deg: float) -> float:
+    """Return the driving turns of the hunting period.
 
     **Raises** `UsageError` for a step that gives too many rows.
     """
-    turns = float(grid.pair.hunting_turns)
+    turns = float(hunting_turns)
     if turns * 360.0 / step_deg > MOST_ROWS:
         raise UsageError(
             f"a hunting period of {turns:g} turns in steps of {step_deg:g}° is more than"
             f" {MOST_ROWS} rows; give --step-deg {math.ceil(turns * 360 / MOST_ROWS * 100) / 100:g}"
             " or more."
         )
-    table = map_table(grid, step_deg, turns)
-    return csv_text(table, columns_of(grid)), map_record(
-        fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
-    )
+    return turns
 
 
 def _record(
@@ -254,12 +291,12 @@ def _record(
 
 
 def _header(
-    compensation: "Compensation", origin: "HeaderOrigin", name: str | None, quantity: QuantityName
+    compensation: "Compensation", origin: "HeaderOrigin", name: str | None, *, shift: bool
 ) -> str:
     from ...control.compensation.c_header import c_header, identifier_of
 
     prefix = identifier_of(origin.pair) if name is None else name
-    return c_header(compensation, origin, name=prefix, quantity=quantity)
+    return c_header(compensation, origin, name=prefix, quantity="shift" if shift else "backlash")
 
 
 def _origin(run: RunRecord, fit: "Fit", interval: tuple[float, float] | None) -> "HeaderOrigin":

@@ -1,31 +1,55 @@
-"""`vttig map`: the backlash at every driving angle, from a run folder."""
+"""`vttig map`: backlash or transmission error at every driving angle, from a run folder."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
 from ...base.errors import UsageError
 from ...base.logger import LOGGER
-from ...runs.map_table import banded_record, columns_of, csv_text, map_record, map_table
+from ...runs.map_table import (
+    banded_record,
+    columns_of,
+    csv_text,
+    map_record,
+    map_table,
+    shift_first,
+)
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT
 from ..options import POSITIVE, STEP_DEG, Finite, given, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...posterior.summary.bands import BandedMap
+    from ...posterior.summary.posterior import Posterior
+
+QuantityName = Literal["backlash", "error", "shift"]
 
 MOST_ROWS = 200_000
 _MOST_ASKED = 20_000_000
+_NO_NOISE = "These values do not contain the noise of the fit: draws of `vttig sample` add bands"
 _NO_BAND = (
-    "These values do not contain the noise of the fit: draws of `vttig sample` add bands, the"
-    " interval of the smallest backlash, and how probable it is that a closing binds."
+    f"{_NO_NOISE}, the interval of the smallest backlash, and how probable it is that a closing"
+    " binds."
 )
+_NO_ERROR_BAND = f"{_NO_NOISE} and the interval of the peak-to-peak value."
 
 
-@verb("map", example="vttig map run --step-deg 0.5 --out map.csv")
+@verb(
+    "map",
+    example="""
+vttig map run --step-deg 0.5 --out map.csv
+vttig map run --quantity error --out error.csv
+""",
+)
 @click.argument("run_folder", metavar="D", type=click.Path(path_type=Path))
+@click.option(
+    "--quantity",
+    type=click.Choice(get_args(QuantityName)),
+    default="backlash",
+    help="Backlash (the default), the axial shift that closes it as the first column, or the"
+    " transmission error of each measured flank.",
+)
 @click.option("--step-deg", type=STEP_DEG, default=1.0)
 @click.option(
     "--span-rev",
@@ -50,6 +74,7 @@ _NO_BAND = (
 def command(
     output: Output,
     run_folder: Path,
+    quantity: QuantityName,
     step_deg: float,
     span_rev: float | None,
     constant_backlash_deg: float | None,
@@ -66,30 +91,46 @@ def command(
     draws of `vttig sample`, it also contains two bands: one for each single angle, and one for the
     whole map at once. The report says which part of the hunting period the log covered on both
     flanks; the rest is extrapolated by the fitted orders. The JSON object lists the covered spans.
+
+    With --quantity error, the CSV file contains the transmission error of each measured flank, also
+    of a log of one direction, and the report its peak-to-peak value and rms.
     """
     import vttig_jax
 
-    from ...identify.backlash import backlash_map
-
+    if quantity == "error" and (wrong := given({"closing_mm", "constant_backlash_deg"})):
+        raise UsageError(f"--quantity error takes no {wrong[0]}; leave it out.")
     vttig_jax.enable_x64()
     run = Run(run_folder)
     fit = run.fit
     turns = _span(run.pair.hunting_turns, step_deg, span_rev)
-    if (run_folder / CHECKPOINT).exists() and constant_backlash_deg is None:
-        banded = banded_map(run, step_deg, turns, probability)
+    posterior = drawn(run) if constant_backlash_deg is None else None
+    if posterior is None and (asked := given({"closing_mm", "probability"})):
+        raise _without_draws(asked[0], run_folder, constant_backlash_deg)
+    if quantity == "error":
+        from ...runs.error_table import error_table
+
+        errors = error_table(fit, posterior, step_deg, turns, probability)
+        table, columns, record = errors.table(), errors.columns, errors.to_json(out)
+        shown = str(errors) if posterior else f"{errors}\n\n{_NO_ERROR_BAND}"
+    elif posterior is not None:
+        from ...posterior.summary.bands import band_map
+
+        banded = band_map(posterior, step_deg, turns, probability)
         table, columns = banded.table(), banded.columns
         record = banded_record(fit, banded, len(table), out, closing_mm)
-        shown: object = f"{banded}{_bindings(record)}"
+        shown = f"{banded}{_bindings(record)}"
     else:
-        if asked := given({"closing_mm", "probability"}):
-            raise _without_draws(asked[0], run_folder, constant_backlash_deg)
+        from ...identify.backlash import backlash_map
+
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
         table, columns = map_table(grid, step_deg, turns), columns_of(grid)
         record = map_record(
             fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
         )
         shown = f"{grid}\n\n{_NO_BAND}"
-    record["run"] = run.record.digest
+    if quantity == "shift":
+        table, columns = shift_first(table, columns, fit.pair)
+    record |= {"quantity": quantity, "run": run.record.digest}
     if out is not None:
         _write(out, csv_text(table, columns), record, overwrite)
     else:
@@ -97,16 +138,16 @@ def command(
     output.emit(record, shown)
 
 
-def banded_map(run: Run, step_deg: float, turns: float, probability: float) -> "BandedMap":
-    """Return the backlash map with bands from the posterior draws in a run folder."""
-    from ...posterior.summary.bands import band_map
-
+def drawn(run: Run) -> "Posterior | None":
+    """Return the posterior in a run folder, with a warning if it has not converged; or None."""
+    if not (run.folder / CHECKPOINT).exists():
+        return None
     posterior = run.posterior
     if not posterior.diagnosis.converged:
         LOGGER.warning(
             "the draws have not converged, so the bands may be too narrow: %s", posterior.diagnosis
         )
-    return band_map(posterior, step_deg, turns, probability)
+    return posterior
 
 
 def _bindings(record: dict[str, Any]) -> str:

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Real
 
 from ...base.arrays import Numbers
 from ...base.errors import UsageError
+from ...kinematics.flank_error import FlankError
 from ...kinematics.flank_model import FlankModel, ImplicitModel
 from ...kinematics.harmonic import OrderModel
 from ...pair.gear_pair import Flank
@@ -69,13 +70,15 @@ def _array(leaf: Any) -> Any:
 class StoredModel(FlankModel):
     """Placeholder for a given flank model, because a run folder does not store its code.
 
-    Every use of it raises an error.
+    Every use of it raises an error. `errors` are the sizes of the transmission error that the fit
+    has stored.
 
     **Raises** `UsageError` with the name of the class and the cure.
     """
 
     ratio: Float[Numbers, ""]
     name: str = eqx.field(static=True)
+    errors: tuple[tuple[Flank, FlankError], ...] = eqx.field(static=True, default=())
 
     @property
     def highest_order(self) -> float:

@@ -1,13 +1,16 @@
 """Table of the fitted harmonics of every flank, with amplitude, phase and standard error."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
+from scipy.special import erfc, gammaincc
 
 from ...base.numerics.polar_spread import polar_spread
-from ...base.units import ARCSEC
+from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Flank
 from ..solve.sandwich import Scatter, functional_of, standard_errors
 from ..solve.solved_fit import SolvedFit
@@ -131,7 +134,7 @@ def judged_orders(
     def cycles_of(order: Order) -> float:
         return order.order * (ratio if order.shaft == "driven" else 1.0)
 
-    fractional = [one for one in orders if one.order != int(one.order)]
+    fractional = [one for one in orders if is_fractional(one)]
 
     def is_leakage(order: Order) -> bool:
         beside = [(line.flank, line.cycles_per_rev, line.amplitude_arcsec) for line in lines]
@@ -150,3 +153,39 @@ def judged_orders(
     return tuple(
         replace(order, significant=order.significant and not is_leakage(order)) for order in orders
     )
+
+
+def exceeds_noise(orders: Iterable[Order]) -> bool:
+    """Return whether the orders of a flank are together larger than noise.
+
+    Without an error of the gears, Σ (amplitude/std)² of K orders follows χ² with 2K degrees of
+    freedom. It has to be so large that noise exceeds it as seldom as three standard errors. One
+    order of many is above its own three standard errors far more often.
+    """
+    found = [one for one in orders if one.amplitude_arcsec > 0]
+    if any(one.std_arcsec == 0 for one in found):
+        return True  # a log without noise
+    ratios = [one.amplitude_arcsec / one.std_arcsec for one in found]
+    chance = gammaincc(len(ratios), sum(ratio**2 for ratio in ratios) / 2) if ratios else 1.0
+    return bool(chance < erfc(SIGNIFICANT / math.sqrt(2)))
+
+
+def is_fractional(order: Order) -> bool:
+    """Return whether an order has no fixed position on its shaft, so that no map contains it."""
+    return not float(order.order).is_integer()
+
+
+def fractional_error(
+    orders: Sequence[Order],
+    flank: Flank,
+    driving_angle: Float[np.ndarray, " n"],
+    driven_angle: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Return the part of fractional orders in TE of `flank`, rad, at angles of the log in rad."""
+    shafts = {"driving": driving_angle, "driven": driven_angle}
+    total = np.zeros(len(driving_angle))
+    for one in orders:
+        if one.flank == flank and is_fractional(one):
+            phase = one.order * shafts[one.shaft] + one.phase_deg * DEG
+            total += one.amplitude_arcsec * ARCSEC * np.sin(phase)
+    return total

@@ -57,6 +57,27 @@ class Band:
         """Upper edge of the simultaneous band, never below that of the pointwise band."""
         return np.maximum(self.centre + self.critical * self.std, self.high)
 
+    @property
+    def edges(self) -> dict[str, Curve]:
+        """Edges of both bands by the names of their columns, such as low95, without the unit."""
+        percent = f"{100 * self.probability:.6g}"
+        return {
+            f"low{percent}": self.low,
+            f"high{percent}": self.high,
+            f"low{percent}_simultaneous": self.low_simultaneous,
+            f"high{percent}_simultaneous": self.high_simultaneous,
+        }
+
+    def rows(self, of: str) -> list[tuple[str, str]]:
+        """Return the report rows (label, text) of a band in rad; `of` names the whole curve."""
+        percent = f"{100 * self.probability:.6g} %"
+        pointwise = np.median(self.high - self.low) / 2 / DEG
+        whole = np.median(self.critical * self.std) / DEG
+        return [
+            (f"{percent} at one angle", f"± {pointwise:.2g}° (median)"),
+            (f"{percent} of the whole {of}", f"± {whole:.2g}°, {self.critical:.2f} std"),
+        ]
+
 
 def band(curves: Float[np.ndarray, "m n"], probability: float = 0.95) -> Band:
     """Return the bands of a curve from its draws.
@@ -142,10 +163,7 @@ class BandedMap(PlottedResult):
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of `table`: those of a map without bands, then the bands."""
-        percent = f"{100 * self.band.probability:.6g}"
-        ends = [
-            f"{end}{percent}{kind}" for kind in ("", "_simultaneous") for end in ("low", "high")
-        ]
+        ends = self.band.edges
         return (
             "driving_deg",
             "backlash_deg",
@@ -164,9 +182,7 @@ class BandedMap(PlottedResult):
         columns also without taper.
         """
         radius, axial = millimetres(self.map.pair)
-        band = self.band
-        ends = [band.low, band.high, band.low_simultaneous, band.high_simultaneous]
-        gap = band.centre
+        ends, gap = self.band.edges.values(), self.band.centre
         return np.stack(
             [
                 self.driving_angle / DEG,
@@ -181,14 +197,10 @@ class BandedMap(PlottedResult):
         )
 
     def __str__(self) -> str:
-        band, percent = self.band, f"{100 * self.band.probability:.6g} %"
-        pointwise = np.median(band.high - band.low) / 2 / DEG
-        whole = np.median(band.critical * band.std) / DEG
         rows = [
             ("span", f"{self.turns:.6g} driving turns in steps of {self.step_deg:g}°"),
             *self.map.coverage_rows,
-            (f"{percent} at one angle", f"± {pointwise:.2g}° (median)"),
-            (f"{percent} of the whole map", f"± {whole:.2g}°, {band.critical:.2f} std"),
+            *self.band.rows("map"),
             *self.smallest.rows(),
         ]
         return key_values(rows, title="backlash map with bands")

@@ -7,10 +7,9 @@ draws.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -19,17 +18,12 @@ from jaxtyping import Complex, Float
 from ...base.errors import PairError
 from ...base.units import REV
 from ...kinematics.flank_model import flank_index
-from ...kinematics.harmonic import OrderModel
+from ...kinematics.harmonic import OrderModel, linearised_series
 from ...pair.gear_pair import Drive, Flank, GearPair
 from .draws import SmallestGap
 
 _CHUNK = 256
 """Angles per block (chosen): 8 MB of curves for 4000 draws."""
-
-_MOST_STEPS = 20  # most Newton steps to the driven angle; chosen value, three are needed
-_SETTLED = 1e-9
-"""Size of the last Newton step, rad (chosen). The remaining error is about its square, which is
-below the rounding error."""
 
 _PER_PERIOD = 8  # grid points per period of the highest order (chosen)
 _LIMIT_PLACES, _LIMIT_DRAWS = 200, 2000  # angles and draws for the upper limit (chosen)
@@ -40,35 +34,6 @@ _MOST_PHASES = 4_000_000  # most bytes of an array over draws, candidates and te
 
 Angles = Float[np.ndarray, " n"]
 Curves = Float[np.ndarray, "n m"]
-
-
-def linearised_series(
-    ratio: float,
-    terms: tuple[tuple[int, int], ...],
-    coefficients: Sequence[Any],
-    driving_angle: Angles,
-) -> tuple[Angles, Float[np.ndarray, "n c"]]:
-    """Return TE of a harmonic series, rad, and its derivatives by all coefficients.
-
-    `terms` are the orders (n₁, n₂) of the harmonics, as in `OrderModel`. `coefficients` are the
-    offset, the cosines and the sines of one flank, rad. NumPy finds the driven angle by Newton
-    steps, so that JAX need not compile a program for each number of angles.
-    """
-    offset, cosine, sine = coefficients
-    orders = np.asarray(terms, float).reshape(-1, 2)
-    ideal = np.outer(driving_angle, orders[:, 0]) + np.outer(ratio * driving_angle, orders[:, 1])
-    error, steps = np.zeros(len(ideal)), 0
-    while True:
-        phase = ideal + np.outer(error, orders[:, 1])
-        in_phase, quadrature = np.cos(phase), np.sin(phase)
-        slope = in_phase @ (sine * orders[:, 1]) - quadrature @ (cosine * orders[:, 1])
-        step = (offset + in_phase @ cosine + quadrature @ sine - error) / (1.0 - slope)
-        error, steps = error + step, steps + 1
-        moved = np.abs(step).max(initial=0.0)
-        if not moved > _SETTLED or steps == _MOST_STEPS:  # `not >` also ends the loop for NaN
-            break
-    basis = np.concatenate([np.ones((len(ideal), 1)), in_phase, quadrature], axis=1)
-    return error, basis / (1.0 - slope)[:, None]
 
 
 @dataclass(frozen=True)
@@ -115,14 +80,15 @@ class GapDraws:
         centre, basis = self._gap_basis(driving_angle)
         return centre[:, None] + basis @ self._gap_deviations + self.of_delay
 
-    def chunks(self, driving_angle: Angles) -> Iterator[Curves]:
+    def chunks(self, driving_angle: Angles, flank: Flank | None = None) -> Iterator[Curves]:
         """Yield the backlash of every draw for successive blocks of `driving_angle` (rad).
 
-        Each block is a result of `over`: rad of the driven gear, shape (angles of the block, m).
-        Blocks of at most `_CHUNK` angles limit the memory.
+        Each block is a result of `over`, or of `errors` for a `flank`: rad of the driven gear,
+        shape (angles of the block, m). Blocks of at most `_CHUNK` angles limit the memory.
         """
         for start in range(0, len(driving_angle), _CHUNK):
-            yield self.over(driving_angle[start : start + _CHUNK])
+            block = driving_angle[start : start + _CHUNK]
+            yield self.over(block) if flank is None else self.errors(block, flank)
 
     @cached_property
     def smallest(self) -> SmallestGap:

@@ -22,9 +22,8 @@ from ...base.numerics.quantiles import NORMAL_95
 from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
 from ...kinematics.flank_model import flank_index
-from ...kinematics.harmonic import OrderModel
+from ...kinematics.harmonic import OrderModel, linearised_series
 from ...kinematics.te_curve import TECurve
-from .gap_draws import linearised_series
 from .posterior import Posterior, flank_draws
 
 _WINDOW = 10.0 * DEG

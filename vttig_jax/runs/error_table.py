@@ -1,0 +1,285 @@
+"""Transmission error of each measured flank over the driving angle, with bands from draws."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..base.files.text_tables import key_values
+from ..base.results import TextResult
+from ..base.units import DEG
+from ..identify.backlash import no_period, shift_of_delay
+from ..identify.fit_result import Fit
+from ..identify.model.fitted_model import StoredModel
+from ..identify.report.order_table import exceeds_noise, is_fractional
+from ..kinematics.backlash_map import BacklashMap
+from ..kinematics.flank_error import POINTS_PER_PERIOD, FlankError, errors_at, size_of
+from ..kinematics.flank_model import flank_index
+from ..kinematics.harmonic import OrderModel
+from ..pair.gear_pair import Flank
+from ..posterior.summary.bands import Band, streamed_band
+from ..posterior.summary.gap_draws import GapDraws
+from ..posterior.summary.posterior import Posterior, flank_draws, gap_draws
+
+
+class FlankColumns(NamedTuple):
+    """Transmission error of a flank at the rows of a table, rad of the driven gear.
+
+    **Arguments**
+    - `error`: values, shape (rows,). - `size`: peak-to-peak value and rms over the whole span.
+    - `band`, `peaks`: bands of `error`, and the peak-to-peak value of every draw; None without
+      draws.
+    """
+
+    error: Float[np.ndarray, " rows"]
+    size: FlankError
+    band: Band | None = None
+    peaks: Float[np.ndarray, " m"] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the sizes, °, and with draws the interval of the peak-to-peak value."""
+        record = self.size.to_json()
+        if self.band is None or self.peaks is None:
+            return record
+        low, median, high = np.quantile(self.peaks, [0.025, 0.5, 0.975])
+        values = self.peaks.mean(), self.peaks.std(ddof=1), median, low, high
+        names = ("mean", "std", "median", "low95", "high95")
+        return record | {
+            "peak_to_peak_draws_deg": {
+                name: float(value) / DEG for name, value in zip(names, values, strict=True)
+            },
+            "probability": self.band.probability,
+            "critical": self.band.critical,
+        }
+
+
+@dataclass(frozen=True)
+class ErrorTable(TextResult):
+    """Transmission error of each measured flank at driving angles 0°, `step_deg`, ….
+
+    The mean of an error tells where the encoders read zero and nothing about the gears, and is
+    taken off. If the log determines the gap, the mean of flank A is taken off both flanks, so that
+    TE_B − TE_A is the backlash.
+
+    **Arguments**
+    - `fit`: fit whose orders the table contains, except the fractional ones.
+    - `step_deg`, `turns`: step, °, and span, turns of the driving shaft.
+    - `flanks`: columns of every measured flank. - `zero_mean`: flanks whose rows have mean zero.
+    """
+
+    fit: Fit
+    step_deg: float
+    turns: float
+    flanks: dict[Flank, FlankColumns]
+    zero_mean: tuple[Flank, ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns of `table`: the angle, the flanks, then the bands of each flank."""
+        names = [f"te_{flank.lower()}" for flank in self.flanks]
+        for flank, one in self.flanks.items():
+            names += [f"te_{flank.lower()}_{edge}" for edge in one.band.edges] if one.band else []
+        return ("driving_deg", *(f"{name}_deg" for name in names))
+
+    def table(self) -> Float[np.ndarray, "rows columns"]:
+        """Return the values of `columns`, one row for each driving angle."""
+        values = [one.error for one in self.flanks.values()]
+        for one in self.flanks.values():
+            values += one.band.edges.values() if one.band else []
+        return np.stack([_angles(self.step_deg, self.turns), *values], axis=1) / DEG
+
+    def to_json(self, out: Path | None = None) -> dict[str, Any]:
+        """Return the object of schema `vttig.map/1`; `out` is the path of the CSV file."""
+        fit, shift = self.fit, None
+        if self.zero_mean != tuple(self.flanks):
+            shift = shift_of_delay(fit)
+        return {
+            "schema": "vttig.map/1",
+            "quantity": "error",
+            "pair": fit.pair.name,
+            "source": fit.source,
+            "conditional_on": list(fit.conditional_on),
+            "zero": fit.zero,
+            "hunting_turns": fit.pair.hunting_turns,
+            "span_turns": self.turns,
+            "step_deg": self.step_deg,
+            "rows": len(_angles(self.step_deg, self.turns)),
+            "no_period": no_period(fit),
+            "coverage": fit.coverage.to_json() | {"sentence": self._covered},
+            "zero_mean_flanks": list(self.zero_mean),
+            "backlash_shift_deg": None if shift is None else [end / DEG for end in shift],
+            "left_out": [order.to_json() for order in fit.orders if is_fractional(order)],
+            "transmission_error": {flank: one.to_json() for flank, one in self.flanks.items()},
+            "csv": None if out is None else out.name,
+        }
+
+    @property
+    def _covered(self) -> str:
+        turns, shares = self.fit.pair.hunting_turns, self.fit.coverage.to_json()["flank_shares"]
+        covered = {flank: shares.get(flank, 0.0) * turns for flank in self.flanks}
+        seen = [f"{own:.3g} of {turns} driving turns on flank {f}" for f, own in covered.items()]
+        text = f"{'at least ' if self.fit.coverage.unplaced else ''}{', '.join(seen)}"
+        if min(covered.values()) > turns * (1 - 1e-9):
+            return text
+        return f"{text}; elsewhere the error is extrapolated by the fitted orders"
+
+    def __str__(self) -> str:
+        fit, record = self.fit, self.to_json()
+        why, shift = record["no_period"], record["backlash_shift_deg"]
+        rows = [("hunting period", f"none: {why}" if why else fit.pair.hunting_period)]
+        rows += [] if why else [("covered", self._covered)]
+        rows.append(("span", f"{self.turns:.6g} driving turns in steps of {self.step_deg:g}°"))
+        if self.turns > 1 and not any(driven for _, driven in fit.model.terms):
+            alike = "every driving turn is alike, because no order of the driven shaft is fitted"
+            rows.append(("", f"{alike}; --span-rev 1 shows it all"))
+        zero = f"mean of {' and mean of '.join(f'flank {flank}' for flank in self.zero_mean)}"
+        if self.zero_mean != tuple(self.flanks):
+            zero += "; flank B stands above flank A by the backlash"
+        elif len(self.flanks) == 2:
+            zero += "; the log does not determine the gap between them"
+        if shift:
+            open_ = f"{shift[0]:.5f}° … {shift[1]:+.5f}°"
+            zero += f", or {open_} beside it with the delay that the log leaves open"
+        rows.append(("zero of the error", zero))
+        for flank, one in self.flanks.items():
+            rows.append((f"flank {flank}", str(one.size)))
+            if one.band is not None:
+                peaks = one.to_json()["peak_to_peak_draws_deg"]
+                span = f"{peaks['median']:.5f}° ({peaks['low95']:.5f}° … {peaks['high95']:.5f}°)"
+                rows.append(("peak to peak of draws", f"{span}, 95 %"))
+                rows += one.band.rows("curve")
+        left: dict[str, float] = {}
+        for one in record["left_out"]:
+            name = f"{one['shaft']} order {one['order']}"
+            left[name] = max(one["amplitude_arcsec"], left.get(name, 0.0))
+        if left:
+            names = [f"{name} ({amplitude:.3g}″)" for name, amplitude in left.items()]
+            rows.append(("left out", f"{', '.join(names)}: no fixed position on the gears"))
+        return key_values(rows, title="transmission error")
+
+
+def error_table(
+    fit: Fit,
+    posterior: Posterior | None,
+    step_deg: float,
+    turns: float,
+    probability: float = 0.95,
+) -> ErrorTable:
+    """Return the transmission error of every measured flank, also where the gap is unknown.
+
+    **Arguments**
+    - `fit`: fit of a run folder. - `posterior`: its draws, which give the bands, or None.
+    - `step_deg`, `turns`: step, °, and span, driving turns.
+    - `probability`: probability of both bands.
+
+    **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
+    """
+    measured, zero_mean = _flanks(fit)
+    draws, model = None, fit.model
+    if posterior is not None:
+        draws = flank_draws(posterior) if zero_mean == measured else gap_draws(posterior)
+        model = draws.mean_model
+    angle = _angles(step_deg, turns)
+    # Between the rows there are further points where the rows do not resolve the highest order.
+    split = math.ceil(step_deg / 360.0 * POINTS_PER_PERIOD * max(model.highest_order, 1.0))
+    fine = (angle[:, None] + step_deg * DEG * np.arange(split) / split).ravel()
+    flanks: dict[Flank, FlankColumns] = {}
+    level: float | Float[np.ndarray, " m"] = 0.0
+    for flank in measured:
+        error = errors_at(model, flank, fine)
+        orders = [one for one in fit.orders if one.flank == flank and not is_fractional(one)]
+        size = size_of(error, turns, significant=exceeds_noise(orders))
+        if draws is None:
+            level = error.mean() if flank in zero_mean else level
+            flanks[flank] = FlankColumns(error[::split] - level, size)
+            continue
+        mean, peaks = _means_and_peaks(draws, fine, flank)
+        level = mean if flank in zero_mean else level - draws.of_delay
+        curves = (block - level for block in draws.chunks(angle, flank))
+        band = streamed_band(curves, probability)
+        flanks[flank] = FlankColumns(band.centre, size, band, peaks)
+    return ErrorTable(fit, step_deg, turns, flanks, zero_mean)
+
+
+def error_harmonics(fit: Fit, out: Path, left_out_rad: float = 0.0) -> dict[str, Any]:
+    """Return the transmission error of every measured flank as harmonics of the driving angle.
+
+    The result is an object of schema `vttig.compensation/1`. The error of a flank is the backlash
+    of a model whose other flank has none.
+
+    **Arguments**
+    - `out`: path of the file. - `left_out_rad`: see `compensation_of`.
+
+    **Raises** the errors of `error_table` and `compensation_of`.
+    """
+    from ..control.compensation.map_harmonics import compensation_of
+
+    measured, zero_mean = _flanks(fit)
+    found: dict[Flank, dict[str, Any]] = {}
+    level = 0.0
+    for flank in measured:
+        side = flank_index(flank)
+        own = [part[side] for part in (fit.model.offset, fit.model.cosine, fit.model.sine)]
+        parts = [jnp.stack([jnp.zeros_like(part), part]) for part in own]
+        alone = OrderModel(fit.model.ratio, fit.model.terms, *parts)
+        grid = BacklashMap(alone, None, fit.pair)
+        record = compensation_of(grid, allowed_rad=0.0, left_out_rad=left_out_rad).to_json()
+        level = record["constant_rad"] if flank in zero_mean else level
+        found[flank] = {
+            "mean_rad": level,
+            "constant_rad": record["constant_rad"] - level,
+            "harmonics": record["harmonics"],
+            "error_rad": record["error_rad"],
+        }
+    return {
+        "schema": "vttig.compensation/1",
+        "quantity": "error",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "sha256": fit.sha256,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "zero_readings": fit.zero_readings,
+        "file": out.name,
+        "meaning": "transmission error of a flank, rad of the driven gear = constant_rad + sum of"
+        " cos_rad cos(p) + sin_rad sin(p) with p = (driving_order + driven_order ratio) phi1;"
+        " phi1: driving angle from the zero of the fit, turns counted within the hunting period."
+        " mean_rad was taken off: it is where the encoders read zero.",
+        "ratio": str(fit.pair.ratio),
+        "ratio_value": float(fit.pair.ratio),
+        "hunting_turns": fit.pair.hunting_turns,
+        "zero_mean_flanks": list(zero_mean),
+        "flanks": found,
+    }
+
+
+def _flanks(fit: Fit) -> tuple[tuple[Flank, ...], tuple[Flank, ...]]:
+    """Return the measured flanks, and those whose mean is taken off: A alone if the gap is known.
+
+    **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
+    """
+    if isinstance(fit.given, StoredModel):
+        fit.given.refuse(fit.source)
+    measured: tuple[Flank, ...] = tuple(one for one in get_args(Flank) if one in fit.flanks)
+    has_gap = len(measured) == 2 and fit.parameters["constant_backlash_deg"].determined
+    return measured, measured[:1] if has_gap else measured
+
+
+def _angles(step_deg: float, turns: float) -> Float[np.ndarray, " rows"]:
+    """Return the driving angles of the rows, rad."""
+    return np.arange(math.ceil(turns * 360.0 / step_deg - 1e-9)) * step_deg * DEG
+
+
+def _means_and_peaks(
+    draws: GapDraws, angle: Float[np.ndarray, " n"], flank: Flank
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return the mean and the peak-to-peak value of TE of every draw over driving angles, rad."""
+    total, low, high = 0.0, np.inf, -np.inf
+    for block in draws.chunks(angle, flank):
+        total = total + block.sum(axis=0)
+        low, high = np.minimum(low, block.min(axis=0)), np.maximum(high, block.max(axis=0))
+    return np.asarray(total / len(angle)), np.asarray(high - low)
