@@ -79,6 +79,7 @@ INNER_FLOORS = {
         "report",
         "evidence",
         "log_coverage",
+        "covered_errors",
         "fit_result",
         "store",
         "given_search",

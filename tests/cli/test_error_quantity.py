@@ -4,6 +4,7 @@ The logs are made by plain trigonometry from a known transmission error of each 
 """
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -139,14 +140,26 @@ def test_the_report_of_the_fit_has_the_size_of_the_covered_angles(both, worm, tm
         (both, error_arcsec, ("A", "B"), 2.0),
         (worm, worm_arcsec, ("A",), TURNS),
     ):
+        fit = open_run(run).fit
         record = json.loads((run / "fit.json").read_text())["transmission_error"]
-        assert tuple(record) == flanks
-        for flank in flanks:
+        assert tuple(record) == tuple(fit.flank_errors) == flanks
+        for flank, size in fit.flank_errors.items():
             true = truth_deg(error, flank, np.arange(0, 720, 0.5))
             assert record[flank]["peak_to_peak_deg"] == pytest.approx(np.ptp(true), abs=1 / 3600)
             assert record[flank]["rms_deg"] == pytest.approx(true.std(), abs=0.2 / 3600)
             assert record[flank]["turns"] == pytest.approx(turns, abs=1.0)
-            assert str(open_run(run).fit.flank_errors[flank]) in str(open_run(run).fit)
+            assert size.to_json() == record[flank] and str(size) in str(fit)
+
+
+def test_a_run_folder_of_an_older_version_opens(vttig_json, both, tmp_path):
+    """Its fit.json does not have the sizes yet."""
+    run = Path(shutil.copytree(both, tmp_path / "run"))
+    record = json.loads((run / "fit.json").read_text())
+    sizes = record.pop("transmission_error")
+    (run / "fit.json").write_text(json.dumps(record))
+    assert open_run(run).fit.to_json()["transmission_error"] == sizes
+    old, new = (vttig_json("map", one, "--quantity", "error")[1] for one in (run, both))
+    assert old == new
 
 
 def test_a_worm_of_one_direction_has_an_error_and_no_backlash(vttig, vttig_json, worm, tmp_path):
@@ -161,6 +174,22 @@ def test_a_worm_of_one_direction_has_an_error_and_no_backlash(vttig, vttig_json,
     assert code == 0 and (tmp_path / "x.csv").read_bytes() == (tmp_path / "te.csv").read_bytes()
     assert not (tmp_path / "x.json").exists()
     assert exported["transmission_error"] == record["transmission_error"]
+
+
+def test_one_flank_of_a_gear_pair(vttig, vttig_json, rig_folder, run_folder, tmp_path):
+    log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
+    out = tmp_path / "run"
+    assert vttig("fit", log, "--pair", pair, "--flank", "B", "--out", out, "--no-figures")[0] == 0
+    assert list(json.loads((out / "fit.json").read_text())["transmission_error"]) == ["B"]
+    tables = {}
+    for name, run in (("one", out), ("both", run_folder)):
+        path = tmp_path / f"{name}.csv"
+        assert vttig_json("map", run, "--quantity", "error", "--out", path)[0] == 0
+        tables[name] = table_of(path)
+    assert tables["one"].dtype.names == ("driving_deg", "te_b_deg")
+    one, both = (tables[name]["te_b_deg"] for name in ("one", "both"))
+    np.testing.assert_allclose(one, both - both.mean(), atol=0.003)
+    assert abs(one.mean()) < 1e-9 < 0.01 < both.mean()
 
 
 @pytest.mark.parametrize("name", ["both", "worm"])

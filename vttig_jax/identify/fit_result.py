@@ -1,8 +1,8 @@
 """Result of a fit: parameters, orders, checks, flank model, and the report."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..base.facade import from_front_door
 from ..base.files.text_tables import decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, REV
-from ..kinematics.flank_error import FlankError, errors_at, flank_error
+from ..kinematics.flank_error import FlankError
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.hunting_coverage import HuntingCoverage
@@ -22,6 +22,7 @@ from ..kinematics.te_curve import TECurve
 from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
+from .covered_errors import covered_errors
 from .evidence import Evidence
 from .log_coverage import log_coverage
 from .model.fitted_model import FittedModel, StoredModel
@@ -29,7 +30,7 @@ from .noise.noise_model import NoiseModel
 from .noise.noise_text import duration_text, noise_rows
 from .report.check_sentences import check_sentences, doubt
 from .report.checks import Checks
-from .report.order_table import Order, exceeds_noise, fractional_error, judged_orders
+from .report.order_table import Order, judged_orders
 from .report.parameters import Outcome, Parameter
 from .report.per_log import LogRecord
 from .settings import FitSettings
@@ -123,27 +124,9 @@ class Fit(PlottedResult):
     def flank_errors(self) -> dict[Flank, FlankError]:
         """Size of the fitted transmission error of each measured flank over the covered angles.
 
-        Fractional orders are part of it, with the phases of the first log; drift and regressors are
-        not. A flank of which no angle is known to be covered is left out.
+        Fractional orders are part of it; drift and regressors are not.
         """
-        if isinstance(model := self.flank_model, StoredModel):
-            return dict(model.errors)
-
-        def error(angle: Float[np.ndarray, " n"], flank: Flank) -> Float[np.ndarray, " n"]:
-            error = errors_at(model, flank, angle)
-            driven = float(self.pair.ratio) * angle + error
-            return error + fractional_error(self.orders, flank, angle, driven)
-
-        highest = max([model.highest_order, *(float(one.order) for one in self.orders)])
-        return {
-            flank: replace(
-                flank_error(partial(error, flank=flank), spans, highest),
-                significant=self.given is not None
-                or exceeds_noise(one for one in self.orders if one.flank == flank),
-            )
-            for flank, spans in self.coverage.spans.items()
-            if flank in self.flanks
-        }
+        return covered_errors(self.flank_model, self.orders, self.coverage)
 
     def value(self, name: str) -> float:
         """Return the value of a parameter; NaN if it has none."""

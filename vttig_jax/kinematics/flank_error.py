@@ -79,8 +79,8 @@ def flank_error(
     """
     ends = np.cumsum(spans[:, 1] - spans[:, 0])
     turns = float(ends[-1]) / REV
-    count = math.ceil(POINTS_PER_PERIOD * max(highest_order, 1.0) * turns)
-    travelled = np.linspace(0.0, ends[-1], min(max(count, 2), _MOST_POINTS))
+    count = min(math.ceil(POINTS_PER_PERIOD * max(highest_order, 1.0) * turns), _MOST_POINTS)
+    travelled = np.arange(count) / count * ends[-1]
     part = np.minimum(np.searchsorted(ends, travelled, side="right"), len(ends) - 1)
     values = error(spans[part, 1] - (ends[part] - travelled))
     return size_of(values, turns)

@@ -142,8 +142,10 @@ class ErrorTable(TextResult):
         elif len(self.flanks) == 2:
             zero += "; the log does not determine the gap between them"
         if shift:
-            open_ = f"{shift[0]:.5f}° … {shift[1]:+.5f}°"
-            zero += f", or {open_} beside it with the delay that the log leaves open"
+            zero += (
+                "; a delay that the log leaves open shifts flank B by"
+                f" {shift[0]:.5f}° … {shift[1]:+.5f}°"
+            )
         rows.append(("zero of the error", zero))
         for flank, one in self.flanks.items():
             rows.append((f"flank {flank}", str(one.size)))

@@ -123,11 +123,13 @@ def _holds(folder: Path, posterior: "Posterior") -> bool:
     """Return whether `fit.json` in a folder equals the fit from which the posterior was drawn."""
     from ..base.files.json_io import dumps
 
-    stored = _read_json(folder / "fit.json")
+    stored, drawn = _read_json(folder / "fit.json"), json.loads(dumps(posterior.fit.to_json()))
     if isinstance(stored, dict):
         for digest in ("run", "arrays"):
             stored.pop(digest, None)
-    return stored == json.loads(dumps(posterior.fit.to_json()))
+        if "transmission_error" not in stored:  # written by an older version
+            drawn.pop("transmission_error")
+    return stored == drawn
 
 
 def _read_json(path: Path) -> Any:

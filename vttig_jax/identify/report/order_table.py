@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 from scipy.special import erfc, gammaincc
 
 from ...base.numerics.polar_spread import polar_spread
-from ...base.units import ARCSEC, DEG
+from ...base.units import ARCSEC
 from ...pair.gear_pair import Flank
 from ..solve.sandwich import Scatter, functional_of, standard_errors
 from ..solve.solved_fit import SolvedFit
@@ -173,19 +172,3 @@ def exceeds_noise(orders: Iterable[Order]) -> bool:
 def is_fractional(order: Order) -> bool:
     """Return whether an order has no fixed position on its shaft, so that no map contains it."""
     return not float(order.order).is_integer()
-
-
-def fractional_error(
-    orders: Sequence[Order],
-    flank: Flank,
-    driving_angle: Float[np.ndarray, " n"],
-    driven_angle: Float[np.ndarray, " n"],
-) -> Float[np.ndarray, " n"]:
-    """Return the part of fractional orders in TE of `flank`, rad, at angles of the log in rad."""
-    shafts = {"driving": driving_angle, "driven": driven_angle}
-    total = np.zeros(len(driving_angle))
-    for one in orders:
-        if one.flank == flank and is_fractional(one):
-            phase = one.order * shafts[one.shaft] + one.phase_deg * DEG
-            total += one.amplitude_arcsec * ARCSEC * np.sin(phase)
-    return total
