@@ -175,19 +175,16 @@ class FlankTable(Bounds):
 
     def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
         """See `Bounds.at`."""
-        share, start, end = self._interval(driving_angle)
-        rate = 1.0 / jnp.asarray(self.step)
+        nodes, rate = jnp.asarray(self.nodes), 1.0 / jnp.asarray(self.step)
         (lower, lower_slope), (upper, upper_slope) = (
-            _hermite(share, start[..., i], start[..., i + 1], end[..., i], end[..., i + 1])
-            for i in (0, 2)
+            self._curve(driving_angle, nodes[:, i], nodes[:, i + 1]) for i in (0, 2)
         )
         return Flanks(lower, upper, lower_slope * rate, upper_slope * rate)
 
     def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """See `Bounds.gap`."""
-        share, start, end = self._interval(driving_angle)
-        start, end = (node[..., 2:] - node[..., :2] for node in (start, end))
-        return _hermite(share, start[..., 0], start[..., 1], end[..., 0], end[..., 1])[0]
+        nodes = jnp.asarray(self.nodes)
+        return self._curve(driving_angle, nodes[:, 2] - nodes[:, 0], nodes[:, 3] - nodes[:, 1])[0]
 
     def turned(self, turns: int) -> "FlankTable":
         """See `Bounds.turned`."""
@@ -202,30 +199,34 @@ class FlankTable(Bounds):
         """Return table `number`, counted from 0, of tables that share their nodes."""
         return replace(self, first=np.asarray(number * (self.intervals + 1)))
 
-    def _interval(self, angle: Float[Array, "*shape"]):
-        """Return the share of the interval that holds a driving angle, and both of its nodes."""
-        place = (angle - self.start) * (1.0 / jnp.asarray(self.step))
-        if not self.periodic:
-            place = jnp.clip(place, 0.0, float(self.intervals))
-        whole = jnp.floor(place)
+    def _curve(
+        self, angle: Float[Array, "*shape"], value: Float[Array, " n"], slope: Float[Array, " n"]
+    ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
+        """Return a curve and its slope at a driving angle (rad) from those at the nodes.
+
+        Slopes are those per interval. Each column of the nodes is gathered by itself, because XLA
+        joins such gathers with the sums and products around them.
+        """
+        place, count = (angle - self.start) * (1.0 / jnp.asarray(self.step)), self.intervals
         if self.periodic:
-            row = whole - self.intervals * jnp.floor(whole / self.intervals)
+            whole = jnp.floor(place)
+            row = whole - count * jnp.floor(whole / count)
         else:
-            whole = row = jnp.minimum(whole, self.intervals - 1.0)
+            place = jnp.clip(place, 0.0, float(count))
+            whole = row = jnp.minimum(jnp.floor(place), count - 1.0)
+        share = place - whole
         row = row.astype(jnp.int32) + jnp.asarray(self.first, jnp.int32)
-        nodes = jnp.asarray(self.nodes)
         # XLA clamps the index of a gather, so that an angle that is not a number does no harm.
-        start, end = (nodes.at[r].get(mode="promise_in_bounds") for r in (row, row + 1))
-        return place - whole, start, end
-
-
-def _hermite(share, start, start_slope, end, end_slope):
-    """Return value and slope of the cubic at `share`; slopes are those by the share."""
-    change = end - start
-    c2 = 3 * change - 2 * start_slope - end_slope
-    c3 = start_slope + end_slope - 2 * change
-    value = start + share * (start_slope + share * (c2 + share * c3))
-    return value, start_slope + share * (2 * c2 + 3 * share * c3)
+        (start, end), (rise, fall) = (
+            [column.at[place].get(mode="promise_in_bounds") for place in (row, row + 1)]
+            for column in (value, slope)
+        )
+        change = end - start
+        c2, c3 = 3 * change - 2 * rise - fall, rise + fall - 2 * change
+        return (
+            start + share * (rise + share * (c2 + share * c3)),
+            rise + share * (2 * c2 + 3 * share * c3),
+        )
 
 
 def tabulate_flanks(

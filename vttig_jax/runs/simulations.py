@@ -36,7 +36,8 @@ def simulate(
     - `pair`: gears or drive instead of those of the scenario.
     - `plant_map`, `controller_map`: a run folder, a map file, a `FlankModel`, `BacklashMap`, `Fit`
       or posterior draw, or a function (driving angle in rad, "A" or "B") → TE in rad.
-    - `folder`: folder for relative paths; by default that of the scenario file.
+    - `folder`: folder for relative paths; by default that of the scenario file, or else the
+      working folder.
     - `options`: `controller`, `trace_every` and `progress` of `vttig_jax.control.simulate`.
 
     **Raises** `ScenarioError` with file and key, `PairError`, and `ValueError` without 64-bit
@@ -159,8 +160,7 @@ def specified(
         return load(scenario, **changes), Path(folder or "")
     path = Path(scenario)
     if path.is_dir():
-        path = path.resolve()
-        return load(_table_of_run(path), **changes), path.parent
+        return load(_table_of_run(path), **changes), Path(folder or "")
     return load(path, **changes), Path(path.parent if folder is None else folder)
 
 
@@ -171,7 +171,7 @@ def _table_of_run(path: Path) -> dict[str, Any]:
 
     pair = open_run(path).pair
     tapers = isinstance(pair, GearPair) and float(pair.thinning) > 0
-    return {"rig": {"from": path.name}, **({} if tapers else {"controller": "none"})}
+    return {"rig": {"from": str(path)}, **({} if tapers else {"controller": "none"})}
 
 
 def _opened(

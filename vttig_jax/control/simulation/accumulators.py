@@ -36,8 +36,8 @@ class Accumulators(eqx.Module):
     - `samples`, `total`, `highest`, `lowest`: number, sum and extremes of the samples of the TE
       from both encoder readings, minus its value `first` in the first sample.
     - `before`, `after`: last such TE on the old flank, and first such TE after the crossing.
-    - `gap`, `crossing`, `behind`: backlash, driving angle, and lag of the driving shaft behind its
-      motion at the crossing. - `crossing_s`: time of the first sample after the crossing.
+    - `gap`, `crossing`: backlash and driving angle at the crossing.
+    - `crossing_s`: time of the first sample after the crossing.
     - `detection`, `detection_s`: driving angle and time of the first command to close between
       braking and the turn. - `false_closings`: number of commands to close before braking.
     - `residual_gap`, `shortfall`: backlash at the turn, and distance that the actuator still lacks
@@ -53,12 +53,12 @@ class Accumulators(eqx.Module):
       motor at its torque limit. - `forced`: whether the teeth exceeded the actuator's force limit.
     - `carrier`: flank that was loaded last, `ON_A` or `ON_B`. - `largest_jump`, `early_jump`:
       largest gap that the teeth crossed to the other flank, in the run and before the turn.
-    - `early_angle`: driving angle of `early_jump`. - `wrong_travel`: travel of the driving shaft
-      before the turn with the flank in contact that carries after it.
+    - `wrong_travel`: travel of the driving shaft before the turn with the flank in contact that
+      carries after it.
     - `output_start`, `output_error`, `output_squares`: φ₂ − i φ₁ of the reference, minus its value
       `output_start` in the first sample: the largest after the turn, and the sum of its squares.
-    - `lost`, `lost_travel`: ∫ |φ₂ − i φ₁ − TE| dφ₁ after the turn, with φ₁ of the reference and TE
-      of the flank that carries first; and the travel of the reference.
+    - `lost`: ∫ |φ₂ − i φ₁ − TE| dφ₁ after the turn, with φ₁ of the reference and TE
+      of the flank that carries first.
     - `commanded`: last command, mm. - `blocked`, `blocked_s`: whether and since when the drive is
       blocked by contact on both flanks.
     """
@@ -73,7 +73,6 @@ class Accumulators(eqx.Module):
     gap: Float[Numbers, "*shape"]
     crossing: Float[Numbers, "*shape"]
     crossing_s: Float[Numbers, "*shape"]
-    behind: Float[Numbers, "*shape"]
     detection: Float[Numbers, "*shape"]
     detection_s: Float[Numbers, "*shape"]
     false_closings: Float[Numbers, "*shape"]
@@ -91,30 +90,28 @@ class Accumulators(eqx.Module):
     carrier: Float[Numbers, "*shape"]
     largest_jump: Float[Numbers, "*shape"]
     early_jump: Float[Numbers, "*shape"]
-    early_angle: Float[Numbers, "*shape"]
     wrong_travel: Float[Numbers, "*shape"]
     output_start: Float[Numbers, "*shape"]
     output_error: Float[Numbers, "*shape"]
     output_squares: Float[Numbers, "*shape"]
     lost: Float[Numbers, "*shape"]
-    lost_travel: Float[Numbers, "*shape"]
     commanded: Float[Numbers, "*shape"]
     blocked: Bool[Numbers, "*shape"]
     blocked_s: Float[Numbers, "*shape"]
 
 
-def empty_accumulators() -> Accumulators:
-    """Return the accumulators before the first sample."""
+def empty_accumulators(output: Float[Array, ""]) -> Accumulators:
+    """Return the accumulators before the first sample, in which φ₂ − i φ₁ is `output`, rad."""
     zero, never = jnp.zeros(()), jnp.full((), jnp.nan, float)
     zeros = (
         *("samples", "total", "false_closings", "largest_command", "interference", "travel"),
-        *("farthest", "commanded", "behind", "following_error", "limited_s", "carrier"),
+        *("farthest", "commanded", "following_error", "limited_s", "carrier"),
         *("largest_jump", "early_jump", "wrong_travel", "output_error", "output_squares"),
-        *("lost", "lost_travel"),
+        "lost",
     )
     values = {field.name: never for field in fields(Accumulators)} | dict.fromkeys(zeros, zero)
     values |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
-    return Accumulators(**values)
+    return Accumulators(**values | {"output_start": output})
 
 
 def add_sample(
@@ -154,16 +151,12 @@ def add_sample(
     at_turn = turned & jnp.isnan(old.residual_gap)
     gap = open_gap - (run.closing[0] + run.closing[1]) * carriage.reached
     in_reversal = counts & ~old.opened
-    start = jnp.where(old.samples == 0, output, old.output_start)
-    output, back = jnp.abs(output - start), counts & (time > run.turn_s)
-    travel = jnp.where(back, run.period * jnp.abs(speed), 0.0)
+    output, back = jnp.abs(output - old.output_start), counts & (time > run.turn_s)
     return replace(
         old,
-        output_start=start,
         output_error=jnp.where(back, jnp.maximum(old.output_error, output), old.output_error),
         output_squares=old.output_squares + jnp.where(counts, output**2, 0.0),
-        lost=old.lost + travel * jnp.abs(lost),
-        lost_travel=old.lost_travel + travel,
+        lost=old.lost + jnp.where(back, run.period * jnp.abs(speed * lost), 0.0),
         samples=old.samples + counts,
         total=old.total + jnp.where(counts, error, 0.0),
         highest=jnp.where(counts, jnp.fmax(old.highest, error), old.highest),
@@ -195,7 +188,6 @@ def add_plant_step(
     carriage: Carriage,
     travel: Float[Array, ""],
     blocked: Bool[Array, ""],
-    behind: Float[Array, ""] | None = None,
     tracking: Tracking | None = None,
     turned: Float[Array, ""] | float = 0.0,
     side: Float[Array, ""] | float = 0.0,
@@ -203,8 +195,7 @@ def add_plant_step(
     """Return the accumulators after a plant step of length `step` that ends at `time`, both in s.
 
     `contact`: first new contact in the step. `travel`: movement of the actuator, mm. `blocked`:
-    whether the drive blocks. `behind`: lag of the driving shaft at the contact, rad; None if the
-    shaft cannot lag. `tracking`: tracking error and torque limit of a servo motor, or None.
+    whether the drive blocks. `tracking`: tracking error and torque limit of a servo motor, or None.
     `turned`: rotation of the driving shaft in the step, rad. `side`: loaded flank at its end.
     """
     counts = (time <= run.duration_s) & ~old.blocked
@@ -219,18 +210,15 @@ def add_plant_step(
     early = counts & (time < run.turn_s)
     carrier = jnp.where(old.carrier == 0, -run.other_flank, old.carrier)  # before any contact
     jump = jnp.where(counts & (contact.side == -carrier), contact.gap, 0.0)
-    sooner = early & (jump > old.early_jump)
     return replace(
         old,
         carrier=jnp.where(counts & (jnp.asarray(side) != 0), side, carrier),
         largest_jump=jnp.maximum(old.largest_jump, jump),
-        early_jump=jnp.where(sooner, jump, old.early_jump),
-        early_angle=jnp.where(sooner, contact.angle, old.early_angle),
+        early_jump=jnp.where(early, jnp.maximum(old.early_jump, jump), old.early_jump),
         wrong_travel=old.wrong_travel
         + jnp.where(early & (side == run.other_flank), jnp.abs(turned), 0.0),
         gap=jnp.where(crosses, contact.gap, old.gap),
         crossing=jnp.where(crosses, contact.angle, old.crossing),
-        behind=old.behind if behind is None else jnp.where(crosses, behind, old.behind),
         interference=jnp.where(
             in_reversal,
             jnp.maximum(old.interference, carriage.unobstructed - carriage.reached),

@@ -371,12 +371,13 @@ class Builder:
         model = self._flank_model(source, where)
         if not isinstance(model, FlankTable):
             return self._span(model, travel)
-        start, end = (float(x) / REV for x in (model.start, model.start + model.length))
-        if not model.periodic and not (start <= travel[0] and travel[1] <= end):
+        ends = float(model.start) / DEG, float(model.start + model.length) / DEG
+        asked = 360 * travel[0], 360 * travel[1]
+        if not model.periodic and not (ends[0] < asked[0] + 1e-6 and asked[1] < ends[1] + 1e-6):
+            map_ends, motion_ends = (f"{low:z.2f}° … {high:z.2f}°" for low, high in (ends, asked))
             raise ScenarioError(
-                f"the map covers {360 * start:g}° … {360 * end:g}° of the driving angle, but the"
-                f" motion goes from {360 * travel[0]:g}° to {360 * travel[1]:g}°; take a longer map"
-                " (`vttig map --span-rev`) or a shorter motion.",
+                f"the map covers {map_ends} of the driving angle, but the motion {motion_ends};"
+                " take a longer map (`vttig map --span-rev`) or a shorter motion.",
                 where=where,
             )
         return 0, 0, model.periodic

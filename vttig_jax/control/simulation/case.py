@@ -18,7 +18,6 @@ from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import Sensor, noise_draws
 from ..hardware.observer import MotionEstimate, Observer
 from ..hardware.shaft_drive import Lead, Prescribed, ShaftDrive, led, next_lead, no_lead
-from ..hermite import cubic
 from ..motion.motion import Motion, MotionPoint
 from ..plants.plant import ON_A, ON_B, Plant, Shafts
 from .accumulators import Accumulators, RunFacts, add_plant_step, add_sample, empty_accumulators
@@ -120,7 +119,7 @@ def initial_state(case: Case) -> State:
         carriage=case.actuator.at_rest(),
         estimate=MotionEstimate(driving, still, still),
         controller=case.controller.start(),
-        accumulators=empty_accumulators(),
+        accumulators=empty_accumulators(flanks.lower),
         lead=no_lead() if case.controller.advances else None,
         target=point if _can_deviate(case) else None,
         motor=case.drive.start(point),
@@ -275,12 +274,8 @@ def _plant_step(
         bounds=case.bounds,
         step=step,
     )
-    travel, behind = slide.end - slide.start, None
-    if plant.target is not None:
-        start = plant.target
-        course = cubic(start.angle, point.angle, start.speed, point.speed, step)
-        behind = course.at(contact.share) - contact.angle
-    changes = contact, carriage, travel, blocked, behind, case.drive.tracking(motor, shafts)
+    travel = slide.end - slide.start
+    changes = contact, carriage, travel, blocked, case.drive.tracking(motor, shafts)
     turned = shafts.angle - plant.shafts.angle
     accumulators = add_plant_step(
         plant.accumulators, run, end, step, *changes, turned=turned, side=shafts.side

@@ -5,11 +5,12 @@ from typing import Any, Literal, get_args
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ...base.arrays import Numbers, namespace
 from ...base.units import DEG
 from ..controllers.turn_location import LostController
+from ..motion.motion import Motion
 from .accumulators import Accumulators
 from .case import Case
 
@@ -47,6 +48,10 @@ NEAR_MM, NEAR_DEG = 1e-4, 1e-6
 """Axial displacements (mm) and backlash (deg) that count as zero; chosen tolerances."""
 
 
+_TIMES = 257
+"""Times at which the travel after the turn is added up: a chosen value."""
+
+
 class MetricInputs(eqx.Module):
     """Values of a case from which its metrics are computed.
 
@@ -55,7 +60,8 @@ class MetricInputs(eqx.Module):
     - `braking_s`, `turns`: start of braking, s, and whether the motion turns back.
     - `idle`: whether the controller is of a kind that never closes the gap.
     - `lost`: whether the controller could not locate its turn within the hunting period.
-    - `stroke`: stroke of the actuator, mm.
+    - `stroke`: stroke of the actuator, mm. - `way_back`: travel of the motion after the turn, rad;
+      NaN without a turn.
     """
 
     sense: Float[Numbers, "*shape"]
@@ -65,6 +71,7 @@ class MetricInputs(eqx.Module):
     idle: Bool[Numbers, "*shape"]
     lost: Bool[Numbers, "*shape"]
     stroke: Float[Numbers, "*shape"]
+    way_back: Float[Numbers, "*shape"]
 
 
 def metric_inputs_of(case: Case) -> MetricInputs:
@@ -78,7 +85,14 @@ def metric_inputs_of(case: Case) -> MetricInputs:
         idle=jnp.full((), not case.controller.closes),
         lost=jnp.full((), isinstance(case.controller, LostController)),
         stroke=jnp.asarray(case.actuator.stroke),
+        way_back=_way_back(case.motion),
     )
+
+
+def _way_back(motion: Motion) -> Float[Array, ""]:
+    turn, end = jnp.asarray(motion.turn_s), jnp.asarray(motion.duration_s)
+    angle = motion.at(turn + (end - turn) * jnp.linspace(0.0, 1.0, _TIMES)).angle
+    return jnp.where(turn < end, jnp.sum(jnp.abs(jnp.diff(angle))), jnp.nan)
 
 
 def metrics_of(
@@ -113,7 +127,6 @@ def metrics_of(
     open the gap after the turn. If the motion never turns back, they are those of the whole run.
     """
     f, t, xp = inputs, accumulators, namespace(inputs, accumulators)
-    travel = xp.where(t.lost_travel > 0, t.lost_travel, 1.0)
     values = (
         t.total / t.samples / DEG,
         t.highest / DEG,
@@ -126,7 +139,7 @@ def metrics_of(
         t.residual_gap / DEG,
         t.interference,
         t.travel,
-        xp.where(t.lost_travel > 0, t.lost / travel, np.nan) / DEG,
+        t.lost / f.way_back / DEG,
         xp.where(f.turns, t.output_error, np.nan) / DEG,
         xp.sqrt(t.output_squares / t.samples) / DEG,
         t.largest_jump / DEG,

@@ -53,14 +53,12 @@ def sentences(run: "Simulation") -> Iterator[str]:
     margin = run.spec.judgement.margin_mm * float(run.case.bounds.closing_sum)
     allowed = NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
     if float(t.early_jump) > allowed:
-        where = f"at {float(t.early_angle) / DEG:.2f}°"
-        if run.turns:
-            turn, _ = run.place(run.case.motion.turn_s)
-            where = f"{abs(turn - float(t.early_angle)) / DEG:.3g}° before the turn"
+        wrong = float(t.wrong_travel) / DEG
         yield (
-            f"The flanks change {where}, with a jump of {_angle(float(t.early_jump))}: the driven"
-            " shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more friction"
-            " or load on the driven shaft."
+            f"The flanks change before the turn, with a jump of {_angle(float(t.early_jump))}, and"
+            f" the driving shaft then turns by {wrong:.3g}° with the wrong flank in contact: the"
+            " driven shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more"
+            " friction or load on the driven shaft."
         )
     if outcome != "ok":
         yield _ending(run)

@@ -204,8 +204,8 @@ def _share_interval(mask: np.ndarray, draws: np.ndarray | None) -> list[float] |
     """
     if not len(mask):
         return None
-    names, place = (None, None) if draws is None else np.unique(draws, return_inverse=True)
-    if names is not None and len(mask) > len(names) > 1:
+    if draws is not None and len(mask) > len(np.unique(draws)) > 1:
+        _, place = np.unique(draws, return_inverse=True)
         shares = np.bincount(place, mask) / np.bincount(place)
         return np.quantile(shares, [0.025, 0.975]).tolist()
     share, count, z2 = float(mask.mean()), len(mask), 1.959964**2
