@@ -16,9 +16,11 @@ from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.cli.verbs.simulate import _stride, _toml_value
 from vttig_jax.control.scenario.defaults import default_toml
 from vttig_jax.control.simulation import simulate as simulate_module
+from vttig_jax.identify.backlash import contact_map
 from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
+from vttig_jax.runs.run import open_run
 
 DOCS = Path(__file__).parents[2] / "docs"
 SCENARIO = """
@@ -35,7 +37,7 @@ dwell_s = 0.2
 """
 COLUMNS = (
     *("time_s", "driving_deg", "te_deg", "te_shown_deg", "flank_a_deg", "flank_b_deg"),
-    *("speed_rad_s", "acceleration_rad_s2", "command_mm", "axial_mm"),
+    *("output_error_deg", "speed_rad_s", "acceleration_rad_s2", "command_mm", "axial_mm"),
 )
 
 
@@ -72,7 +74,7 @@ def test_prints_the_run_and_writes_nothing(vttig, scenario, elsewhere):
     code, out, err = vttig("simulate", scenario)
     assert (code, err) == (0, "")
     assert out.startswith("VTTIG rig of the paper\n")
-    assert "rigid plant, exact flanks, controller acceleration" in out
+    assert "rigid plant, controller acceleration" in out
     assert "reversal at 720°, trapezoid of 60 rpm, 5.4 s at 1000 Hz" in out
     assert re.search(r"[78] ms after the motor brakes, at 632\.\d+°, 87\.\d+° before the turn", out)
     assert "further than the gap allows" in out
@@ -212,24 +214,28 @@ def with_rig(folder: Path, run: str) -> Path:
 
 def test_the_rig_of_a_run_folder(vttig, vttig_json, scenario, run_folder):
     path = with_rig(scenario.parent, str(run_folder))
-    code, found = vttig_json("simulate", path, "-q")
-    fit = json.loads((run_folder / "fit.json").read_text())["parameters"]
-    rig = found["scenario"]["eccentricities"]
-    assert code == 0 and "rig" not in found["scenario"]
-    for shaft in ("driving", "driven"):
-        fitted = fit[f"{shaft}_eccentricity_mm"]["value"]
-        assert rig[f"{shaft}_mm"] == pytest.approx(fitted, rel=1e-9)
-    gap = fit["constant_backlash_deg"]["value"]
-    assert rig["constant_backlash_deg"] == pytest.approx(gap, rel=1e-9)
-    _, other = vttig_json("simulate", path, "-q", "--set", "eccentricities.driven_mm=0.05")
-    assert other["scenario"]["eccentricities"] == {**rig, "driven_mm": 0.05}
+    open_gap = ("-q", "--set", "controller=none")
+    code, found = vttig_json("simulate", path, *open_gap)
+    assert code == 0 and found["scenario"]["rig"] == {"from": str(run_folder)}
+    _, model = contact_map(open_run(run_folder).fit)
+    gap = model.backlash(np.radians(found["crossing_deg"]))
+    assert found["metrics"]["jump_deg"] == pytest.approx(np.degrees(float(gap)), abs=1e-9)
+    _, other = vttig_json("simulate", path, *open_gap, "--set", "eccentricities.driven_mm=0.05")
+    assert other["scenario"]["eccentricities"]["driven_mm"] == 0.05
     assert other["metrics"]["jump_deg"] != found["metrics"]["jump_deg"]
+
+
+def test_a_run_folder_is_a_scenario(vttig_json, run_folder):
+    """The gears, the map and default values."""
+    code, found = vttig_json("simulate", run_folder, "-q", "--set", "motion.reversal_deg=720")
+    assert code == 0 and found["scenario"]["rig"] == {"from": run_folder.name}
+    assert found["controller"] == "acceleration" and found["metrics"]["detection_deg"] > 600
 
 
 @pytest.mark.parametrize(
     ("more", "code", "words"),
     [
-        ("", 2, "no such run"),
+        ("", 3, "map 'nowhere': no map can be read here"),
         ("draws = 3", 3, "rig.draws: one case runs with the fitted rig; remove this key"),
         ("seed = 3", 3, "rig.seed"),
     ],
@@ -255,7 +261,7 @@ def test_a_rig_of_other_gears_is_refused(vttig, scenario, run_folder, old, new, 
     assert old in text
     gears.write_text(text.replace(old, new))
     code, out, err = vttig("simulate", path)
-    assert (code, out) == (3, "") and words in err and "pair.toml" in err
+    assert (code, out) == (3, "") and words in err
     gears.write_text(text)
     (scenario.parent / "other.toml").write_text(text.replace(old, new))
     assert vttig("simulate", path, "--set", "pair=other.toml")[0] == 3
@@ -323,7 +329,7 @@ def test_a_trace_beyond_any_disk_is_refused():
     [
         ("", 2, "SCENARIO is missing; --print-defaults prints one"),
         ("none.toml", 3, "none.toml: no such file"),
-        ("gears", 3, "gears: this is a folder"),
+        ("gears", 2, "gears: this folder holds neither run.toml"),
         ("S --print-defaults --json", 2, "leave out --json, SCENARIO"),
         ("S --set reversal_deg=9", 2, "did you mean `motion.reversal_deg`?"),
         ("S --set motion.reversal_deg=20", 2, "--set motion.reversal_deg: 20 lies inside"),
@@ -345,7 +351,7 @@ def test_a_trace_beyond_any_disk_is_refused():
         ("S --set pair=no.toml", 3, "pair: there is no file no.toml"),
         ("S --set motion.kind=recorded --set motion.file=no.csv", 3, "no.csv: no such file"),
         ("S --set motion.kind=recorded --set motion.file=gears", 3, "gears: this is a folder"),
-        ("S --set motion.speed_rpm=1e-300", 2, "steps, but at most 1e+12 are simulated"),
+        ("S --set motion.speed_rpm=1e-300", 2, "periods, but at most 1e+12 are simulated"),
         ("S --every 3", 2, "--every thins out the rows of --trace"),
         ("S --trace gears", 2, "gears: --trace is a folder"),
         ("S --trace trace.txt", 2, "choose a name that ends with .csv"),
@@ -373,7 +379,7 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch, options, co
         ("720.0", "20", "scenario.toml: motion.reversal_deg: 20 lies inside the ramps"),
         ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "scenario.toml: sweep: this file has many"),
         ("gears/pair", "drive", "scenario.toml: pair: names a [drive] without gears"),
-        ("gears/pair", "spur", "scenario.toml: pair: the helix angles of flank A and B add up"),
+        ("gears/pair", "spur", "scenario.toml: controller: the controller 'acceleration' shifts"),
     ],
 )
 def test_a_bad_scenario_is_named_with_its_key(vttig, scenario, monkeypatch, old, new, words):

@@ -3,13 +3,18 @@
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import numpy as np
 
-from tests.control.scenarios import SHORT
+from tests.control.scenarios import PAIR, SHORT
 from tests.control.texts import MINIMAL
+from vttig_jax.control import Maps
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec
+from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.control.sweeps import blocks as sweep_work
 from vttig_jax.control.sweeps.table import SweepTable
+from vttig_jax.kinematics import closed_model
+from vttig_jax.pair.eccentricities import Eccentricities
 
 CONTROLLERS = ("none", "acceleration", "predictive")
 AXES: Mapping[str, Any] = {
@@ -19,14 +24,25 @@ AXES: Mapping[str, Any] = {
 
 
 def sweep_spec(axes: Mapping[str, Any] = AXES, **settings: Any) -> ScenarioSpec:
-    """The short motion with these axes, and other values for dotted keys (with __ for the dot)."""
-    table: dict[str, Any] = {**MINIMAL, "sweep": dict(axes)}
+    """The short motion with these axes, and other values for dotted keys (with __ for the dot).
+
+    `rig` takes the place of the eccentricities.
+    """
+    given = {k: v for k, v in MINIMAL.items() if k != "eccentricities" or "rig" not in settings}
+    table: dict[str, Any] = {**given, "sweep": dict(axes)}
     values = {**SHORT, **{name.replace("__", "."): value for name, value in settings.items()}}
     for name, value in values.items():
         above, _, last = name.rpartition(".")
         place = table.setdefault(above, {}) if above else table
         place[last] = value
     return parse_scenario_spec(table)
+
+
+def drawn(believed: Eccentricities, *rigs: Eccentricities) -> Maps:
+    """Closed maps of drawn rigs, and the map that the controllers believe, of rig.from = "RUN"."""
+    draws = [closed_model(PAIR, rig) for rig in rigs]
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *draws)
+    return Maps({"RUN": closed_model(PAIR, believed)}, stacked, len(draws))
 
 
 def small_blocks(cases: int, monkeypatch: Any = None) -> None:
@@ -45,6 +61,7 @@ def table_of(**columns: np.ndarray) -> SweepTable:
         "interference_mm": 1e-3 * case,
         "lost_motion_deg": 0.02 + 1e-5 * case,
     }
+    metrics |= {name: 0.1 * metrics["residual_gap_deg"] for name in METRICS if name not in metrics}
     outcome = np.full(count, "ok")
     everything = {"case": case, **columns, **metrics, "outcome": outcome}
     return SweepTable(sweep_spec(), "rig", everything, tuple(columns), 1, 1.0, 1.0, 1)

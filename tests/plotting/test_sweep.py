@@ -88,10 +88,10 @@ def test_a_long_axis_is_taken_together():
     assert np.all(np.diff(found[:, 0]) > 0) and np.all(np.diff(found[:, 1]) > 0)
 
 
-def test_a_feedforward_controller_has_the_motion_it_lost_below():
+def test_a_feedforward_controller_has_the_error_of_the_output_below():
     names = np.tile(["none", "feedforward"], 6)
     table = table_of(**{"motion.reversal_deg": turns(6, 2), "controller": names})
-    table.columns["lost_motion_deg"][names == "none"] += 1.0
+    table.columns["output_error_deg"][names == "none"] += 1.0
     figure = plot_sweep(table)
     assert len(figure.axes) == 3
     found = lines(figure, 2)

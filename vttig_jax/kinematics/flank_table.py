@@ -140,7 +140,7 @@ class FirstOrderBounds(Bounds):
     def turned(self, turns: int) -> "FirstOrderBounds":
         """See `Bounds.turned`."""
         angle = REV * turns * jnp.stack([jnp.zeros(()), jnp.asarray(self.ratio)])
-        c, s = jnp.cos(angle), jnp.sin(angle)
+        c, s = jnp.cos(angle)[None], jnp.sin(angle)[None]
         a, b = jnp.asarray(self.cosine), jnp.asarray(self.sine)
         return replace(self, cosine=a * c + b * s, sine=b * c - a * s)
 

@@ -184,7 +184,7 @@ def test_rates_that_are_no_exact_multiple_in_binary():
     ],
 )
 def test_the_rig_is_given_once(table, seen):
-    with pytest.raises(ScenarioError, match=f"^eccentricities: {seen} of"):
+    with pytest.raises(ScenarioError, match=f"^eccentricities: {seen}"):
         parse_scenario_spec(table)
 
 

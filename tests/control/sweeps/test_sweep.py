@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 
 import vttig_jax
-from tests.control.scenarios import PAIR
-from tests.control.sweep_files import AXES, CONTROLLERS, assert_close, small_blocks, sweep_spec
+from tests.control.scenarios import PAIR, SHORT, spec_of
+from tests.control.sweep_files import (
+    AXES,
+    CONTROLLERS,
+    assert_close,
+    drawn,
+    small_blocks,
+    sweep_spec,
+)
 from vttig_jax.base.errors import InputError, ScenarioError
+from vttig_jax.control import sweep
 from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.metrics import METRICS
@@ -27,6 +35,7 @@ from vttig_jax.control.sweeps.blocks import SweepWork
 from vttig_jax.control.sweeps.case_leaves import CaseStructure, leaves_of
 from vttig_jax.control.sweeps.cases import SweepCases
 from vttig_jax.control.sweeps.table import SweepTable
+from vttig_jax.kinematics import closed_model
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities
 
@@ -42,7 +51,10 @@ def row(table: SweepTable, case: int) -> dict[str, Any]:
 
 def assert_as_simulated(table: SweepTable, cases: SweepCases, number: int) -> None:
     """A row is what `simulate` says of its case."""
-    found: dict[str, Any] = vttig_jax.simulate(cases.spec_of(number), PAIR).metrics
+    assert_same(table, number, vttig_jax.simulate(cases.spec_of(number), PAIR).metrics)
+
+
+def assert_same(table: SweepTable, number: int, found: dict[str, Any]) -> None:
     seen = row(table, number)
     assert seen["case"] == number and seen["outcome"] == found["outcome"]
     for name in METRICS:
@@ -140,30 +152,33 @@ def test_blocks_and_lanes_leave_no_trace(table, monkeypatch):
 TURNS = {"motion.reversal_deg": [200.0, 300.0]}
 
 
-def test_drawn_rigs_run_through_all_other_cases():
-    other = Eccentricities(0.01, 20.0, 0.02, 100.0, 0.05)
-    spec = sweep_spec(TURNS, controller="predictive")
-    found = vttig_jax.sweep(spec, PAIR, rigs=[paper_eccentricities(), other])
+OTHER = Eccentricities(0.01, 20.0, 0.02, 100.0, 0.05)
+
+
+def test_drawn_maps_run_through_all_other_cases():
+    """Each draw is a plant of its own, and all controllers have the one map of the run."""
+    spec = sweep_spec(TURNS, controller="predictive", rig={"from": "RUN"})
+    maps = drawn(paper_eccentricities(), paper_eccentricities(), OTHER)
+    found = sweep(spec, PAIR, maps=maps)
     assert found.axes == ("draw", *TURNS)
     np.testing.assert_array_equal(found.columns["draw"], [0, 0, 1, 1])
-    drawn = found.columns["eccentricities.driven_mm"]
-    np.testing.assert_array_equal(drawn, [0.0273, 0.0273, 0.02, 0.02])
-    cases = SweepCases(spec, PAIR, rigs=[paper_eccentricities(), other])
-    for number in range(4):
-        assert cases.spec_of(number).rig is None
-        assert_as_simulated(found, cases, number)
+    for number, rig in enumerate((paper_eccentricities(),) * 2 + (OTHER,) * 2):
+        turn = TURNS["motion.reversal_deg"][number % 2]
+        one = spec_of(SHORT, {"controller": "predictive", "motion.reversal_deg": turn})
+        plant = closed_model(PAIR, rig)
+        run = vttig_jax.simulate(one, PAIR, plant_map=plant, controller_map=maps.named["RUN"])
+        assert_same(found, number, run.metrics)
 
 
 def test_controllers_have_the_map_they_are_given():
-    rigs = [paper_eccentricities()]
-    wrong = dataclasses.replace(rigs[0], constant_backlash_deg=0.036)
-    spec = sweep_spec(TURNS, controller="predictive")
+    one = paper_eccentricities()
+    wrong = dataclasses.replace(one, constant_backlash_deg=0.036)
+    spec = sweep_spec(TURNS, controller="predictive", rig={"from": "RUN"})
     left = [
-        vttig_jax.sweep(spec, PAIR, rigs=rigs, believed=one).columns["residual_gap_deg"]
-        for one in (None, rigs[0], wrong)
+        sweep(spec, PAIR, maps=drawn(believed, one)).columns["residual_gap_deg"]
+        for believed in (one, wrong)
     ]
-    np.testing.assert_array_equal(left[0], left[1])
-    np.testing.assert_allclose(left[2] - left[0], 0.002, atol=1e-6)
+    np.testing.assert_allclose(left[1] - left[0], 0.002, atol=1e-6)
 
 
 def test_a_controller_of_your_own():
@@ -313,20 +328,14 @@ def test_more_devices_than_there_are():
 
 
 def test_a_scenario_without_axes_is_no_sweep():
-    from tests.control.scenarios import spec_of
-
     with pytest.raises(ScenarioError, match="names its axes"):
         vttig_jax.sweep(spec_of(), PAIR)
 
 
-def test_a_posterior_is_drawn_from_by_its_own_room():
-    from tests.control.texts import MINIMAL
-    from vttig_jax.control.scenario.spec import parse_scenario_spec
-
-    table = {name: value for name, value in MINIMAL.items() if name != "eccentricities"}
-    spec = parse_scenario_spec(table | {"rig": {"from": "RUN"}, "sweep": dict(AXES)})
-    with pytest.raises(ScenarioError, match="rig_draws"):
-        vttig_jax.sweep(spec, PAIR)
+def test_a_run_folder_is_read_by_its_own_room():
+    spec = sweep_spec(rig={"from": "RUN"})
+    with pytest.raises(ScenarioError, match="here give its flank model as `maps`"):
+        sweep(spec, PAIR)
 
 
 def test_groups_are_those_of_the_texts(table):

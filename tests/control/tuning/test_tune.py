@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-import vttig_jax
 from tests.control.scenarios import CLOSING, PAIR
-from tests.control.sweep_files import sweep_spec
+from tests.control.sweep_files import drawn, sweep_spec
 from tests.control.texts import RIG
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.base.units import DEG
+from vttig_jax.control import Maps, sweep, tune
 from vttig_jax.control.scenario.spec import ScenarioSpec
-from vttig_jax.control.sweeps.cases import Recipe
-from vttig_jax.control.sweeps.sweep import recipe_of
+from vttig_jax.control.sweeps.cases import Recipe, recipe_of
 from vttig_jax.control.tuning.free_keys import SETTINGS, free_keys
 from vttig_jax.control.tuning.judge import Judge
 from vttig_jax.control.tuning.result import Tuned
@@ -33,6 +32,7 @@ RIGS = tuple(
     Eccentricities(**{**RIG, "constant_backlash_deg": RIG["constant_backlash_deg"] + off})
     for off in OFF_DEG
 )
+MAPS = drawn(BELIEVED, *RIGS)
 PLAIN = {
     "plant": "play",
     "flanks": "closed",
@@ -46,13 +46,13 @@ def spec_of(controller: str, turns: Any = (300.0,), **settings: Any) -> Scenario
     return sweep_spec(axes, controller=controller, **{**PLAIN, **settings})
 
 
-SCATTERED = spec_of("predictive")
+SCATTERED = spec_of("predictive", rig={"from": "RUN"})
 
 
 def scattered(**given: Any) -> Tuned:
     """The margin against a map whose constant backlash is uncertain."""
-    options: dict[str, Any] = {"rigs": RIGS, "believed": BELIEVED, "free": [MARGIN]}
-    return vttig_jax.tune(SCATTERED, PAIR, **{**options, **given})
+    options: dict[str, Any] = {"maps": MAPS, "free": [MARGIN]}
+    return tune(SCATTERED, PAIR, **{**options, **given})
 
 
 # Slopes, and the limit.
@@ -63,8 +63,7 @@ TURNS = (300.0, 360.0, 540.0, 620.0, 700.0)
 def recipe(controller: str, **settings: Any) -> Recipe:
     """The rigs of `scattered` for one controller, the turns for the other: few programs."""
     if controller == "predictive":
-        spec = spec_of(controller, **settings)
-        return recipe_of(spec, PAIR, rigs=RIGS, believed=BELIEVED)
+        return recipe_of(spec_of(controller, rig={"from": "RUN"}, **settings), PAIR, maps=MAPS)
     return recipe_of(spec_of(controller, TURNS, **settings), PAIR)
 
 
@@ -156,8 +155,8 @@ def base() -> Tuned:
 
 
 CHANGES: dict[str, Any] = {
-    "rigs": (*RIGS[1:], RIGS[-1]),
-    "believed": Eccentricities(**{**RIG, "constant_backlash_deg": 0.04}),
+    "draws": drawn(BELIEVED, *RIGS[1:], RIGS[-1]),
+    "believed": drawn(Eccentricities(**{**RIG, "constant_backlash_deg": 0.04}), *RIGS),
     "limits": {MARGIN: (0.0, 0.02)},
     "objective": "worst",
     "interference_weight": 3.0,
@@ -166,7 +165,8 @@ CHANGES: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_every_argument_changes_what_is_found(base, name):
-    other = scattered(**{name: CHANGES[name]})
+    changed = CHANGES[name]
+    other = scattered(**{"maps" if isinstance(changed, Maps) else name: changed})
     moved = abs(other.values[MARGIN] - base.values[MARGIN])
     assert moved > 2e-3
 
@@ -184,9 +184,9 @@ def test_progress_and_the_scenario_with_the_values(base):
     assert tuned.values == base.values  # nothing changes by itself
     assert told == [(stage + 1, len(tuned.stages)) for stage in range(len(tuned.stages))]
     assert tuned.spec.judgement.margin_mm == tuned.values[MARGIN] != 0.01
-    assert tuned.spec.sweep == SCATTERED.sweep and tuned.spec.map == SCATTERED.map
+    assert tuned.spec.sweep == SCATTERED.sweep and tuned.spec.rig == SCATTERED.rig
     # What it says of the values is what a sweep says of them.
-    table = vttig_jax.sweep(tuned.spec, PAIR, rigs=RIGS, believed=BELIEVED)
+    table = sweep(tuned.spec, PAIR, maps=MAPS)
     gap = table.columns["residual_gap_deg"]
     assert tuned.after.gap_mean_deg == pytest.approx(gap.mean(), rel=1e-12)
     assert tuned.after.gap_high95_deg == pytest.approx(np.quantile(gap, 0.95), rel=1e-12)
@@ -227,7 +227,7 @@ def test_a_setting_that_does_not_matter_is_left_alone():
 def test_a_threshold_above_every_deceleration_is_found_all_the_same():
     # 31 rad/s² is what the motor makes: nothing is seen, and there is no slope.
     spec = spec_of("acceleration", TURNS, judgement__threshold_rad_s2=60.0)
-    tuned = vttig_jax.tune(spec, PAIR, interference_weight=1.0)
+    tuned = tune(spec, PAIR, interference_weight=1.0)
     assert tuned.before.outcomes == {"missed": 5}
     assert tuned.values["judgement.threshold_rad_s2"] < 35 and tuned.improved
 
@@ -241,7 +241,7 @@ def test_the_papers_controller_gets_a_margin_and_is_not_cured():
         "judgement.least_rpm": start.least_rpm,
     }
     limits = {name: (0.999 * value, 1.001 * value) for name, value in held.items()}
-    tuned = vttig_jax.tune(spec, PAIR, limits=limits)
+    tuned = tune(spec, PAIR, limits=limits)
     assert tuned.values[MARGIN] > 0.02 and tuned.improved
     assert tuned.before.interfering_share > 0.3
     assert tuned.after.interference_max_mm < 0.5 * tuned.before.interference_max_mm
@@ -278,14 +278,14 @@ def test_bad_arguments_are_one_sentence(given, words):
 @pytest.mark.parametrize("controller", ["none", "feedforward"])
 def test_a_controller_without_settings_is_refused(controller):
     with pytest.raises(ScenarioError, match="nothing to tune") as caught:
-        vttig_jax.tune(spec_of(controller), PAIR)
+        tune(spec_of(controller), PAIR)
     assert caught.value.where == "controller"
 
 
 def test_axes_that_cannot_be_tuned_over():
     both = sweep_spec({"controller": ["acceleration", "predictive"]})
     with pytest.raises(ScenarioError, match="one controller"):
-        vttig_jax.tune(both, PAIR)
+        tune(both, PAIR)
     margins = sweep_spec({MARGIN: [0.0, 0.1]}, controller="predictive")
     with pytest.raises(ValueError, match="is an axis"):
-        vttig_jax.tune(margins, PAIR, free=[MARGIN])
+        tune(margins, PAIR, free=[MARGIN])

@@ -188,8 +188,7 @@ def _simulated(
         raise UsageError(
             f"a run of {duration:.3g} s has {periods:.3g} periods, but at most"
             f" {_MOST_PERIODS:.0e} are simulated; choose a higher speed, a shorter motion or a"
-            " lower rate of the controller.",
-            where=str(folder),
+            " lower rate of the controller."
         )
     if periods > _LONG:
         LOGGER.warning("to run: %.3g periods; Ctrl-C ends it and writes nothing", periods)

@@ -427,7 +427,7 @@ class Builder:
             )
         tables = _tabulated_draws(self.maps.draws, count, periodic, first, per_turn)
         smallest = np.asarray(_smallest(tables.nodes))
-        one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), replace(tables, nodes=None))
+        one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), tables)
         return replace(one, nodes=tables.nodes.reshape(-1, 4), closing=self.closing), smallest
 
     def _span(self, model: FlankModel, travel: Travel, maps: int = 1) -> "_Span":

@@ -1,0 +1,276 @@
+"""Tables of both flanks, and the closed form, against the flank models and formulas by hand."""
+
+import dataclasses
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.oracles import flank_formulas
+from vttig_jax.base.units import DEG, REV
+from vttig_jax.kinematics import (
+    BacklashMap,
+    Bounds,
+    FlankTable,
+    OrderModel,
+    as_flank_model,
+    closed_model,
+    exact_model,
+    first_order_bounds,
+    tabulate_flanks,
+)
+from vttig_jax.kinematics.flank_table import nodes_per_turn
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.rig import paper_eccentricities, paper_pair, paper_rig
+
+PAIR, RIG, TURNS = paper_pair(), paper_eccentricities(), 16
+CLOSING = np.array([7e-4, 6e-4])
+ANGLES = jnp.asarray(np.random.default_rng(0).uniform(-140.0, 140.0, 256))
+values = eqx.filter_jit(lambda bounds, angle: bounds.at(angle))
+_tabulated = eqx.filter_jit(tabulate_flanks)
+
+
+def tabulated(model, turns=TURNS, per_turn=None, **options) -> FlankTable:
+    """The table of a compiled program, with the nodes that `tabulate_flanks` takes by itself."""
+    return _tabulated(model, turns, per_turn=per_turn or nodes_per_turn(model), **options)
+
+
+@eqx.filter_jit
+def expected(model, angles):
+    """TE of both flanks, then their slopes."""
+
+    def both(flank):
+        ones = jnp.ones_like(angles)
+        return jax.jvp(lambda at: model.transmission_error(at, flank), (angles,), (ones,))
+
+    (lower, lower_slope), (upper, upper_slope) = both("A"), both("B")
+    return [lower, upper, lower_slope, upper_slope]
+
+
+def deviation(bounds: Bounds, model, angles=ANGLES) -> tuple[float, float]:
+    """Largest difference in TE and in its slope from a flank model, rad and rad/rad."""
+    both = zip(jax.tree.leaves(values(bounds, angles)), expected(model, angles), strict=True)
+    found = [float(jnp.abs(one - other).max()) for one, other in both]
+    return max(found[:2]), max(found[2:])
+
+
+@pytest.fixture(scope="module")
+def exact():
+    return exact_model(PAIR, RIG)
+
+
+@pytest.fixture(scope="module")
+def table(exact) -> FlankTable:
+    return tabulated(exact, closing=CLOSING)
+
+
+def test_the_table_of_a_mesh_order_is_the_model():
+    model = paper_rig().flank_model()
+    assert model.highest_order == 45.0
+    angles = jnp.asarray(np.random.default_rng(1).uniform(-1.0, TURNS + 1.0, 100_000) * REV)
+    assert deviation(tabulated(model), model, angles)[0] < 1e-9 * DEG
+    # A sixth of the nodes and a mesh order of 10⁻⁴ rad: 6⁴ times the error.
+    assert deviation(tabulated(model, per_turn=480), model, angles)[0] > 1e-9 * DEG
+
+
+def test_the_exact_relation_and_its_slope(exact, table):
+    value, slope = deviation(table, exact)
+    assert value < 1e-13 and slope < 1e-11
+    value, slope = deviation(first_order_bounds(closed_model(PAIR, RIG)), exact)
+    assert value > 1e-8 and slope > 1e-8
+
+
+def test_the_closed_form_and_its_slope():
+    model = closed_model(PAIR, RIG)
+    value, slope = deviation(first_order_bounds(model), model)
+    assert value < 1e-15 and slope < 1e-15
+
+
+@given(
+    sizes=st.tuples(st.floats(0.0, 0.1), st.floats(0.0, 0.1)),
+    phases=st.tuples(st.floats(0.0, 360.0), st.floats(0.0, 360.0)),
+    gap=st.floats(0.0, 0.5),
+)
+def test_any_eccentricities(sizes, phases, gap):
+    model = exact_model(PAIR, Eccentricities(sizes[0], phases[0], sizes[1], phases[1], gap))
+    value, slope = deviation(tabulated(model), model)
+    assert value < 1e-12 and slope < 1e-10
+
+
+@pytest.mark.parametrize("form", ["exact", "closed"])
+def test_formulas_in_plain_python(form, exact, table):
+    bounds = table if form == "exact" else first_order_bounds(closed_model(PAIR, RIG))
+    oracle = getattr(flank_formulas, form)()
+    shifted = getattr(flank_formulas, form)(
+        dataclasses.replace(flank_formulas.PAPER, driving=(0.0226, math.radians(49.6)))
+    )
+    found = values(bounds, ANGLES)
+    errors, slopes = (found.lower, found.upper), (found.lower_slope, found.upper_slope)
+    for wall, other, error, slope in zip(oracle, shifted, errors, slopes, strict=True):
+        known = np.array([wall(float(angle)) for angle in ANGLES])
+        np.testing.assert_allclose(error, known[:, 0], rtol=0, atol=2e-13)
+        np.testing.assert_allclose(slope, known[:, 1], rtol=0, atol=2e-9)
+        wrong = np.array([other(float(angle))[0] for angle in ANGLES])
+        assert np.abs(error - wrong).max() > 1e-7
+
+
+def test_harmonics_of_any_order():
+    """A steep order and one of both shafts; half of its nodes are too few."""
+    model = OrderModel(
+        ratio=jnp.asarray(0.5625),
+        terms=((1, 0), (0, 1), (0, 2), (23, 0), (1, -1)),
+        offset=jnp.array([1e-4, 7e-4]),
+        cosine=1e-5 * jnp.arange(1.0, 11.0).reshape(2, 5),
+        sine=-2e-5 * jnp.arange(1.0, 11.0).reshape(2, 5),
+    )
+    bound = 3e-7 * float(jnp.abs(model.sine).sum())
+    assert deviation(tabulated(model), model)[0] < bound
+    assert deviation(tabulated(model, per_turn=23 * 32), model)[0] > bound
+
+
+def test_the_gap_is_the_backlash_and_closes(exact, table):
+    gap = table.gap(ANGLES)
+    np.testing.assert_allclose(gap, exact.backlash(ANGLES), rtol=0, atol=1e-13)
+    assert float(table.closing_sum) == pytest.approx(CLOSING.sum())
+    np.testing.assert_allclose(table.closed_at(gap) * CLOSING.sum(), gap, rtol=1e-14)
+    assert np.isinf(tabulated(exact, 1, periodic=False).closed_at(gap)).all()
+
+
+def test_centred_gears_have_constant_flanks():
+    model = exact_model(PAIR, Eccentricities(constant_backlash_deg=0.04))
+    found = values(tabulated(model), ANGLES)
+    assert np.ptp(found.lower) < 1e-15 and np.abs(found.upper_slope).max() < 1e-14
+    np.testing.assert_allclose(found.upper - found.lower, np.radians(0.04), atol=1e-15)
+
+
+# A pure function.
+
+
+def test_a_compiled_table_is_the_eager_one(exact, table):
+    eager = tabulate_flanks(exact, TURNS, closing=CLOSING)
+    assert jax.tree.structure(eager) == jax.tree.structure(table)
+    np.testing.assert_allclose(eager.nodes, table.nodes, rtol=0, atol=1e-15)
+    both = zip(*map(jax.tree.leaves, (values(table, ANGLES), eager.at(ANGLES))), strict=True)
+    for one, other in both:
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-15)
+
+
+def test_tables_of_stacked_models_are_those_of_a_loop():
+    models = [exact_model(PAIR, dataclasses.replace(RIG, driven_mm=e)) for e in (0.0, 0.02, 0.05)]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *models)
+    tables = eqx.filter_vmap(lambda one: tabulate_flanks(one, TURNS, per_turn=512))(stacked)
+    together = eqx.filter_vmap(lambda one: one.at(ANGLES))(tables)
+    for place, model in enumerate(models):
+        alone = values(tabulated(model), ANGLES)
+        for name in ("lower", "upper"):
+            found = getattr(together, name)[place]
+            np.testing.assert_allclose(found, getattr(alone, name), rtol=0, atol=1e-15)
+    assert np.ptp(together.upper, axis=0).min() > 0
+
+
+PARAMETERS = np.array([0.0226, 49.5, 0.0273, 79.3, 0.038, 3.0])
+"""e₁ mm, θ₁ deg, e₂ mm, θ₂ deg, constant backlash deg, helix angle of all flanks deg."""
+STEPS = np.array([1e-3, 1e-2, 1e-3, 1e-2, 1e-3, 1e-2])
+
+
+@jax.jit
+def walls(parameters):
+    """Both flanks for an axial displacement of 0.2 mm at some angles, rad."""
+    helix = parameters[5]
+    pair = GearPair(
+        Gear(45, helix, helix), Gear(80, helix, helix),
+        module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.12,
+    )  # fmt: skip
+    closing = pair.taper / pair.reference_radii[1]
+    model = exact_model(pair, Eccentricities(*parameters[:5]))
+    flanks = tabulate_flanks(model, TURNS, closing=closing, per_turn=64).at(ANGLES)
+    return jnp.stack([flanks.lower + 0.2 * closing[0], flanks.upper - 0.2 * closing[1]])
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_derivatives_by_eccentricities_backlash_and_helix_angle(share):
+    def along(direction):
+        step = share * STEPS * direction
+        ends = (np.asarray(walls(PARAMETERS + sign * step)) for sign in (1, -1))
+        return np.subtract(*ends) / 2
+
+    weights = jnp.asarray(np.random.default_rng(2).normal(size=(2, len(ANGLES))))
+    backward = jax.grad(lambda parameters: jnp.sum(weights * walls(parameters)))(PARAMETERS)
+    for place, direction in enumerate(np.eye(len(PARAMETERS))):
+        moved = along(direction) / (share * STEPS[place])
+        _, forward = jax.jvp(walls, (jnp.asarray(PARAMETERS),), (jnp.asarray(direction),))
+        np.testing.assert_allclose(
+            np.asarray(forward), moved, rtol=0, atol=1e-7 * np.abs(moved).max()
+        )
+        through, size = (float(jnp.sum(one)) for one in (weights * moved, abs(weights * forward)))
+        assert float(backward[place]) == pytest.approx(through, abs=1e-7 * size)
+
+
+# Where a table ends.
+
+
+def test_a_periodic_table_repeats_after_the_hunting_period(exact, table):
+    again = table.at(ANGLES + TURNS * REV)
+    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(table.at(ANGLES)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-14)
+    assert deviation(tabulated(exact, TURNS - 1), exact)[0] > 1e-6
+
+
+def test_another_table_keeps_the_values_of_its_ends(exact):
+    part = tabulated(exact, 2, periodic=False, first_turn=-3)
+    inside = jnp.linspace(-3.0, -1.0, 101) * REV
+    assert deviation(part, exact, inside)[0] < 1e-13
+    for end, outside in ((-3.0, -3.5), (-1.0, 4.0)):
+        np.testing.assert_allclose(
+            part.at(jnp.asarray(outside * REV)).lower,
+            exact.transmission_error(end * REV, "A"),
+            rtol=0,
+            atol=1e-14,
+        )
+
+
+@pytest.mark.parametrize("turns", [-3, 0, 1, 16])
+@pytest.mark.parametrize("form", ["table", "closed"])
+def test_flanks_some_turns_later(turns, form, table):
+    bounds = table if form == "table" else first_order_bounds(closed_model(PAIR, RIG))
+    later, direct = bounds.turned(turns).at(ANGLES), bounds.at(ANGLES + turns * REV)
+    for found, known in zip(jax.tree.leaves(later), jax.tree.leaves(direct), strict=True):
+        np.testing.assert_allclose(found, known, rtol=0, atol=2e-15 * abs(turns) + 1e-15)
+    same = np.allclose(bounds.turned(turns).gap(ANGLES), bounds.gap(ANGLES), atol=1e-6)
+    assert same == (turns % 16 == 0)
+
+
+# What else may be a map.
+
+
+def test_a_function_of_the_user():
+    def function(angle, flank):
+        return 1e-4 * jnp.sin(3 * angle) + (5e-4 if flank == "B" else 0.0)
+
+    model = as_flank_model(function, PAIR.ratio)
+    found = values(tabulated(model), ANGLES)
+    np.testing.assert_allclose(found.lower, 1e-4 * np.sin(3 * ANGLES), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.upper_slope, 3e-4 * np.cos(3 * ANGLES), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.upper - found.lower, 5e-4, rtol=0, atol=1e-15)
+
+
+def test_maps_and_models_are_taken_as_they_are(exact, table):
+    ratio = PAIR.ratio
+    assert as_flank_model(exact, ratio) is exact and as_flank_model(table, ratio) is table
+    assert as_flank_model(BacklashMap(exact, None, PAIR), ratio) is exact
+    with pytest.raises(ValueError, match="flank model, a backlash map, a fit or a function"):
+        as_flank_model(3.0, ratio)
+
+
+def test_a_traced_ratio_needs_a_number_of_nodes(exact):
+    arrays = jax.tree.map(jnp.asarray, exact)
+    with pytest.raises(ValueError, match="per_turn"):
+        jax.eval_shape(lambda model: tabulate_flanks(model, 1), arrays)
+    made = jax.eval_shape(lambda model: tabulate_flanks(model, 1, per_turn=64).nodes, arrays)
+    assert made.shape == (65, 4)
