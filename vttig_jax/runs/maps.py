@@ -97,6 +97,7 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
     The mean of flank A is zero. Flank B stands the constant backlash above it, or else the gap over
     the angles covered; an unmeasured flank has the orders of the other one.
     """
+    import jax.numpy as jnp
     import numpy as np
 
     from ..base.units import ARCSEC, DEG
@@ -131,9 +132,10 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
         [[waves.get((*term, flank), 0.0) for term in terms] for flank in flanks], complex
     ).reshape(2, len(terms))  # a sin(x + p) = Im[a exp(jp) exp(jx)]
     orders = [(order, 0) if shaft == "driving" else (0, order) for shaft, order in terms]
-    offset: Any = np.array([0.0, gap_deg * DEG])
-    ratio = np.asarray(float(run.pair.ratio))
-    return OrderModel(ratio, tuple(orders), offset, phasors.imag, phasors.real)
+    offset, cosine, sine = map(
+        jnp.asarray, (np.array([0.0, gap_deg * DEG]), phasors.imag, phasors.real)
+    )
+    return OrderModel(np.asarray(float(run.pair.ratio)), tuple(orders), offset, cosine, sine)
 
 
 def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
@@ -141,6 +143,7 @@ def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
 
     The gap that an unknown delay adds to a draw is part of its flank B.
     """
+    import jax
     import numpy as np
 
     from ..kinematics.harmonic import OrderModel
@@ -163,11 +166,13 @@ def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
         )
     chosen = np.sort(np.random.default_rng(seed).choice(len(draws.offset), count, replace=False))
     of_delay = np.broadcast_to(draws.of_delay, len(draws.offset))[chosen]
-    offset: Any = draws.offset[chosen] + np.stack([np.zeros(count), of_delay], axis=1)
+    offset = draws.offset[chosen] + np.stack([np.zeros(count), of_delay], axis=1)
     ratio = np.full(count, float(draws.pair.ratio))
-    cosine: Any = draws.cosine[chosen]
-    sine: Any = draws.sine[chosen]
-    return OrderModel(ratio, draws.terms, offset, cosine, sine), count
+
+    def one(ratio, offset, cosine, sine):
+        return OrderModel(ratio, draws.terms, offset, cosine, sine)
+
+    return jax.vmap(one)(ratio, offset, draws.cosine[chosen], draws.sine[chosen]), count
 
 
 def _gap_draws(run: Run) -> "GapDraws":
@@ -223,7 +228,7 @@ def read_map_file(path: Path, pair: "GearPair | Drive") -> "FlankModel":
             " it with `vttig map --out`."
         )
     turns = len(angle) * step / REV / pair.hunting_turns
-    periodic = abs(turns - round(turns)) < 1e-6 and round(turns) >= 1
+    periodic = bool(abs(turns - round(turns)) < 1e-6 and round(turns) >= 1)
     nodes = []
     if periodic:
         angle = np.append(angle, angle[0] + len(angle) * step)

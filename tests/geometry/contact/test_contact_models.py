@@ -1,17 +1,17 @@
-"""Contact as any other flank model: maps, TE curves, harmonics for the simulator, fits."""
+"""Contact as any other flank model: maps, TE curves, tables for the simulator, fits."""
 
 import math
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from vttig_jax.control.plants.flank_bounds import bounds_of
 
 from vttig_jax.geometry.contact.contact_model import contact_model
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_model import FlankModel
+from vttig_jax.kinematics.flank_table import tabulate_flanks
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Flank
@@ -39,30 +39,29 @@ def test_the_backlash_map_of_the_surfaces_is_the_exact_one(paper_pair, rig):
     assert found.safe_closing_mm == pytest.approx(exact.safe_closing_mm, abs=1e-9)
 
 
-def test_harmonics_for_the_simulator(paper_pair, rig):
-    """`bounds_of` takes them from both angles, as from the exact relation."""
-    closing = np.zeros(2)
-    found = bounds_of(contact_model(paper_pair, rig), closing)
-    exact = bounds_of(exact_model(paper_pair, rig), closing)
-    assert found.terms == exact.terms
-    for name in ("offset", "cosine", "sine"):
-        np.testing.assert_allclose(getattr(found, name), getattr(exact, name), rtol=0, atol=1e-13)
+def test_tables_for_the_simulator(paper_pair, rig):
+    """Few nodes, whose tables are those of the exact relation."""
+    found, exact = (
+        tabulate_flanks(model, 1, per_turn=8).nodes
+        for model in (contact_model(paper_pair, rig), exact_model(paper_pair, rig))
+    )
+    for column, atol in enumerate((1e-13, 1e-10, 1e-13, 1e-10)):  # values, slopes of a search
+        np.testing.assert_allclose(found[:, column], exact[:, column], rtol=0, atol=atol)
 
 
 @pytest.mark.slow
-def test_harmonics_of_tooth_mesh_are_found_where_they_are_asked_for(paper_pair):
+def test_the_tooth_mesh_is_in_the_table(paper_pair):
     """A tilted axis: the transmission error has the period of the teeth."""
     model = contact_model(paper_pair, misalignment=Misalignment(0.0, 3e-4), sections=3)
     assert model.highest_order == 45.0
-    bounds = bounds_of(model, np.zeros(2), highest=(180, 0))
-    strength = np.hypot(bounds.cosine[0], bounds.sine[0])
-    strongest = [bounds.terms[place][0] for place in np.argsort(-strength)[:3]]
-    assert sorted(strongest) == [45, 90, 135]
+    table = tabulate_flanks(model, 1, per_turn=45 * 16)
+    strength = np.abs(np.fft.rfft(table.nodes[:-1, 0]))[1:]
+    assert sorted(1 + np.argsort(-strength)[:3]) == [45, 90, 135]
     angles = np.linspace(0.0, 0.3, 33)
-    found = np.asarray(bounds.at(jnp.asarray(angles)).lower)
+    found = np.asarray(table.at(jnp.asarray(angles)).lower)
     error = np.asarray(model.transmission_error(angles, "A"))
-    # Its corners, where one pair of teeth takes over from another, need more harmonics.
-    assert np.median(np.abs(found - error)) < 0.05 * np.ptp(error)
+    # At its corners one pair of teeth takes over from another.
+    assert np.median(np.abs(found - error)) < 0.01 * np.ptp(error)
 
 
 def test_the_period_of_contact_is_that_of_the_hunting_tooth(paper_pair, rig):

@@ -626,4 +626,4 @@ def _tabulated_draws(
 
 def _smallest(nodes: Float[Numbers, "*maps rows 4"]) -> Float[Numbers, "*maps"]:
     """Return the smallest gap at the nodes of tables, rad."""
-    return (nodes[..., 2] - nodes[..., 0]).min(axis=-1)
+    return jnp.min(jnp.asarray(nodes[..., 2] - nodes[..., 0]), axis=-1)

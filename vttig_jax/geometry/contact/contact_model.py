@@ -157,9 +157,6 @@ def contact_model(
     `ValueError` for invalid options. Traced numbers are not checked; an undercut flank then begins
     on its base circle.
 
-    `bounds_of` of `control.plants.flank_bounds` needs `highest=(2 z₁, 2)` if the contact has tooth
-    mesh harmonics, e.g. with misalignment.
-
     **Example**
     ```python
     >>> import numpy as np, vttig_jax
