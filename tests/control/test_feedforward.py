@@ -1,6 +1,7 @@
 """The jump of the motor: what it makes up for, what it leaves, and whom it needs."""
 
 import itertools
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -123,10 +124,11 @@ def test_too_much_is_as_bad_as_too_little():
         return _flank("A", angle) + 10 * gap * (name == "B")
 
     spec = spec_of(BASE, {"controller": "feedforward"})
-    right, wrong = (
+    found: Any = [
         vttig_jax.simulate(spec, PAIR, controller_map=believed).metrics
         for believed in (None, tenfold)
-    )
+    ]
+    right, wrong = found
     mean_gap = float(np.mean(flank("B", ANGLES) - flank("A", ANGLES))) / DEG
     assert wrong["lost_motion_deg"] == pytest.approx(9 * mean_gap, rel=0.1)
     for name in ("lost_motion_deg", "output_error_deg", "output_error_rms_deg"):
