@@ -3,12 +3,11 @@
     python fits/paper/compare.py           prints the tables
     python fits/paper/compare.py --write   renews the tables of README.md and the pictures
 
-The paper's numbers are quoted in `printed.toml`; every other number is computed here. Angles are
-degrees of the driven gear.
+The paper's numbers are quoted in `vttig_jax/runs/paper_printed.toml`; every other number is
+computed here. Angles are degrees of the driven gear.
 """
 
 import argparse
-import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -31,13 +30,14 @@ from vttig_jax.plotting.backlash_map import plot_map
 from vttig_jax.plotting.fit import plot_te
 from vttig_jax.plotting.save import png
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
+from vttig_jax.runs.paper_runs import printed_tables
 
 vttig_jax.enable_x64()
 
 HERE = Path(__file__).resolve().parent
 BEGIN, END = "<!-- tables: begin -->\n", "<!-- tables: end -->\n"
 
-PRINTED: dict[str, Any] = tomllib.loads((HERE / "printed.toml").read_text(encoding="utf-8"))
+PRINTED = printed_tables()
 PAIR, RIG = paper_pair(), paper_eccentricities()
 """Tables 1 and 2; the constant backlash is the simulated jump at 7560° less j_v there."""
 

@@ -18,6 +18,7 @@ from .map import csv_text
 if TYPE_CHECKING:
     from ...control.scenario.spec import ScenarioSpec
     from ...control.simulation.result import Simulation
+    from ...runs.paper_runs import PaperRuns
 
 _MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
 """Largest number of rows of a trace file, and of a trace that is only for a picture."""
@@ -64,6 +65,8 @@ vttig simulate --print-defaults > scenario.toml
 vttig simulate scenario.toml --figure reversal.png
 vttig simulate scenario.toml --set controller=none --set motion.reversal_deg=1080
 vttig simulate scenario.toml --trace trace.csv --every 10
+vttig simulate run --set constant_backlash_deg=0.01
+vttig simulate --paper --out paper
 """,
 )
 @click.argument("scenario", metavar="[SCENARIO]", required=False, type=click.Path(path_type=Path))
@@ -83,6 +86,8 @@ vttig simulate scenario.toml --trace trace.csv --every 10
     help="With --trace: keep one period of the controller in this many; all by default.",
 )
 @click.option("--figure", type=click.Path(path_type=Path), help="PNG of the run to write.")
+@click.option("--paper", is_flag=True, help="Simulate the runs of the paper instead of SCENARIO.")
+@click.option("--out", type=click.Path(path_type=Path), help="With --paper: folder for its files.")
 @click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def command(
     output: Output,
@@ -92,6 +97,8 @@ def command(
     trace: Path | None,
     every: int,
     figure: Path | None,
+    paper: bool,
+    out: Path | None,
     overwrite: bool,
 ) -> None:
     """Simulate the drive in SCENARIO (TOML) through its motion, usually one reversal.
@@ -99,9 +106,17 @@ def command(
     The command prints the mean and the extremes of the transmission error, its jump at the change
     of flanks, the detection of the reversal by the controller, the backlash that remained open, and
     the interference where the gap was closed too far. Paths in SCENARIO are relative to it. With
-    rig = { from = "RUN" } instead of [eccentricities] the rig is that of a fitted run folder. A run
-    with a failure, such as a blocked drive, is also a result; its outcome names the failure.
+    rig = { from = "RUN" } instead of [eccentricities] the plant has the map of a fitted run folder,
+    and SCENARIO may be a run folder itself. A run with a failure, such as a blocked drive, is also
+    a result; its outcome names the failure. --paper simulates the runs of Figs. 16-20 of the paper
+    with three controllers each and prints them beside its Table 3; --out DIR keeps the table and a
+    picture of every run.
     """
+    if paper:
+        _simulate_paper(out, overwrite, output)
+        return
+    if out is not None:
+        raise UsageError("--out keeps the files of --paper; give that too, or --trace or --figure.")
     if print_defaults:
         _print_defaults()
         return
@@ -122,8 +137,38 @@ def command(
     output.emit(found.to_json(), found)
 
 
+def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
+    import vttig_jax
+
+    from ...base.files.run_folder import RunFolder
+    from ...runs.paper_runs import CONTROLLERS, TABLE, simulate_paper
+
+    others = given(("scenario", "print_defaults", "settings", "trace", "every", "figure"))
+    if others or (overwrite and out is None):
+        raise UsageError(
+            "--paper simulates the runs of the paper and goes with --out, --overwrite and --json;"
+            f" leave out {', '.join(others) or '--overwrite'}."
+        )
+    vttig_jax.enable_x64()
+
+    def simulated(**options: Any) -> "PaperRuns":
+        with output.progress(5 * len(CONTROLLERS), "simulate") as bar:
+            return simulate_paper(progress=bar.update, **options)
+
+    if out is None:
+        found = simulated()
+    else:
+        with RunFolder(out, overwrite=overwrite, results=(TABLE,)) as folder:
+            found = simulated(trace_every=1)
+            for name, data in found.files().items():
+                folder.write_bytes(name, data)
+    output.emit(found.to_json(), found)
+
+
 def _print_defaults() -> None:
-    others = given(("scenario", "settings", "trace", "every", "figure", "overwrite", "as_json"))
+    others = given(
+        ("scenario", "settings", "trace", "every", "figure", "out", "overwrite", "as_json")
+    )
     if others:
         raise UsageError(
             f"--print-defaults prints TOML and does nothing else; leave out {', '.join(others)}."
