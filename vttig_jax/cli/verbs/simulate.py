@@ -3,6 +3,7 @@
 import math
 import re
 import tomllib
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,6 @@ from .map import csv_text
 if TYPE_CHECKING:
     from ...control.scenario.spec import ScenarioSpec
     from ...control.simulation.result import Simulation
-    from ...runs.paper_runs import PaperRuns
 
 _MOST_ROWS, _MOST_SHOWN = 20_000_000, 1_000_000
 """Largest number of rows of a trace file, and of a trace that is only for a picture."""
@@ -62,9 +62,8 @@ class Setting(click.ParamType):
     "simulate",
     example="""
 vttig simulate --print-defaults > scenario.toml
-vttig simulate scenario.toml --figure reversal.png
+vttig simulate scenario.toml --figure reversal.png --trace trace.csv --every 10
 vttig simulate scenario.toml --set controller=none --set motion.reversal_deg=1080
-vttig simulate scenario.toml --trace trace.csv --every 10
 vttig simulate run --set constant_backlash_deg=0.01
 vttig simulate --paper --out paper
 """,
@@ -150,16 +149,10 @@ def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
             f" leave out {', '.join(others) or '--overwrite'}."
         )
     vttig_jax.enable_x64()
-
-    def simulated(**options: Any) -> "PaperRuns":
-        with output.progress(5 * len(CONTROLLERS), "simulate") as bar:
-            return simulate_paper(progress=bar.update, **options)
-
-    if out is None:
-        found = simulated()
-    else:
-        with RunFolder(out, overwrite=overwrite, results=(TABLE,)) as folder:
-            found = simulated(trace_every=1)
+    kept = RunFolder(out, overwrite=overwrite, results=(TABLE,)) if out else nullcontext()
+    with kept as folder, output.progress(5 * len(CONTROLLERS), "simulate") as bar:
+        found = simulate_paper(trace_every=0 if folder is None else 1, progress=bar.update)
+        if folder is not None:
             for name, data in found.files().items():
                 folder.write_bytes(name, data)
     output.emit(found.to_json(), found)
