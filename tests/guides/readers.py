@@ -100,6 +100,13 @@ def with_fits(folder: Path) -> None:
     shutil.copy(source, folder / "fits" / "paper" / "pair.toml")
 
 
+def with_worm(folder: Path) -> None:
+    """Write the pair file that the page on pair files shows, and copy the fit of a worm drive."""
+    with_pair(folder)
+    worm = Path("fits") / "worm_mount" / "cge"
+    shutil.copytree(REPOSITORY / worm, folder / worm)
+
+
 def with_nothing(folder: Path) -> None:
     """Leave the folder empty."""
 
@@ -112,7 +119,7 @@ HAVE: dict[str, Callable[[Path], None]] = {
     "docs/logs.md": with_own_log,
     "docs/many_fits.md": with_rigs,
     "docs/on_the_machine.md": with_nothing,
-    "docs/reversals.md": with_pair,
+    "docs/reversals.md": with_worm,
     "docs/simulation.md": with_a_sweep,
     "docs/what_a_log_tells.md": with_nothing,
 }

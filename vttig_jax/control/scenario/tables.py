@@ -52,7 +52,10 @@ class EccentricityTable(Table, frozen=True):
 
 
 class MapTable(Table, frozen=True):
-    """Table `[map]`: rig that the controller assumes; absent keys have the true values."""
+    """Table `[map]`: other eccentricities that the controller believes, key by key.
+
+    It goes with `[eccentricities]`; `controller_map` names a whole map instead.
+    """
 
     driving_mm: (
         Annotated[
@@ -261,10 +264,10 @@ class SamplingTable(Table, frozen=True):
 
 
 class RigTable(Table, frozen=True, rename={"run": "from"}):
-    """Table `rig`: the result in a run folder of `vttig fit`, instead of `[eccentricities]`.
+    """Table `rig`: the map in a run folder of `vttig fit`, instead of `[eccentricities]`.
 
-    A single case uses the fitted rig, or the posterior mean if the folder has a posterior. A sweep
-    uses rigs drawn from the posterior.
+    A single case uses the whole fitted map, or the posterior mean if the folder has a posterior. In
+    a sweep each plant has the whole map of a posterior draw.
     """
 
     run: Annotated[str, key("run folder of `vttig fit`", min_length=1, examples=["RUN"])]
