@@ -175,16 +175,17 @@ class FlankTable(Bounds):
 
     def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
         """See `Bounds.at`."""
-        nodes, rate = jnp.asarray(self.nodes), 1.0 / jnp.asarray(self.step)
-        (lower, lower_slope), (upper, upper_slope) = (
-            self._curve(driving_angle, nodes[:, i], nodes[:, i + 1]) for i in (0, 2)
-        )
+        share, start, end = self._interval(driving_angle)
+        rate = 1.0 / jnp.asarray(self.step)
+        lower, lower_slope = _hermite(share, *start[:2], *end[:2])
+        upper, upper_slope = _hermite(share, *start[2:], *end[2:])
         return Flanks(lower, upper, lower_slope * rate, upper_slope * rate)
 
     def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """See `Bounds.gap`."""
-        nodes = jnp.asarray(self.nodes)
-        return self._curve(driving_angle, nodes[:, 2] - nodes[:, 0], nodes[:, 3] - nodes[:, 1])[0]
+        share, start, end = self._interval(driving_angle)
+        gaps = [node[i + 2] - node[i] for node in (start, end) for i in (0, 1)]
+        return _hermite(share, *gaps)[0]
 
     def turned(self, turns: int) -> "FlankTable":
         """See `Bounds.turned`."""
@@ -199,13 +200,11 @@ class FlankTable(Bounds):
         """Return table `number`, counted from 0, of tables that share their nodes."""
         return replace(self, first=np.asarray(number * (self.intervals + 1)))
 
-    def _curve(
-        self, angle: Float[Array, "*shape"], value: Float[Array, " n"], slope: Float[Array, " n"]
-    ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
-        """Return a curve and its slope at a driving angle (rad) from those at the nodes.
+    def _interval(self, angle: Float[Array, "*shape"]):
+        """Return the share of the interval that holds a driving angle, and the numbers of its ends.
 
-        Slopes are those per interval. Each column of the nodes is gathered by itself, because XLA
-        joins such gathers with the sums and products around them.
+        The four numbers of a node are gathered one by one, because XLA joins such gathers with the
+        sums and products around them.
         """
         place, count = (angle - self.start) * (1.0 / jnp.asarray(self.step)), self.intervals
         if self.periodic:
@@ -214,19 +213,19 @@ class FlankTable(Bounds):
         else:
             place = jnp.clip(place, 0.0, float(count))
             whole = row = jnp.minimum(jnp.floor(place), count - 1.0)
-        share = place - whole
-        row = row.astype(jnp.int32) + jnp.asarray(self.first, jnp.int32)
+        first = 4 * (row.astype(jnp.int32) + jnp.asarray(self.first, jnp.int32))
+        numbers = jnp.asarray(self.nodes).reshape(-1)
         # XLA clamps the index of a gather, so that an angle that is not a number does no harm.
-        (start, end), (rise, fall) = (
-            [column.at[place].get(mode="promise_in_bounds") for place in (row, row + 1)]
-            for column in (value, slope)
-        )
-        change = end - start
-        c2, c3 = 3 * change - 2 * rise - fall, rise + fall - 2 * change
-        return (
-            start + share * (rise + share * (c2 + share * c3)),
-            rise + share * (2 * c2 + 3 * share * c3),
-        )
+        found = [numbers.at[first + i].get(mode="promise_in_bounds") for i in range(8)]
+        return place - whole, found[:4], found[4:]
+
+
+def _hermite(share, start, rise, end, fall):
+    """Return value and slope of the cubic at `share`, from those at both ends of the interval."""
+    change = end - start
+    c2, c3 = 3 * change - 2 * rise - fall, rise + fall - 2 * change
+    value = start + share * (rise + share * (c2 + share * c3))
+    return value, rise + share * (2 * c2 + 3 * share * c3)
 
 
 def tabulate_flanks(

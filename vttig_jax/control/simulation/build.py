@@ -64,98 +64,6 @@ from ..scenario.tables import (
 )
 from .case import Case
 
-_SHORTEST_QUEUE = 1
-"""Least length of the actuator's queue of commands, periods."""
-
-
-def drag_of(inertia_kgm2: float, friction: FrictionTable, load: LoadTable) -> Drag:
-    """Return the inertia, friction and load of the driven shaft."""
-    return Drag(
-        inertia=inertia_kgm2,
-        coulomb=friction.coulomb_Nm,
-        viscous=friction.viscous_Nms,
-        stribeck=friction.stribeck_Nm,
-        stribeck_speed=friction.stribeck_rad_s,
-        load=load.torque_Nm,
-        sticky=friction.stribeck_Nm > 0,
-    )
-
-
-def drive_of(
-    servo: ServoTable,
-    plant: str,
-    inertia: InertiaTable,
-    friction: FrictionTable,
-    load: LoadTable,
-    plant_hz: float,
-) -> ShaftDrive:
-    """Return the drive of the driving shaft.
-
-    **Raises** `ScenarioError` for a step of the plant that is too long for the gain of the servo.
-    """
-    if servo.motor == "prescribed":
-        return Prescribed()
-    fastest = servo.speed_gain_Nms / inertia.driving_kgm2
-    if plant_hz < fastest * (1 - 1e-12):
-        raise ScenarioError(
-            f"steps of {1 / plant_hz:.3g} s are too long for a servo of"
-            f" {servo.speed_gain_Nms:g} N m s/rad on {inertia.driving_kgm2:g} kg m²; take"
-            f" {math.ceil(fastest):g} Hz or more, or lower servo.speed_gain_Nms.",
-            where="sampling.plant_hz",
-        )
-    law = Servo(
-        servo.speed_gain_Nms,
-        servo.integral_gain_Nm,
-        servo.position_gain_1_s,
-        servo.torque_limit_Nm,
-    )
-    driven = drag_of(0.0 if plant == "play" else inertia.driven_kgm2, friction, load)
-    return ServoDrive(law, Drag(inertia.driving_kgm2, friction.driving_Nm), driven)
-
-
-def actuator_of(
-    pair: GearPair | Drive,
-    taper: Float[Numbers, "2"],
-    table: ActuatorTable,
-    servo: ServoTable,
-    plant: str,
-    inertia: InertiaTable,
-    friction: FrictionTable,
-    load: LoadTable,
-    mesh: MeshTable,
-    controller_hz: float,
-) -> Actuator:
-    """Return the actuator that slides the driven gear."""
-    thrust, back_drivable = None, can_back_drive(taper, mesh.friction_coefficient)
-    if table.force_limit_N > 0 and isinstance(pair, GearPair):
-        drag = drag_of(0.0 if plant == "play" else inertia.driven_kgm2, friction, load)
-        radius_m = 1e-3 * float(pair.reference_radii[1])
-        ratio, sliding = float(pair.ratio), mesh.friction_coefficient
-        thrust = Thrust(drag, pair.taper, sliding, radius_m, ratio)
-        if servo.motor == "pi":
-            force = servo.torque_limit_Nm / (ratio * radius_m) * (float(pair.taper.max()) - sliding)
-            back_drivable = back_drivable & (force >= table.force_limit_N)
-    delay = delay_of(table, controller_hz)
-    # The length of the queue is a power of two, so most new delays need no new compiled program.
-    periods = 1 << max(math.ceil(math.log2(max(delay, _SHORTEST_QUEUE))), 0)
-    return Actuator(
-        speed=table.speed_mm_s,
-        acceleration=table.acceleration_mm_s2,
-        stroke=table.stroke_mm,
-        resolution=table.resolution_mm,
-        delay=delay,
-        back_drivable=back_drivable,
-        periods=periods,
-        force_limit=np.asarray(table.force_limit_N) if thrust is not None else None,
-        thrust=thrust,
-    )
-
-
-def delay_of(table: ActuatorTable, controller_hz: float) -> int:
-    """Return the dead time of the actuator in whole periods of the controller."""
-    return math.ceil(table.delay_s * controller_hz * (1 - 1e-12))
-
-
 _OBSERVERS: dict[str, Callable[[float], Observer]] = {
     "alpha_beta_gamma": AlphaBetaGamma,
     "difference": FilteredDifference,
@@ -164,6 +72,16 @@ _CACHED_PARTS, _CACHED_TABLES = 4096, 512
 """Largest numbers of parts of cases and of their flanks that a builder caches; chosen values."""
 _LOOP_PERIODS = 3.0
 """Delay from an encoder reading to the resulting actuator position, in controller periods."""
+
+
+class _Machine(NamedTuple):
+    """Plant with its steps in a controller period, drive, actuator, and its lead in a period, s."""
+
+    substeps: int
+    plant: Plant
+    drive: ShaftDrive
+    actuator: Actuator
+    lead_s: float
 
 
 Travel = tuple[float, float]
@@ -279,26 +197,28 @@ class Builder:
         motion, sense = self._part(self._motion, spec.motion)
         travel = self._part(self._travel, spec.motion)
         bounds = self._plant_bounds(spec, travel, draw)
-        hertz = spec.sampling.controller_hz
-        tables = spec.inertia, spec.friction, spec.load, spec.mesh
-        substeps = self._part(self._substeps, spec.plant, spec.inertia, spec.mesh, spec.sampling)
+        masses = spec.servo, spec.inertia, spec.friction, spec.load, spec.mesh
+        machine: _Machine = self._part(
+            self._machine, spec.plant, *masses, spec.actuator, spec.sampling
+        )
         sensors = (spec.driving_encoder, False), (spec.driven_encoder, True)
+        driving, driven = (self._part(self._sensor, *sensor) for sensor in sensors)
         return CaseParts(
             motion=motion,
             bounds=bounds,
-            plant=self._part(self._plant, spec.plant, *tables, hertz, substeps),
-            drive=self._part(drive_of, spec.servo, spec.plant, *tables[:3], hertz * substeps),
-            actuator=self._part(
-                self._actuator, spec.actuator, spec.servo, spec.plant, *tables, hertz
-            ),
+            plant=machine.plant,
+            drive=machine.drive,
+            actuator=machine.actuator,
             observer=self._part(_OBSERVERS[spec.judgement.observer], spec.judgement.bandwidth_hz),
-            controller=self._located(spec, bounds, motion, travel),
-            driving_sensor=self._part(self._sensor, *sensors[0]),
-            driven_sensor=self._part(self._sensor, *sensors[1]),
-            period=self._part(float64, 1.0 / hertz),
+            controller=self._located(
+                spec, bounds, motion, travel, (driving, driven), machine.lead_s
+            ),
+            driving_sensor=driving,
+            driven_sensor=driven,
+            period=self._part(float64, 1.0 / spec.sampling.controller_hz),
             sense=self._part(float64, sense),
             seed=self._part(np.asarray, spec.seed),
-            substeps=substeps,
+            substeps=machine.substeps,
             noisy=any(table.noise_arcsec > 0 for table, _ in sensors),
         )
 
@@ -346,7 +266,7 @@ class Builder:
                 source = spec.eccentricities, spec.flanks
                 return self._bounds(source, self._checked(source, travel, where), 0)
             bounds, gap = self._part(self._mapped, name, self._checked(name, travel, where))
-        if gap < 0:
+        if not gap >= 0:
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A at one angle, where no gap is left;"
                 " take a map with a larger backlash (constant_backlash_deg).",
@@ -443,67 +363,101 @@ class Builder:
         whole = rows <= _WHOLE_ROWS and rows * maps <= _MOST_ROWS
         return (0, hunting, True) if whole or count >= hunting else (first, count, False)
 
-    def _plant(
+    def _machine(
         self,
         kind: str,
+        servo: ServoTable,
         inertia: InertiaTable,
         friction: FrictionTable,
         load: LoadTable,
         mesh: MeshTable,
-        controller_hz: float,
-        substeps: int,
-    ) -> Plant:
-        drag = drag_of(inertia.driven_kgm2, friction, load)
-        if kind == "play":
-            return PlayPlant()
-        if kind == "rigid":
-            return RigidPlant(drag, mesh.restitution)
-        stiffness, step = self._stiffness(mesh), 1.0 / (controller_hz * substeps)
-        longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
-        if step > longest * (1 + 1e-12):
-            least_hz = controller_hz * math.ceil(1.0 / (controller_hz * longest))
-            raise ScenarioError(
-                f"a step of {step:.3g} s is too long for a mesh of {stiffness:.3g} N m/rad on"
-                f" {inertia.driven_kgm2:g} kg m²; the longest is {longest:.3g} s: take plant_hz ="
-                f" {least_hz:g}.",
-                where="sampling.plant_hz",
-            )
-        return ElasticPlant(drag, stiffness, mesh.damping_ratio)
-
-    def _substeps(
-        self, kind: str, inertia: InertiaTable, mesh: MeshTable, sampling: SamplingTable
-    ) -> int:
-        """Return the plant steps in a controller period; by default as many as teeth need."""
-        hertz = sampling.controller_hz
-        if sampling.plant_hz or kind != "elastic":
-            return round(sampling.plant_hz / hertz) or 1
-        stiffness = self._stiffness(mesh)
-        longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
-        return math.ceil(1.0 / (hertz * longest))
+        actuator: ActuatorTable,
+        sampling: SamplingTable,
+    ) -> "_Machine":
+        """Return the parts whose masses, friction and contact belong together."""
+        pair, hertz = self.pair, sampling.controller_hz
+        drag = Drag(
+            inertia=inertia.driven_kgm2,
+            coulomb=friction.coulomb_Nm,
+            viscous=friction.viscous_Nms,
+            stribeck=friction.stribeck_Nm,
+            stribeck_speed=friction.stribeck_rad_s,
+            load=load.torque_Nm,
+            sticky=friction.stribeck_Nm > 0,
+        )
+        substeps = round(sampling.plant_hz / hertz) or 1
+        if kind == "elastic":
+            stiffness = self._stiffness(mesh)
+            longest = largest_step(stiffness, mesh.damping_ratio, inertia.driven_kgm2)
+            needed = math.ceil(1.0 / (hertz * longest) * (1 - 1e-12))
+            substeps = substeps if sampling.plant_hz else needed
+            if substeps < needed:
+                raise ScenarioError(
+                    f"a step of {1 / (hertz * substeps):.3g} s is too long for a mesh of"
+                    f" {stiffness:.3g} N m/rad on {inertia.driven_kgm2:g} kg m²; the longest is"
+                    f" {longest:.3g} s: take plant_hz = {hertz * needed:g}.",
+                    where="sampling.plant_hz",
+                )
+            plant: Plant = ElasticPlant(drag, stiffness, mesh.damping_ratio)
+        else:
+            plant = PlayPlant() if kind == "play" else RigidPlant(drag, mesh.restitution)
+        light = replace(drag, inertia=0.0) if kind == "play" else drag
+        drive: ShaftDrive = Prescribed()
+        if servo.motor == "pi":
+            fastest, step = servo.speed_gain_Nms / inertia.driving_kgm2, 1 / (hertz * substeps)
+            if step * fastest > 1 + 1e-12:
+                raise ScenarioError(
+                    f"steps of {step:.3g} s are too long for a servo of {servo.speed_gain_Nms:g}"
+                    f" N m s/rad on {inertia.driving_kgm2:g} kg m²; take {math.ceil(fastest):g} Hz"
+                    " or more, or lower servo.speed_gain_Nms.",
+                    where="sampling.plant_hz",
+                )
+            gains = servo.speed_gain_Nms, servo.integral_gain_Nm, servo.position_gain_1_s
+            driving = Drag(inertia.driving_kgm2, friction.driving_Nm)
+            drive = ServoDrive(Servo(*gains, servo.torque_limit_Nm), driving, light)
+        thrust, sliding = None, mesh.friction_coefficient
+        back_drivable = can_back_drive(self.taper, sliding)
+        if actuator.force_limit_N > 0 and isinstance(pair, GearPair):
+            radius_m, ratio = 1e-3 * float(pair.reference_radii[1]), float(pair.ratio)
+            thrust = Thrust(light, self.taper, sliding, radius_m, ratio)
+            if servo.motor == "pi":
+                wedge = float(self.taper.max()) - sliding
+                force = servo.torque_limit_Nm / (ratio * radius_m) * wedge
+                back_drivable = back_drivable & (force >= actuator.force_limit_N)
+        delay = math.ceil(actuator.delay_s * hertz * (1 - 1e-12))
+        carriage = Actuator(
+            speed=actuator.speed_mm_s,
+            acceleration=actuator.acceleration_mm_s2,
+            stroke=actuator.stroke_mm,
+            resolution=actuator.resolution_mm,
+            delay=delay,
+            back_drivable=back_drivable,
+            # A power of two, so that most new delays need no new compiled program.
+            periods=1 << (max(delay, 1) - 1).bit_length(),
+            force_limit=np.asarray(actuator.force_limit_N) if thrust is not None else None,
+            thrust=thrust,
+        )
+        return _Machine(substeps, plant, drive, carriage, (delay + _LOOP_PERIODS) / hertz)
 
     def _stiffness(self, mesh: MeshTable) -> float:
         """Return the stiffness of the mesh at the driven shaft, N m/rad."""
-        if not isinstance(self.pair, GearPair):
-            raise ScenarioError(
-                "the elastic plant needs the teeth of a gear pair, but this is a [drive]; choose"
-                " the rigid plant.",
-                where="plant",
-            )
-        width = float(self.pair.driven.face_width_mm)
-        if math.isnan(width):
+        if not isinstance(self.pair, GearPair) or np.isnan(self.pair.driven.face_width_mm):
             raise ScenarioError(
                 "the elastic plant needs the face width of the driven gear; add `face_width_mm` to"
-                " [driven] of the pair file.",
+                " [driven] of the pair file, or choose the rigid plant.",
                 where="plant",
             )
         radius = float(self.pair.base_radii[1].mean())
-        return mesh_stiffness(mesh.stiffness_N_mm_um, width, radius)
-
-    def _actuator(self, *arguments: Any) -> Actuator:
-        return actuator_of(self.pair, self.taper, *arguments)
+        return mesh_stiffness(mesh.stiffness_N_mm_um, float(self.pair.driven.face_width_mm), radius)
 
     def _located(
-        self, spec: ScenarioSpec, bounds: Bounds, motion: Motion, travel: Travel
+        self,
+        spec: ScenarioSpec,
+        bounds: Bounds,
+        motion: Motion,
+        travel: Travel,
+        sensors: tuple[Sensor, Sensor],
+        lead_s: float,
     ) -> Controller:
         """Return the controller, or a `LostController` if it cannot locate its driving turn.
 
@@ -519,10 +473,6 @@ class Builder:
         if source == "known" or spec.controller == "none":
             turns = 0
         elif source == "located":
-            sensors = tuple(
-                self._part(self._sensor, table, driven)
-                for table, driven in ((spec.driving_encoder, False), (spec.driven_encoder, True))
-            )
             model = self._flank_model(self._believed(spec), "controller_map")
             start = float(motion.at(jnp.zeros(())).angle)
             turns = turn_error(
@@ -532,10 +482,9 @@ class Builder:
             return LostController()
         if own is not None or spec.controller == "none":
             return own or NoController()
-        hertz, source = spec.sampling.controller_hz, self._believed(spec)
+        source = self._believed(spec)
         believed = source, self._checked(source, travel, "controller_map"), turns
-        lead = (delay_of(spec.actuator, hertz) + _LOOP_PERIODS) / hertz
-        return self._part(self._controller, spec.controller, spec.judgement, lead, *believed)
+        return self._part(self._controller, spec.controller, spec.judgement, lead_s, *believed)
 
     def _controller(
         self,

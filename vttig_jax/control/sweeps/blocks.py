@@ -17,7 +17,6 @@ from ..simulation.metrics import METRICS, MetricInputs, metrics_of, outcomes_of
 from ..simulation.simulate import periods_of
 from .batching import (
     LANES,
-    STEPS,
     BatchRunner,
     CaseBatch,
     batch_of,
@@ -42,9 +41,8 @@ A lane-step is one plant step of one case. An interruption loses at most the run
 _LEAST, _MOST = 64, 4 * LANES
 """Smallest and largest number of cases of one structure in a block; chosen values."""
 
-_MOST_KINDS, _CALLS = 16, 4
-"""Largest number of text combinations that is used for the block size, and number of compiled calls
-in the measurement of the time per lane-step; chosen values."""
+_MOST_KINDS = 16
+"""Largest number of text combinations that is used for the block size; a chosen value."""
 
 
 class Group(NamedTuple):
@@ -158,17 +156,6 @@ class SweepWork:
                 rows[name][indices] = values[: len(indices)]
             outcome[indices] = outcomes_of(inputs, accumulators)[: len(indices)]
         return started.number, self._case_columns(numbers) | rows | {"outcome": outcome}
-
-    def seconds_per_lane_step(self, lanes: int) -> float:
-        """Measure the time per lane-step, s, with a few compiled calls for the first structure."""
-        case = self._samples[0]
-        first = leaves_of(case)
-        batch = batch_of([first], self._batched[first.structure], lanes)
-        periods = max(STEPS // case.substeps, 1)
-        self.runner.run(batch, periods, case.substeps)  # compiles
-        began = time.perf_counter()
-        self.runner.run(batch, _CALLS * periods, case.substeps)
-        return (time.perf_counter() - began) / (lanes * _CALLS * periods * case.substeps)
 
     def _groups(self, numbers: Sequence[int]) -> list[Group]:
         """Return the cases of a block, grouped by structure, without those that cannot run."""

@@ -1,16 +1,15 @@
-"""Estimate of the cost of a sweep before it starts: lane-steps, time, memory, disk."""
+"""Size of a sweep before it starts: lane-steps, and whether memory and disk are sufficient."""
 
-import math
 import os
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ...base.errors import InputError
 from ..simulation.case import Case
 from ..simulation.metrics import METRICS
 from ..simulation.simulate import periods_of
-from .batching import LANES, lanes_for
+from .batching import LANES
 from .blocks import SweepWork
 
 _SAMPLED = 64
@@ -20,40 +19,22 @@ _CELL = 8  # bytes of a number
 _STATE = 3 * 100 * _CELL
 """Memory of a lane, bytes: about a hundred numbers of state, and intermediate results of a step."""
 
-_BUILD_S = 2e-4
-"""Time to build a case, s."""
-
 _SHARE = 0.8
 """Largest fraction of the memory and of the free disk space that a sweep may use; chosen."""
 
 
-@dataclass(frozen=True)
-class SweepCost:
-    """Estimated cost of a sweep.
-
-    - `cases`, `lane_steps`: numbers of cases and lane-steps. - `run_s`: time to run them, s.
-    - `compile_s`: time to compile the missing programs, s.
-    - `memory_bytes`, `disk_bytes`: upper limits, bytes.
-    """
+class SweepCost(NamedTuple):
+    """Numbers of cases and of lane-steps of a sweep, as they are expected."""
 
     cases: int
     lane_steps: float
-    run_s: float
-    compile_s: float
-    memory_bytes: int
-    disk_bytes: int
 
     def __str__(self) -> str:
-        disk = f", {_size(self.disk_bytes)} on disk" if self.disk_bytes else ""
-        time = _time(self.run_s + self.compile_s)
-        return (
-            f"{self.cases} cases, {self.lane_steps:.3g} lane-steps: about {time},"
-            f" {_size(self.memory_bytes)} of memory{disk}"
-        )
+        return f"{self.cases} cases, {self.lane_steps:.3g} lane-steps"
 
 
 def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
-    """Estimate the cost from some cases and a few compiled calls.
+    """Return the size of a sweep, from the lengths of some of its runs.
 
     **Raises** `InputError` for a sweep that needs more memory or disk than allowed.
     """
@@ -68,25 +49,8 @@ def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
         _refuse("disk", 2 * rows, _disk(folder), count, "split an axis, or choose another disk")
     numbers = sorted({count * index // _SAMPLED for index in range(_SAMPLED)})
     sampled = [case for case in map(cases.case, numbers) if isinstance(case, Case)]
-    lengths = [periods_of(case) * case.substeps for case in sampled]
-    steps = count / len(numbers) * sum(lengths)
-    # Every lane of a batch, filled or not, runs as long as the longest case of the batch.
-    group = min(count, work.block_size) / cases.text_combinations
-    lanes = lanes_for(math.ceil(group), len(work.runner.devices))
-    calls = cases.text_combinations * work.blocks * math.ceil(group / lanes)
-    longest = max(lengths, default=0) if group <= lanes else sum(lengths) / max(len(lengths), 1)
-    compiled = work.runner.compile_s
-    rounds = math.ceil(calls / len(work.runner.devices))
-    run_s = rounds * lanes * longest * work.seconds_per_lane_step(lanes) + count * _BUILD_S
-    compile_s = (cases.text_combinations - 1) * (work.runner.compile_s - compiled)
-    return SweepCost(
-        cases=count,
-        lane_steps=steps,
-        run_s=run_s,
-        compile_s=compile_s,
-        memory_bytes=memory,
-        disk_bytes=2 * rows if folder else 0,
-    )
+    steps = count / len(numbers) * sum(periods_of(case) * case.substeps for case in sampled)
+    return SweepCost(count, steps)
 
 
 def _refuse(resource: str, needed: int, available: int, count: int, cure: str) -> None:
@@ -119,10 +83,3 @@ def _size(count: int) -> str:
             return f"{size:.3g} {unit}"
         size /= 1000
     return f"{size:.3g} TB"
-
-
-def _time(seconds: float) -> str:
-    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.3g} {unit}"
-    return f"{seconds:.2g} s"

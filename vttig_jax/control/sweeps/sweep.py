@@ -1,6 +1,5 @@
 """Sweep over the product of named axes: thousands of cases, run block by block."""
 
-import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -60,7 +59,7 @@ def sweep(
     - `overwrite`: replace the sweep in `out`.
     - `devices`: number of JAX devices, by default all.
     - `dask`: address of a dask.distributed scheduler, whose workers get the blocks.
-    - `announce`: is called with the estimated cost before the sweep starts.
+    - `announce`: is called with the expected size before the sweep starts.
     - `progress`: is called with the finished and the expected lane-steps.
 
     **Raises** `ScenarioError`, `PairError`, `InputError` for a sweep that is larger than memory or
@@ -121,9 +120,7 @@ def _run(
         expected = estimate(work, path)
         todo = [number for number in range(work.blocks) if number not in store.done]
         share = len(todo) / work.blocks
-        expected = dataclasses.replace(
-            expected, lane_steps=share * expected.lane_steps, run_s=share * expected.run_s
-        )
+        expected = expected._replace(lane_steps=share * expected.lane_steps)
         if announce is not None:
             announce(expected)
         done = 0

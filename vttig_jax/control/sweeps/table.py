@@ -270,15 +270,15 @@ def _text(table: SweepTable) -> str:
     headers = [
         "",
         "cases",
-        ("gap left: mean", "deg"),
+        ("gap left", "deg"),
         "95 %",
         "max",
         "interfere",
-        ("by at most", "mm"),
+        ("most", "mm"),
         ("largest jump", "deg"),
-        ("wrong flank: most", "deg"),
-        ("motion lost: mean", "deg"),
-        ("output error: most", "deg"),
+        ("wrong flank", "deg"),
+        ("lost motion", "deg"),
+        ("output error", "deg"),
     ]
     early = [group for group in record["groups"] if group["early_share"]]
     remarks = [
