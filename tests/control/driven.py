@@ -20,7 +20,7 @@ IDLE = Servo(0.0, 0.0, 0.0, 1.0)
 """No torque at all."""
 
 
-def waves(swing: float = 4e-4, gap: float = 8e-4, ratio: float = RATIO) -> Bounds:
+def waves(swing: float = 4e-4, gap: float = 8e-4, ratio: float = RATIO) -> FirstOrderBounds:
     """Flanks that go up and down once a turn of each shaft, in different phases."""
     cosine: Any = swing * np.array([[1.0, 0.3], [0.6, -0.5]])
     sine: Any = swing * np.array([[0.2, -0.7], [-0.9, 0.4]])

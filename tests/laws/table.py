@@ -17,6 +17,7 @@ from tests.laws.surfaces import SURFACES
 from vttig_jax.kinematics import functions as kin
 from vttig_jax.kinematics.exact import ExactModel, exact_model
 from vttig_jax.kinematics.first_order import ClosedModel, closed_model
+from vttig_jax.kinematics.flank_table import first_order_bounds, tabulate_flanks
 from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Gear, GearPair
@@ -133,7 +134,31 @@ MODELS = (
     *_of_model(OrderModel, _orders, "transmission_error", "backlash", "at_both_angles"),
     *_of_model(CombinedModel, _combined, "transmission_error", "backlash", "at_both_angles"),
 )
-LAWS = (*FUNCTIONS, *MODELS, *SURFACES, *CONTACTS)
+
+
+@eqx.filter_jit
+def _bounds(make, angle, pair, rig):
+    """Both flanks with their slopes, and the gap, as one number that shows each of them."""
+    angle, closing = jnp.asarray(angle, float), pair.taper / pair.reference_radii[1]
+    bounds = make(pair, rig, closing)
+    flanks = bounds.at(angle)
+    walls = flanks.lower + 2.0 * flanks.upper + bounds.closing_sum * rig.axial_mm
+    return walls + 3.0 * flanks.lower_slope + 5.0 * flanks.upper_slope + 7.0 * bounds.gap(angle)
+
+
+def _table(pair, rig, closing):
+    return tabulate_flanks(exact_model(pair, rig), 1, closing=closing, per_turn=16)
+
+
+def _closed(pair, rig, closing):
+    return first_order_bounds(closed_model(pair, rig), closing)
+
+
+TABLES = tuple(
+    Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS)
+    for name, make in (("tabulate_flanks", _table), ("first_order_bounds", _closed))
+)
+LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *CONTACTS)
 MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)
 
 

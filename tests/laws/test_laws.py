@@ -7,7 +7,7 @@ import pytest
 
 from tests.laws import checks, table
 from vttig_jax import kinematics
-from vttig_jax.kinematics import functions
+from vttig_jax.kinematics import flank_table, functions
 from vttig_jax.kinematics.flank_model import FlankModel
 
 SLOW = {True: pytest.mark.slow, False: ()}
@@ -62,6 +62,9 @@ def test_result_scales_by_its_unit(law):
 
 def test_every_public_function_has_a_row():
     assert table.public_functions(functions) == {law.covers for law in table.FUNCTIONS}
+    without_numbers = {"nodes_per_turn", "as_flank_model"}
+    covered = {law.covers for law in table.TABLES}
+    assert table.public_functions(flank_table) - without_numbers == covered
 
 
 def test_every_method_of_every_flank_model_has_a_row():
@@ -70,7 +73,9 @@ def test_every_method_of_every_flank_model_has_a_row():
     models = {
         kind
         for kind in _all_subclasses(FlankModel)
-        if kind.__module__.startswith(f"{kinematics.__name__}.") and not kind.__subclasses__()
+        if kind.__module__.startswith(f"{kinematics.__name__}.")
+        and kind.__module__ != flank_table.__name__  # tests/kinematics/test_flank_table.py
+        and not kind.__subclasses__()
     }
     assert models == set(table.MODEL_CLASSES)
     wanted = set().union(*(table.public_methods(kind) for kind in models))

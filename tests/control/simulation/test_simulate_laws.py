@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -332,7 +332,7 @@ def test_a_compiled_period_is_one_computed_step_by_step(runs):
 def left(constant_backlash: Any, case: Case, periods: int) -> jax.Array:
     """Backlash left at the turn, of a case with another constant backlash (rad)."""
 
-    nodes = jnp.asarray(case.bounds.nodes)
+    nodes = jnp.asarray(cast(Any, case.bounds).nodes)
     nodes = nodes.at[:, 2].add(jnp.asarray(constant_backlash) - 0.038 * DEG)
     bounds = eqx.tree_at(lambda b: b.nodes, case.bounds, nodes)
     changed = eqx.tree_at(lambda c: c.bounds, case, bounds)
