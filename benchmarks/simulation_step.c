@@ -1,8 +1,7 @@
 /* One step of the simulator in C: what `vttig_jax.control.simulation.case` does in a period of the controller
  * for the rigid plant with prescribed motion in straight lines, two quantised encoders, the
  * tracking filter and the paper's controller, all metrics included. Same arithmetic, line by line;
- * see the Python for what it means. With TERMS 2 the flanks are closed, with TERMS 6 they are the
- * exact ones of the default scenario: the implicit relation as harmonics of both shafts.
+ * see the Python for what it means. The flanks are closed: the first order of each shaft.
  *
  * Lanes lie side by side (structure of arrays) in blocks of LANES, a block small enough for the
  * cache; the lane is the innermost loop. Numbers that all lanes share are scalars. What has not
@@ -13,9 +12,6 @@
 
 #ifndef LANES
 #define LANES 64
-#endif
-#ifndef TERMS
-#define TERMS 2
 #endif
 #define PIECES 6
 #define EDGES (PIECES + 2) /* the starts of the pieces, and where the two standstills begin */
@@ -33,14 +29,13 @@ typedef struct {
 typedef struct {
     double period, other;
     double speed[EDGES], acceleration[EDGES];
-    double ratio, offset[2], cosine[2][TERMS], sine[2][TERMS], closing[2];
+    double ratio, offset[2], cosine[2][2], sine[2][2], closing[2];
     double inertia, coulomb, load, fading, restitution;
     double fastest, braking, stroke, resolution, queued, yields;
     double correct_angle, correct_speed, correct_acceleration; /* over the innovation */
     double threshold, least_speed, margin;
-    double map_offset, map_cosine[TERMS], map_sine[TERMS], map_closing, map_ratio; /* of the gap */
+    double map_offset, map_cosine[2], map_sine[2], map_closing, map_ratio; /* of the gap */
     double driving_count, driven_count;
-    double order[TERMS]; /* cycles of every harmonic per driving turn */
 } Shared;
 
 typedef struct {
@@ -53,6 +48,8 @@ typedef struct {
     Row gap, crossing, crossing_s, detection, detection_s, false_closings;
     Row left, lacking, opened, retracted, asked, interference, travel, farthest, commanded;
     Row blocked, blocked_s;
+    Row carrier, largest_jump, early_jump, early_angle, wrong_travel;
+    Row output_start, output_error, output_squares, lost, lost_travel;
 } State;
 
 #ifdef FIELDS
@@ -96,44 +93,17 @@ INLINE Wave sincos_(double x)
     return (Wave){quadrant >= 2.0 ? -one : one, back ? -other : other};
 }
 
-INLINE Wave plus(Wave a, Wave b)
+/* First order of both shafts, and its slope by the driving angle. */
+INLINE double sum(const double *cosine, const double *sine, Wave one, Wave two)
 {
-    return (Wave){a.sine * b.cosine + a.cosine * b.sine, a.cosine * b.cosine - a.sine * b.sine};
+    return (cosine[0] * one.cosine + sine[0] * one.sine)
+        + (cosine[1] * two.cosine + sine[1] * two.sine);
 }
 
-/* All harmonics of both shafts, by angle addition. */
-INLINE void waves(Wave one, Wave two, Wave *all)
+INLINE double slope_of(const double *cosine, const double *sine, double ratio, Wave one, Wave two)
 {
-#if TERMS == 2
-    all[0] = one;
-    all[1] = two;
-#elif TERMS == 6
-    all[0] = two;
-    all[1] = plus(two, two);
-    all[2] = plus(one, (Wave){-two.sine, two.cosine});
-    all[3] = one;
-    all[4] = plus(one, two);
-    all[5] = plus(one, one);
-#else
-#error "TERMS must be 2 or 6"
-#endif
-}
-
-INLINE double sum(const double *cosine, const double *sine, const Wave *all)
-{
-    double total = 0.0;
-    for (int t = 0; t < TERMS; t++)
-        total += cosine[t] * all[t].cosine + sine[t] * all[t].sine;
-    return total;
-}
-
-INLINE double slope_of(const double *cosine, const double *sine, const double *order,
-                       const Wave *all)
-{
-    double total = 0.0;
-    for (int t = 0; t < TERMS; t++)
-        total += order[t] * (sine[t] * all[t].cosine - cosine[t] * all[t].sine);
-    return total;
+    return (sine[0] * one.cosine - cosine[0] * one.sine)
+        + ratio * (sine[1] * two.cosine - cosine[1] * two.sine);
 }
 
 INLINE double at(Cubic c, double u) { return c.c0 + u * (c.c1 + u * (c.c2 + u * c.c3)); }
@@ -199,9 +169,9 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         const int slows = moves & (along < -p->threshold), gains = moves & (along > p->threshold);
         const int was_closing = s->closes[l] != 0;
         const int closing = slows | (was_closing & !gains);
-        Wave map[TERMS];
-        waves(sincos_(driving), sincos_(p->map_ratio * driving), map);
-        const double believed = p->map_offset + sum(p->map_cosine, p->map_sine, map);
+        const Wave map_one = sincos_(driving), map_two = sincos_(p->map_ratio * driving);
+        const double believed =
+            p->map_offset + sum(p->map_cosine, p->map_sine, map_one, map_two);
         const double wish = believed * p->map_closing - p->margin;
         const double was_shift = s->shift[l];
         const double shift = (closing & !was_closing) ? most(wish, 0.0) : was_shift;
@@ -267,6 +237,17 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         s->opened[l] = opened ? 1.0 : 0.0;
         s->asked[l] = (counts & !was_opened) ? most(asked, command) : asked;
         s->commanded[l] = counts ? command : commanded;
+        /* The motion is the reference, so that the deviation of the output is the offset. */
+        const double output = s->offset[l], output_start = samples == 0 ? output : s->output_start[l];
+        const double deviation = fabs(output - output_start), most_yet = s->output_error[l];
+        const double first_flank = other > 0 ? s->lower[l] : s->upper[l];
+        const int back = counts & (time > turn);
+        const double travelled = back ? step * fabs(s->speed[l]) : 0.0;
+        s->output_start[l] = output_start;
+        s->output_error[l] = back ? most(most_yet, deviation) : most_yet;
+        s->output_squares[l] += counts ? deviation * deviation : 0.0;
+        s->lost[l] += travelled * fabs(output - first_flank);
+        s->lost_travel[l] += travelled;
 
         /* motion */
         double start = 0.0, ahead = 0.0, ahead_speed = 0.0, ahead_acceleration = 0.0;
@@ -284,13 +265,12 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         ahead_speed += since * ahead_acceleration;
 
         /* flanks */
-        Wave all[TERMS];
-        waves(sincos_(ahead), sincos_(ratio * ahead), all);
+        const Wave one = sincos_(ahead), two = sincos_(ratio * ahead);
         Flanks f;
-        f.lower = p->offset[0] + sum(p->cosine[0], p->sine[0], all);
-        f.upper = p->offset[1] + sum(p->cosine[1], p->sine[1], all);
-        f.lower_slope = slope_of(p->cosine[0], p->sine[0], p->order, all);
-        f.upper_slope = slope_of(p->cosine[1], p->sine[1], p->order, all);
+        f.lower = p->offset[0] + sum(p->cosine[0], p->sine[0], one, two);
+        f.upper = p->offset[1] + sum(p->cosine[1], p->sine[1], one, two);
+        f.lower_slope = slope_of(p->cosine[0], p->sine[0], ratio, one, two);
+        f.upper_slope = slope_of(p->cosine[1], p->sine[1], ratio, one, two);
 
         /* actuator */
         const double closed = (f.upper - f.lower) * per_rad;
@@ -348,8 +328,8 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
             | (flies & (hit ^ 1));
         const double touched = below ? -1.0 : above ? 1.0 : 0.0;
         const double carries = same ? side : touched;
-        const int back = (below & (bounce <= then_low)) | ((below ^ 1) & (bounce >= then_high));
-        const int stays = hit & (same | back);
+        const int falls = (below & (bounce <= then_low)) | ((below ^ 1) & (bounce >= then_high));
+        const int stays = hit & (same | falls);
         const double met = both ? -side : same ? 0.0 : touched;
         const Cubic way = cubic(angle, ahead, speed, ahead_speed, step);
         const double met_angle = at(way, share), met_gap = at(highs, share) - at(lows, share);
@@ -370,6 +350,17 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         const int jams = still & stuck, reverses = still & !opened;
         const int runs = still & !retracted;
         const double beyond = now_wanted - now_reached;
+        const int early = still & (then < turn);
+        const double was_carrier = s->carrier[l] == 0 ? -other : s->carrier[l];
+        const double largest = s->largest_jump[l], sooner = s->early_jump[l];
+        const double early_angle = s->early_angle[l], now_side = stays ? carries : 0.0;
+        const double jump = (still & (met == -was_carrier)) ? met_gap : 0.0;
+        const int greater = early & (jump > sooner);
+        s->carrier[l] = (still & (now_side != 0)) ? now_side : was_carrier;
+        s->largest_jump[l] = most(largest, jump);
+        s->early_jump[l] = greater ? jump : sooner;
+        s->early_angle[l] = greater ? met_angle : early_angle;
+        s->wrong_travel[l] += (early & (now_side == other)) ? fabs(ahead - angle) : 0.0;
         s->gap[l] = crosses ? met_gap : gap;
         s->crossing[l] = crosses ? met_angle : crossing;
         s->crossing_s[l] = crosses ? then : crossing_s;

@@ -24,6 +24,7 @@ from vttig_jax.control.plants.plant import ON_B, Shafts
 from vttig_jax.control.plants.rigid import RigidPlant
 from vttig_jax.control.simulation.accumulators import Accumulators, empty_accumulators
 from vttig_jax.control.simulation.case import Case, State, initial_state, run_periods
+from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 from .compiler import fast_to_compile
 
@@ -44,18 +45,19 @@ _OTHERS = (
     *("unobstructed", "rate", "reached", "queue"),
     *("seen_angle", "seen_speed", "seen_acceleration"),
 )
-TERMS = (((1, 0), (0, 1)), ((0, 1), (0, 2), (1, -1), (1, 0), (1, 1), (2, 0)))
-"""Harmonics of closed and of exact flanks, in the order of the C program."""
 METRICS = (
     *("samples", "total", "highest", "lowest", "first", "before", "after"),
     *("gap", "crossing", "crossing_s", "detection", "detection_s", "false_closings"),
     *("residual_gap", "shortfall", "opened", "retracted", "largest_command", "interference"),
     *("travel", "farthest"),
     *("commanded", "blocked", "blocked_s"),
+    *("carrier", "largest_jump", "early_jump", "early_angle", "wrong_travel"),
+    *("output_start", "output_error", "output_squares", "lost", "lost_travel"),
 )
 """Accumulators that the C program has: all that this case changes, which `scanned` checks."""
 FIELDS = (*_SHAFTS, *_FLANKS, *_OTHERS, "closes", "shift", *METRICS)
-_OWN = 2 * 8 + 3
+_OWN, _SHARED = 2 * 8 + 3, 2 + 16 + 1 + 2 + 8 + 2 + 5 + 6 + 3 + 3 + 1 + 4 + 2 + 2
+"""Numbers of a lane, and of all lanes."""
 
 
 def _called(command: Sequence[str]) -> str:
@@ -69,15 +71,12 @@ def _called(command: Sequence[str]) -> str:
 class StepInC:
     """The compiled program. **Raises** `RuntimeError` where `cc` is missing."""
 
-    def __init__(
-        self, folder: Path, flags: Sequence[str] = FAST, block: int = 64, terms: int = 2
-    ) -> None:
+    def __init__(self, folder: Path, flags: Sequence[str] = FAST, block: int = 64) -> None:
         if CC is None:
             raise RuntimeError("no C compiler (`cc`) on this machine")
-        self.block, self.terms = block, terms
-        library = folder / f"step_{block}_{terms}_{abs(hash(tuple(flags)))}.so"
-        sizes = {"LANES": block, "TERMS": terms, "FIELDS": len(FIELDS), "OWN": _OWN}
-        sizes |= {"SHARED": _shared_numbers(terms)}
+        self.block = block
+        library = folder / f"step_{block}_{abs(hash(tuple(flags)))}.so"
+        sizes = {"LANES": block, "FIELDS": len(FIELDS), "OWN": _OWN, "SHARED": _SHARED}
         defined = [f"-D{name}={value}" for name, value in sizes.items()]
         common = [LOOPS, "-std=gnu11", "-fPIC", "-fopt-info-vec-optimized"]
         compiled = library.with_suffix(".o")
@@ -99,7 +98,6 @@ class StepInC:
         """Memory that the program runs on: start of all cases, a whole number of blocks."""
         blocks, left = divmod(len(cases), self.block)
         assert not left, (len(cases), self.block)
-        assert len(cases[0].bounds.terms) == self.terms, cases[0].bounds.terms
 
         def rows(values: np.ndarray) -> np.ndarray:
             """(rows, lanes) to (blocks, rows, lanes of a block), in lines of the cache."""
@@ -227,11 +225,11 @@ def _shared(case: Case) -> np.ndarray:
     assert isinstance(plant, RigidPlant) and isinstance(observer, AlphaBetaGamma)
     assert isinstance(controller, AccelerationController) and case.substeps == 1
     assert not (plant.drag.sticky or case.noisy or case.driving_sensor.eccentric)
-    terms = case.bounds.terms
-    assert actuator.periods == 1 and terms in TERMS and controller.bounds.terms == terms
-    period, drag, bounds = float(case.period), plant.drag, case.bounds
+    bounds, believed = case.bounds, controller.bounds
+    assert isinstance(bounds, FirstOrderBounds) and isinstance(believed, FirstOrderBounds)
+    assert actuator.periods == 1
+    period, drag = float(case.period), plant.drag
     pole = np.exp(-REV * observer.bandwidth_hz * period)
-    believed = controller.bounds
     edges = _edges(case.motion)
     values = [
         *(period, np.where(case.sense > 0, ON_B, -ON_B)),
@@ -247,16 +245,10 @@ def _shared(case: Case) -> np.ndarray:
         *(np.diff(believed.offset), np.diff(believed.cosine, axis=0)),
         *(np.diff(believed.sine, axis=0), 1.0 / np.sum(believed.closing), believed.ratio),
         *(case.driving_sensor.count, case.driven_sensor.count),
-        [first + second * float(bounds.ratio) for first, second in terms],
     ]
     flat = np.concatenate([np.ravel(np.asarray(value, np.float64)) for value in values])
-    assert len(flat) == _shared_numbers(len(terms))
+    assert len(flat) == _SHARED
     return flat
-
-
-def _shared_numbers(terms: int) -> int:
-    """Numbers of `Shared` for so many harmonics of the flanks."""
-    return 2 + 16 + 1 + 2 + 4 * terms + 2 + 5 + 6 + 3 + 3 + 1 + 2 * terms + 2 + 2 + terms
 
 
 def _aligned(values: np.ndarray) -> np.ndarray:
