@@ -66,7 +66,7 @@ class Case:
             return first_order_bounds(closed_model(paper_pair(), paper_eccentricities()))
         zero = np.zeros((2, 2))
         gap = np.array([0.0, PAPER.constant_backlash])
-        return FirstOrderBounds(PAPER.ratio, gap, zero, zero)
+        return FirstOrderBounds(ratio=PAPER.ratio, offset=gap, cosine=zero, sine=zero)
 
     def plant(self, kind: Callable[..., Plant]) -> Plant:
         return kind(Drag(self.inertia, self.coulomb), self.stiffness, self.damping_ratio)

@@ -2,7 +2,7 @@
 
 import statistics
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ from vttig_jax.control.sweeps.batching import BatchRunner
 
 from . import step_in_c
 from .simulation_cases import (
-    BASE,
     CLOSE,
     LANES,
     cases_of,
@@ -30,25 +29,15 @@ _BLOCKS = (64, 128, 512)
 
 
 def base_and_c(rounds: int) -> dict[str, Any]:
-    """The base case, closed flanks."""
-    return _beside_c(rounds, BASE)
-
-
-def exact_and_c(rounds: int) -> dict[str, Any]:
-    """The flanks of the default scenario."""
-    return _beside_c(rounds, {**BASE, "flanks": "exact"})
-
-
-def _beside_c(rounds: int, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The case and the same in C, compiled in three ways, for several blocks of lanes."""
-    cases = cases_of(LANES, values)
+    """The base case and the same in C, compiled in three ways, for several blocks of lanes."""
+    cases = cases_of(LANES)
     stack, periods = stack_of(cases), periods_for(cases)
     lanes = BatchRunner(jax.devices()[:1])
     record: dict[str, Any] = {"lanes": LANES, "periods": periods}
     _, tally = lanes.run(stack, periods, 1)
     record["compile_s"] = round(lanes.compile_s, 2)
     with tempfile.TemporaryDirectory() as folder:
-        programs, record["c"] = _c_programs(Path(folder), len(cases[0].bounds.terms))
+        programs, record["c"] = _c_programs(Path(folder))
         runs: dict[str, Callable[[], Any]] = {}
         expected = step_in_c.scanned(cases, periods)
         _require_same(expected, tally)
@@ -82,14 +71,14 @@ def _beside_c(rounds: int, values: Mapping[str, Any]) -> dict[str, Any]:
     return record
 
 
-def _c_programs(folder: Path, terms: int) -> tuple[dict[str, step_in_c.StepInC], dict[str, Any]]:
+def _c_programs(folder: Path) -> tuple[dict[str, step_in_c.StepInC], dict[str, Any]]:
     """Compiled for both sets of flags and several blocks of lanes; or why there are none."""
     programs, said = {}, {}
     kinds = ("fast", step_in_c.FAST), ("wide", step_in_c.WIDE), ("narrow", step_in_c.NARROW)
     for name, flags in kinds:
         for block in _BLOCKS:
             try:
-                program = step_in_c.StepInC(folder, flags, block, terms)
+                program = step_in_c.StepInC(folder, flags, block)
             except RuntimeError as error:
                 print(f"The rows in C are left out: {error}")
                 return {}, {"left_out": str(error)}

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.simulation.build import Builder
+from vttig_jax.control.simulation.build import Builder, Maps
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
 from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, batch_of, varying
 from vttig_jax.control.sweeps.case_leaves import leaves_of
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.rig.paper import paper_eccentricities, paper_pair
+from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
 
 LANES = 512
 CLOSE = 1e-9
@@ -47,8 +47,11 @@ def spec_of(values: Mapping[str, Any]) -> ScenarioSpec:
 def cases_of(
     lanes: int, values: Mapping[str, Any] = BASE, turns: tuple[float, float] = (360.0, 720.0)
 ) -> list[Case]:
-    """Cases that differ in the angle where they turn, from the first to the last of `turns` deg."""
-    builder = Builder(PAIR)
+    """Cases that differ in the angle where they turn, from the first to the last of `turns` deg.
+
+    The map "rig" has mesh orders too.
+    """
+    builder = Builder(PAIR, maps=Maps({"rig": paper_rig().flank_model()}))
     places = np.linspace(*turns, lanes)
     return [builder.case(spec_of({**values, "motion.reversal_deg": float(x)})) for x in places]
 

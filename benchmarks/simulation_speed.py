@@ -25,12 +25,12 @@ import numpy as np
 
 import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
-from vttig_jax.control.plants import flank_bounds as bounds
 from vttig_jax.control.simulation.case import initial_state, run_periods, trace_periods
 from vttig_jax.control.sweeps.batching import BatchRunner
+from vttig_jax.kinematics import flank_table as bounds
 
 from .environment import write
-from .simulation_beside_c import base_and_c, exact_and_c
+from .simulation_beside_c import base_and_c
 from .simulation_cases import (
     CLOSE,
     LANES,
@@ -94,6 +94,29 @@ def sines(rounds: int) -> dict[str, Any]:
     plain = asked("lanes", sizes=[LANES], rounds=3, library_sines=True, prepared=False, wide=False)
     record["unprepared_ns"] = summary(plain[str(LANES)])
     print("jnp.sin and jnp.cos", record)
+    return record
+
+
+def tables(rounds: int) -> dict[str, Any]:
+    """Row 2: flanks in a table, of the exact relation and of a map with a mesh order."""
+    maps = {"exact": "eccentricities", "mesh orders": "rig"}
+    base, lanes = stack_of(cases_of(LANES)), BatchRunner(jax.devices()[:1])
+    record: dict[str, Any] = {}
+    for name, source in maps.items():
+        cases = cases_of(LANES, {"flanks": "exact", "plant_map": source, "controller_map": source})
+        stack = stack_of(cases)
+        _require_counted(lanes, stack, 1)
+        record[name] = _surcharge(
+            [
+                (
+                    ns_per_lane_step(lanes, stack, 1, 2048, 1)[0],
+                    ns_per_lane_step(lanes, base, 1, 2048, 1)[0],
+                )
+                for _ in range(rounds)
+            ]
+        )
+        record[name] |= {"nodes": len(cases[0].bounds.nodes)}  # pyright: ignore[reportAttributeAccessIssue]
+        print(f"table, {name}", record[name])
     return record
 
 
@@ -233,7 +256,7 @@ def lanes(rounds: int) -> dict[str, Any]:
 
 _ROWS: Mapping[str, Callable[[int], dict[str, Any]]] = {
     "c": base_and_c,
-    "c_exact": exact_and_c,
+    "tables": tables,
     "sines": sines,
     "cores": cores,
     "sweeps": sweeps,

@@ -133,9 +133,9 @@ INLINE double reading(double angle, double count)
     return floor(angle * (1.0 / count) + 0.5) * count;
 }
 
-/* The period that starts at `time`, in every lane of a block, in two loops over the lanes: what the
- * controller decides, then what happens. In one loop GCC carries conditions of the controller over
- * into the metrics, and gives up on vectors.
+/* The period that starts at `time`, in every lane of a block, in loops over the lanes: what the
+ * controller decides, what happens, and metrics. In one loop GCC carries conditions of one over
+ * into the other, and gives up on vectors.
  */
 static __attribute__((noinline)) void period(State *restrict s, const Own *restrict own,
                                              const Shared *restrict p, double time)
@@ -144,7 +144,7 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
     const double ratio = p->ratio, other = p->other;
     const double closing_sum = p->closing[0] + p->closing[1], per_rad = 1.0 / closing_sum;
     const double brake = p->braking * step;
-    Row commands, readings;
+    Row commands, readings, begins, meets, gaps, angles, runs_on;
 
 #pragma GCC ivdep
     for (int l = 0; l < LANES; l++) {
@@ -181,6 +181,24 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
 
         readings[l] = driven - ratio * driving;
         commands[l] = command;
+    }
+
+#pragma GCC ivdep
+    for (int l = 0; l < LANES; l++) {
+        /* metrics of the output; the motion is the reference, so that it deviates by the offset */
+        const double output = s->offset[l], samples = s->samples[l], old = s->output_start[l];
+        const double output_start = samples == 0 ? output : old;
+        const double deviation = fabs(output - output_start), so_far = s->output_error[l];
+        const double lower = s->lower[l], upper = s->upper[l];
+        const double squares = s->output_squares[l], speed = s->speed[l];
+        const int counts = (time <= own->duration_s[l]) & (s->blocked[l] == 0);
+        const int back = counts & (time > own->turn_s[l]);
+        const double travelled = back ? step * fabs(speed) : 0.0;
+        s->output_start[l] = output_start;
+        s->output_error[l] = back ? most(so_far, deviation) : so_far;
+        s->output_squares[l] = squares + (counts ? deviation * deviation : 0.0);
+        s->lost[l] += travelled * fabs(output - (other > 0 ? lower : upper));
+        s->lost_travel[l] += travelled;
     }
 
 #pragma GCC ivdep
@@ -237,17 +255,6 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         s->opened[l] = opened ? 1.0 : 0.0;
         s->asked[l] = (counts & !was_opened) ? most(asked, command) : asked;
         s->commanded[l] = counts ? command : commanded;
-        /* The motion is the reference, so that the deviation of the output is the offset. */
-        const double output = s->offset[l], output_start = samples == 0 ? output : s->output_start[l];
-        const double deviation = fabs(output - output_start), most_yet = s->output_error[l];
-        const double first_flank = other > 0 ? s->lower[l] : s->upper[l];
-        const int back = counts & (time > turn);
-        const double travelled = back ? step * fabs(s->speed[l]) : 0.0;
-        s->output_start[l] = output_start;
-        s->output_error[l] = back ? most(most_yet, deviation) : most_yet;
-        s->output_squares[l] += counts ? deviation * deviation : 0.0;
-        s->lost[l] += travelled * fabs(output - first_flank);
-        s->lost_travel[l] += travelled;
 
         /* motion */
         double start = 0.0, ahead = 0.0, ahead_speed = 0.0, ahead_acceleration = 0.0;
@@ -346,21 +353,15 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
 
         /* metrics of the step */
         const int still = (then <= duration) & free_to_go;
+        begins[l] = angle;
+        meets[l] = met;
+        gaps[l] = met_gap;
+        angles[l] = met_angle;
+        runs_on[l] = still ? 1.0 : 0.0;
         const int crosses = still & (met == other) & (then > own->braking_s[l]) & !crossed;
         const int jams = still & stuck, reverses = still & !opened;
         const int runs = still & !retracted;
         const double beyond = now_wanted - now_reached;
-        const int early = still & (then < turn);
-        const double was_carrier = s->carrier[l] == 0 ? -other : s->carrier[l];
-        const double largest = s->largest_jump[l], sooner = s->early_jump[l];
-        const double early_angle = s->early_angle[l], now_side = stays ? carries : 0.0;
-        const double jump = (still & (met == -was_carrier)) ? met_gap : 0.0;
-        const int greater = early & (jump > sooner);
-        s->carrier[l] = (still & (now_side != 0)) ? now_side : was_carrier;
-        s->largest_jump[l] = most(largest, jump);
-        s->early_jump[l] = greater ? jump : sooner;
-        s->early_angle[l] = greater ? met_angle : early_angle;
-        s->wrong_travel[l] += (early & (now_side == other)) ? fabs(ahead - angle) : 0.0;
         s->gap[l] = crosses ? met_gap : gap;
         s->crossing[l] = crosses ? met_angle : crossing;
         s->crossing_s[l] = crosses ? then : crossing_s;
@@ -369,6 +370,24 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         s->farthest[l] = runs ? most(farthest, now_reached) : farthest;
         s->blocked[l] = (jams | was_blocked) ? 1.0 : 0.0;
         s->blocked_s[l] = jams ? then : blocked_s;
+    }
+
+#pragma GCC ivdep
+    for (int l = 0; l < LANES; l++) {
+        /* metrics of jumps, and of the flank in contact */
+        const double met = meets[l], met_gap = gaps[l], met_angle = angles[l];
+        const double carrier = s->carrier[l], side = s->side[l], turned = s->angle[l] - begins[l];
+        const double largest = s->largest_jump[l], sooner = s->early_jump[l];
+        const double early_angle = s->early_angle[l], wrong = s->wrong_travel[l];
+        const int still = runs_on[l] != 0, early = still & (then < own->turn_s[l]);
+        const double was_carrier = carrier == 0 ? -other : carrier;
+        const double jump = (still & (met == -was_carrier)) ? met_gap : 0.0;
+        const int greater = early & (jump > sooner);
+        s->carrier[l] = (still & (side != 0)) ? side : was_carrier;
+        s->largest_jump[l] = most(largest, jump);
+        s->early_jump[l] = greater ? jump : sooner;
+        s->early_angle[l] = greater ? met_angle : early_angle;
+        s->wrong_travel[l] = wrong + ((early & (side == other)) ? fabs(turned) : 0.0);
     }
 }
 

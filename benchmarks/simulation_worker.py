@@ -20,12 +20,12 @@ import numpy as np
 
 import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
-from vttig_jax.control.plants import flank_bounds as bounds
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
 from vttig_jax.control.sweeps import batching as lanes_module
 from vttig_jax.control.sweeps.batching import BatchRunner
 from vttig_jax.control.sweeps.parallel import ParallelRuns
 from vttig_jax.control.sweeps.sweep import _runner
+from vttig_jax.kinematics import flank_table as bounds
 
 from .simulation_cases import BASE, PAIR, cases_of, ns_per_lane_step, seconds, spec_of, stack_of
 

@@ -136,18 +136,23 @@ def difference(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
     """Largest difference of every field, relative where a value is beyond 1; inf where only one
     of both has happened.
 
-    In a gap that is closed on both flanks the last digit says which of them carries, so that side
-    and drift are compared in the other lanes only.
+    In a gap that is closed on both flanks the last digit says which of them carries. Side and drift
+    are compared in lanes without such a gap, the angle of an early jump in lanes that never had
+    one. A flank that the opening gap grazes after the turn is met at a double root, which rounding
+    moves by its square root: the largest jump is compared in lanes where it is that of the
+    crossing.
     """
     unobstructed, reached = FIELDS.index("unobstructed"), FIELDS.index("reached")
     held = (one[reached] < one[unobstructed]) & (other[reached] < other[unobstructed])
+    interfered = one[FIELDS.index("interference")] > 0
+    grazed = one[FIELDS.index("largest_jump")] > one[FIELDS.index("gap")]
+    left_out = {"side": held, "drift": held, "largest_jump": grazed, "early_angle": interfered}
     found = {}
     for name, a, b in zip(FIELDS, one, other, strict=True):
         never = (np.abs(a) == NEVER) != (np.abs(b) == NEVER)
         apart = np.abs(a - b) / np.maximum(1.0, np.abs(b))
-        if name in ("side", "drift"):
-            apart = np.where(held, 0.0, apart)
-        found[name] = float(np.where(never, np.inf, apart).max())
+        apart = np.where(never, np.inf, apart)
+        found[name] = float(np.where(left_out.get(name, False), 0.0, apart).max())
     return found
 
 

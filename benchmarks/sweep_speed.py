@@ -19,10 +19,13 @@ import time
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 import vttig_jax
-from vttig_jax.control import parse_scenario_spec
+from vttig_jax.control import Maps, parse_scenario_spec, sweep
+from vttig_jax.kinematics import FlankModel, exact_model
+from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig import paper_eccentricities, paper_pair
 
 from .environment import write
@@ -63,8 +66,6 @@ def main() -> None:
 
 def _prepare(platform: str) -> None:
     """Choose the platform; a CPU has all cores that this process may use."""
-    import jax
-
     if platform == "cpu":
         jax.config.update("jax_platforms", "cpu")
         vttig_jax.prepare_cpu(devices=len(os.sched_getaffinity(0)))
@@ -89,7 +90,12 @@ def _swept(cases: int, out: Path | None = None) -> vttig_jax.SweepTable:
     }
     given = {"pair": "pair.toml", "rig": {"from": "drawn", "draws": RIGS}, "sweep": axes}
     spec = parse_scenario_spec(given | {"motion": {"speed_rpm": 57.46}})
-    return vttig_jax.sweep(spec, paper_pair(), rigs=rigs, believed=middle, out=out)
+    draws = jax.tree.map(lambda *leaves: np.stack(leaves), *map(_map, rigs))
+    return sweep(spec, paper_pair(), maps=Maps({"drawn": _map(middle)}, draws, RIGS), out=out)
+
+
+def _map(rig: Eccentricities) -> FlankModel:
+    return exact_model(paper_pair(), rig)
 
 
 def _gate(cases: int) -> dict[str, Any]:
