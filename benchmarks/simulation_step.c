@@ -48,8 +48,8 @@ typedef struct {
     Row gap, crossing, crossing_s, detection, detection_s, false_closings;
     Row left, lacking, opened, retracted, asked, interference, travel, farthest, commanded;
     Row blocked, blocked_s;
-    Row carrier, largest_jump, early_jump, early_angle, wrong_travel;
-    Row output_start, output_error, output_squares, lost, lost_travel;
+    Row carrier, largest_jump, early_jump, wrong_travel;
+    Row output_start, output_error, output_squares, lost;
 } State;
 
 #ifdef FIELDS
@@ -186,19 +186,16 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
 #pragma GCC ivdep
     for (int l = 0; l < LANES; l++) {
         /* metrics of the output; the motion is the reference, so that it deviates by the offset */
-        const double output = s->offset[l], samples = s->samples[l], old = s->output_start[l];
-        const double output_start = samples == 0 ? output : old;
-        const double deviation = fabs(output - output_start), so_far = s->output_error[l];
+        const double output = s->offset[l], so_far = s->output_error[l];
+        const double deviation = fabs(output - s->output_start[l]);
         const double lower = s->lower[l], upper = s->upper[l];
         const double squares = s->output_squares[l], speed = s->speed[l];
         const int counts = (time <= own->duration_s[l]) & (s->blocked[l] == 0);
         const int back = counts & (time > own->turn_s[l]);
         const double travelled = back ? step * fabs(speed) : 0.0;
-        s->output_start[l] = output_start;
         s->output_error[l] = back ? most(so_far, deviation) : so_far;
         s->output_squares[l] = squares + (counts ? deviation * deviation : 0.0);
         s->lost[l] += travelled * fabs(output - (other > 0 ? lower : upper));
-        s->lost_travel[l] += travelled;
     }
 
 #pragma GCC ivdep
@@ -375,18 +372,16 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
 #pragma GCC ivdep
     for (int l = 0; l < LANES; l++) {
         /* metrics of jumps, and of the flank in contact */
-        const double met = meets[l], met_gap = gaps[l], met_angle = angles[l];
+        const double met = meets[l], met_gap = gaps[l];
         const double carrier = s->carrier[l], side = s->side[l], turned = s->angle[l] - begins[l];
         const double largest = s->largest_jump[l], sooner = s->early_jump[l];
-        const double early_angle = s->early_angle[l], wrong = s->wrong_travel[l];
+        const double wrong = s->wrong_travel[l];
         const int still = runs_on[l] != 0, early = still & (then < own->turn_s[l]);
         const double was_carrier = carrier == 0 ? -other : carrier;
         const double jump = (still & (met == -was_carrier)) ? met_gap : 0.0;
-        const int greater = early & (jump > sooner);
         s->carrier[l] = (still & (side != 0)) ? side : was_carrier;
         s->largest_jump[l] = most(largest, jump);
-        s->early_jump[l] = greater ? jump : sooner;
-        s->early_angle[l] = greater ? met_angle : early_angle;
+        s->early_jump[l] = early ? most(sooner, jump) : sooner;
         s->wrong_travel[l] = wrong + ((early & (side == other)) ? fabs(turned) : 0.0);
     }
 }

@@ -51,8 +51,8 @@ METRICS = (
     *("residual_gap", "shortfall", "opened", "retracted", "largest_command", "interference"),
     *("travel", "farthest"),
     *("commanded", "blocked", "blocked_s"),
-    *("carrier", "largest_jump", "early_jump", "early_angle", "wrong_travel"),
-    *("output_start", "output_error", "output_squares", "lost", "lost_travel"),
+    *("carrier", "largest_jump", "early_jump", "wrong_travel"),
+    *("output_start", "output_error", "output_squares", "lost"),
 )
 """Accumulators that the C program has: all that this case changes, which `scanned` checks."""
 FIELDS = (*_SHAFTS, *_FLANKS, *_OTHERS, "closes", "shift", *METRICS)
@@ -125,7 +125,7 @@ class Prepared:
 def scanned(cases: Sequence[Case], periods: int) -> np.ndarray:
     """The same state by the simulator: one scan, vmapped over the cases."""
     state = jax.tree.map(np.asarray, _scan()(_stacked(cases), periods))
-    start = empty_accumulators()
+    start = empty_accumulators(jnp.zeros(()))  # the start of the output is in `METRICS`
     for name in {field.name for field in dataclasses.fields(Accumulators)} - set(METRICS):
         there, at_first = getattr(state.accumulators, name), np.asarray(getattr(start, name))
         assert np.array_equal(there, np.broadcast_to(at_first, there.shape), equal_nan=True), name
@@ -137,16 +137,14 @@ def difference(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
     of both has happened.
 
     In a gap that is closed on both flanks the last digit says which of them carries. Side and drift
-    are compared in lanes without such a gap, the angle of an early jump in lanes that never had
-    one. A flank that the opening gap grazes after the turn is met at a double root, which rounding
-    moves by its square root: the largest jump is compared in lanes where it is that of the
-    crossing.
+    are compared in lanes without such a gap. A flank that the opening gap grazes after the turn is
+    met at a double root, which rounding moves by its square root: the largest jump is compared in
+    lanes where it is that of the crossing.
     """
     unobstructed, reached = FIELDS.index("unobstructed"), FIELDS.index("reached")
     held = (one[reached] < one[unobstructed]) & (other[reached] < other[unobstructed])
-    interfered = one[FIELDS.index("interference")] > 0
     grazed = one[FIELDS.index("largest_jump")] > one[FIELDS.index("gap")]
-    left_out = {"side": held, "drift": held, "largest_jump": grazed, "early_angle": interfered}
+    left_out = {"side": held, "drift": held, "largest_jump": grazed}
     found = {}
     for name, a, b in zip(FIELDS, one, other, strict=True):
         never = (np.abs(a) == NEVER) != (np.abs(b) == NEVER)

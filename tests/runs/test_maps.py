@@ -131,7 +131,7 @@ FILES: dict[str, str] = {
         ("rows", "here are 2 rows"),
         ("cells", "empty cells"),
         ("steps", "even, rising steps"),
-        ("short", "covers -90° … 199° of the driving angle, but the motion goes from 0° to 300°"),
+        ("short", "covers -90.00° … 199.00°"),
         ("crossing", "before flank A"),
     ],
 )

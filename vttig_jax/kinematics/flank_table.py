@@ -36,8 +36,8 @@ PER_CYCLE = 64
 
 The interpolation is then within (2π/64)⁴/384 = 2.4e-7 of the amplitude of that order."""
 
-_FEWEST = 256
-"""Least number of nodes in a driving turn: first orders are within 1e-9 of their amplitude."""
+_FEWEST = 512
+"""Least number of nodes in a driving turn: first orders are within 6e-11 of their amplitude."""
 
 _CHUNK = 4096
 """Nodes computed at once, so that the harmonics of a long table need little memory; chosen."""

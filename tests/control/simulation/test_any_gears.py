@@ -95,13 +95,13 @@ def test_flanks_that_change_before_the_turn_are_told_first():
     """In free flight the gap closes with 11.78 − 10 rad/s² after the motor has begun to brake."""
     found = simulate(spec_of(FAST, {"controller": "none"}), PAIR)
     tally, metrics = found.accumulators, cast(Any, found.metrics)
-    gap = float(exact_gap(tally.early_angle))
+    gap = float(exact_gap(tally.crossing))
     assert metrics["early_jump_deg"] == pytest.approx(np.degrees(gap), abs=1e-7)
     assert metrics["largest_jump_deg"] >= metrics["early_jump_deg"] > 0.04
     braking = 45 / 80 * np.radians(600.0) / 0.5
     flight = np.sqrt(2 * gap / (braking - 10.0))
     before = 150.0 - 600.0 * flight + 0.5 * (600.0 / 0.5) * flight**2
-    assert 7560.0 - np.degrees(float(tally.early_angle)) == pytest.approx(before, abs=3.0)
+    assert 7560.0 - np.degrees(float(tally.crossing)) == pytest.approx(before, abs=3.0)
     assert 0.8 * before < metrics["wrong_flank_deg"] < before + 3.0
     assert f"{metrics['early_jump_deg']:.5f}°" in found.remarks[0]
     slower = simulate(spec_of({"controller": "none"}), PAIR)

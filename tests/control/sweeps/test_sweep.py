@@ -307,9 +307,9 @@ def test_the_estimate_is_told_before_the_first_block():
         progress=lambda *now: done.append((len(told), *now)),
     )
     (expected,) = told
-    assert expected.cases == 12 and expected.disk_bytes == 0 and expected.memory_bytes > 0
+    assert expected.cases == 12
     assert expected.lane_steps == pytest.approx(table.lane_steps, rel=0.01)
-    assert 0 < expected.run_s < 100 and "12 cases" in str(expected)
+    assert "12 cases" in str(expected)
     assert {now[0] for now in done} == {1} and done[-1][1] == table.lane_steps
 
 
@@ -353,11 +353,3 @@ def test_long_runs_come_in_small_blocks(dwell_s, cases):
     spec = sweep_spec({"motion.reversal_deg": [200.0, 250.0]}, motion__dwell_s=dwell_s)
     work = SweepWork(SweepCases(spec, PAIR), BatchRunner())
     assert work.block_size == cases
-
-
-def test_the_estimate_counts_programs_that_are_not_compiled():
-    spec = sweep_spec({"motion.reversal_deg": [200.0], "controller": ["none", "acceleration"]})
-    work = SweepWork(SweepCases(spec, PAIR), BatchRunner())
-    first, again = sweep_estimate.estimate(work, None), sweep_estimate.estimate(work, None)
-    assert first.compile_s == pytest.approx(work.runner.compile_s) and again.compile_s == 0
-    assert str(dataclasses.replace(again, run_s=3.0, compile_s=7.0)).count("about 10 s") == 1

@@ -442,10 +442,11 @@ class Builder:
     def _stiffness(self, mesh: MeshTable) -> float:
         """Return the stiffness of the mesh at the driven shaft, N m/rad."""
         if not isinstance(self.pair, GearPair) or np.isnan(self.pair.driven.face_width_mm):
+            cure = "add `face_width_mm` to [driven] of the pair file"
+            if not isinstance(self.pair, GearPair):
+                cure = "a [drive] has none, so choose the rigid plant"
             raise ScenarioError(
-                "the elastic plant needs the face width of the driven gear; add `face_width_mm` to"
-                " [driven] of the pair file, or choose the rigid plant.",
-                where="plant",
+                f"the elastic plant needs the face width of the driven gear; {cure}.", where="plant"
             )
         radius = float(self.pair.base_radii[1].mean())
         return mesh_stiffness(mesh.stiffness_N_mm_um, float(self.pair.driven.face_width_mm), radius)
