@@ -379,10 +379,11 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
         const int still = runs_on[l] != 0, early = still & (then < own->turn_s[l]);
         const double was_carrier = carrier == 0 ? -other : carrier;
         const double jump = (still & (met == -was_carrier)) ? met_gap : 0.0;
-        s->carrier[l] = (still & (side != 0)) ? side : was_carrier;
+        const double now_carries = (still & (side != 0)) ? side : was_carrier;
+        s->carrier[l] = now_carries;
         s->largest_jump[l] = most(largest, jump);
         s->early_jump[l] = early ? most(sooner, jump) : sooner;
-        s->wrong_travel[l] = wrong + ((early & (side == other)) ? fabs(turned) : 0.0);
+        s->wrong_travel[l] = wrong + ((early & (now_carries == other)) ? fabs(turned) : 0.0);
     }
 }
 

@@ -22,16 +22,16 @@ BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
     "base": (1270, 20),  # 950
     "pair": (655, 1),  # 560
-    "kinematics": (744, 10),  # 780
+    "kinematics": (1034, 17),  # 780
     "geometry": (4527, 62),  # 2800
     "logs": (10324, 286),  # 7400
     "rig": (326, 1),  # 260
-    "identify": (11079, 237),  # 9000 together with posterior
-    "posterior": (6109, 110),
-    "control": (6588, 80),  # 3600
-    "plotting": (1885, 53),  # 2000 together with the report
-    "runs": (1058, 3),  # 900
-    "cli": (3774, 20),  # 2600
+    "identify": (11155, 237),  # 9000 together with posterior
+    "posterior": (6061, 108),
+    "control": (6703, 78),  # 3600
+    "plotting": (2007, 53),  # 2000 together with the report
+    "runs": (1728, 3),  # 900
+    "cli": (3839, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

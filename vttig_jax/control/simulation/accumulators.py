@@ -53,8 +53,8 @@ class Accumulators(eqx.Module):
       motor at its torque limit. - `forced`: whether the teeth exceeded the actuator's force limit.
     - `carrier`: flank that was loaded last, `ON_A` or `ON_B`. - `largest_jump`, `early_jump`:
       largest gap that the teeth crossed to the other flank, in the run and before the turn.
-    - `wrong_travel`: travel of the driving shaft before the turn with the flank in contact that
-      carries after it.
+    - `wrong_travel`: travel of the driving shaft before the turn since the flank carries, rebounds
+      included, that carries after it.
     - `output_start`, `output_error`, `output_squares`: φ₂ − i φ₁ of the reference, minus its value
       `output_start` in the first sample: the largest after the turn, and the sum of its squares.
     - `lost`: ∫ |φ₂ − i φ₁ − TE| dφ₁ after the turn, with φ₁ of the reference and TE
@@ -210,13 +210,14 @@ def add_plant_step(
     early = counts & (time < run.turn_s)
     carrier = jnp.where(old.carrier == 0, -run.other_flank, old.carrier)  # before any contact
     jump = jnp.where(counts & (contact.side == -carrier), contact.gap, 0.0)
+    carrier = jnp.where(counts & (jnp.asarray(side) != 0), side, carrier)
     return replace(
         old,
-        carrier=jnp.where(counts & (jnp.asarray(side) != 0), side, carrier),
+        carrier=carrier,
         largest_jump=jnp.maximum(old.largest_jump, jump),
         early_jump=jnp.where(early, jnp.maximum(old.early_jump, jump), old.early_jump),
         wrong_travel=old.wrong_travel
-        + jnp.where(early & (side == run.other_flank), jnp.abs(turned), 0.0),
+        + jnp.where(early & (carrier == run.other_flank), jnp.abs(turned), 0.0),
         gap=jnp.where(crosses, contact.gap, old.gap),
         crossing=jnp.where(crosses, contact.angle, old.crossing),
         interference=jnp.where(

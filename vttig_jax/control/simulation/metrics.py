@@ -121,7 +121,7 @@ def metrics_of(
     - `largest_jump_deg`, `early_jump_deg`: largest gap that the teeth crossed to the other flank,
       anywhere in the run and before the turn.
     - `wrong_flank_deg`: travel of the driving shaft before the turn with the flank in contact that
-      carries after it.
+      carries after it, rebounds from this flank included.
 
     Interference, travel and axial step are those of the reversal, which ends with the command to
     open the gap after the turn. If the motion never turns back, they are those of the whole run.
