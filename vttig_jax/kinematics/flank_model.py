@@ -16,6 +16,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
 from ..base.arrays import Numbers
+from ..base.numerics.implicit import known_root
 from ..pair.gear_pair import Flank
 
 
@@ -56,7 +57,6 @@ def flank_index(flank: Flank) -> int:
 _MOST_ITERATIONS = 60  # a chosen limit; about five are needed, see `fixed_point`
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
 def fixed_point(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "..."]:
     """Solve t = step(t, args) elementwise by iteration from t = 0.
 
@@ -67,17 +67,8 @@ def fixed_point(step: Callable[[Any, Any], Any], args: Any) -> Float[Array, "...
 
     and not from the iterations, so it is exact in forward and reverse mode to any order.
     """
-    return _iterated(step, args)
-
-
-@fixed_point.defjvp
-def _(step, primals, tangents):
-    (args,), (moving,) = primals, tangents
-    value = fixed_point(step, args)
-    _, push = jax.linearize(step, value, args)
-    forced = push(jnp.zeros_like(value), moving)
-    slope = push(jnp.ones_like(value), jax.tree.map(jnp.zeros_like, moving))
-    return value, forced / (1 - slope)
+    found = _iterated(step, jax.lax.stop_gradient(args))
+    return known_root(lambda value, some: value - step(value, some), found, args)
 
 
 @partial(jax.jit, static_argnums=0)
