@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 Numbers = jax.Array | np.ndarray
 """Array that is a NumPy array outside compiled functions and a JAX array inside them."""
@@ -50,6 +51,11 @@ def namespace(*values: Any) -> Any:
     if all(isinstance(value, _PLAIN) for value in values):
         return np
     return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np
+
+
+def known(*trees: Any) -> bool:
+    """Return whether the pytrees contain only known numbers, none that JAX traces."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 _Arguments = ParamSpec("_Arguments")

@@ -12,7 +12,7 @@ from ..base.errors import NoAnswerError
 from ..base.runtime import require_x64
 from ..base.units import DEG
 from ..kinematics.backlash_map import BacklashMap
-from ..kinematics.flank_model import FlankModel
+from ..kinematics.flank_model import FlankModel, GridOrders
 from ..kinematics.harmonic import OrderModel
 from ..pair.gear_pair import Drive, Flank
 from .fit_result import Fit
@@ -133,9 +133,9 @@ class Contact(FlankModel):
     flank: Flank = eqx.field(static=True)
 
     @property
-    def highest_order(self) -> float:
-        """Highest order of `measured` and `gap`, in cycles per driving turn."""
-        return max(self.measured.highest_order, self.gap.highest_order)
+    def grid_orders(self) -> GridOrders:
+        """Orders of `measured` and `gap`."""
+        return *self.measured.grid_orders, *self.gap.grid_orders
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank

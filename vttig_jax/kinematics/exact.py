@@ -9,7 +9,7 @@ from ..base.numerics.sincos import sincos
 from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Flank, GearPair
 from .first_order import flank_offsets
-from .flank_model import ImplicitModel, flank_index
+from .flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
 
 
 class ExactModel(ImplicitModel):
@@ -34,9 +34,9 @@ class ExactModel(ImplicitModel):
     offset: Float[Numbers, "2"]
 
     @property
-    def highest_order(self) -> float:
-        """First order of the faster shaft, max(1, i), in cycles per driving turn."""
-        return max(1.0, float(self.ratio))
+    def grid_orders(self) -> GridOrders:
+        """First orders of both shafts."""
+        return FIRST_ORDERS
 
     def at_both_angles(
         self,

@@ -12,7 +12,7 @@ from ..base.numerics.sincos import sincos
 from ..base.units import DEG
 from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Flank, GearPair
-from .flank_model import FlankModel, flank_index
+from .flank_model import FIRST_ORDERS, FlankModel, GridOrders, flank_index
 
 PressureAngle = Literal["working", "reference"]
 
@@ -34,9 +34,9 @@ class ClosedModel(FlankModel):
     offset: Float[Numbers, "2"]
 
     @property
-    def highest_order(self) -> float:
-        """First order of the faster shaft, max(1, i), in cycles per driving turn."""
-        return max(1.0, float(self.ratio))
+    def grid_orders(self) -> GridOrders:
+        """First orders of both shafts."""
+        return FIRST_ORDERS
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank

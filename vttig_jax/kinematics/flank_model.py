@@ -5,7 +5,7 @@ the implicit function theorem.
 """
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,11 @@ from ..base.arrays import Numbers
 from ..base.numerics.implicit import known_root
 from ..pair.gear_pair import Flank
 
+GridOrders = Iterable[tuple[int | float, int | float]]
+"""Orders (n₁, n₂) of phases n₁ φ₁ + n₂ φ₂."""
+
+FIRST_ORDERS: GridOrders = ((1, 0), (0, 1))
+
 
 class FlankModel(eqx.Module):
     """Transmission error of a gear pair on each flank as a function of the driving angle.
@@ -31,8 +36,16 @@ class FlankModel(eqx.Module):
 
     @property
     @abstractmethod
+    def grid_orders(self) -> GridOrders:
+        """Orders (n₁, n₂) of the phases n₁ φ₁ + n₂ φ₂ that a grid must resolve.
+
+        They are known also where JAX traces the numbers of the model.
+        """
+
+    @property
     def highest_order(self) -> float:
         """Highest order that a grid must resolve, in cycles per driving turn."""
+        return highest_order(self, float(self.ratio))
 
     @abstractmethod
     def transmission_error(
@@ -45,6 +58,14 @@ class FlankModel(eqx.Module):
         return self.transmission_error(driving_angle, "B") - self.transmission_error(
             driving_angle, "A"
         )
+
+
+def highest_order(model: FlankModel, ratio: float) -> float:
+    """Return the highest of the grid orders |n₁ + i n₂| of a model, but at least 1.
+
+    `ratio` is i, which is known from the tooth counts where that of the model is traced.
+    """
+    return max([abs(driving + ratio * driven) for driving, driven in model.grid_orders] + [1.0])
 
 
 def flank_index(flank: Flank) -> int:

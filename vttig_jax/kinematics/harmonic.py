@@ -12,7 +12,7 @@ from ..base.arrays import Numbers
 from ..base.numerics.sincos import sincos
 from ..pair.gear_pair import Flank
 from .exact import ExactModel
-from .flank_model import ImplicitModel, flank_index
+from .flank_model import GridOrders, ImplicitModel, flank_index
 
 Term = tuple[int, int]
 """Orders (n₁, n₂) of one harmonic with phase n₁ φ₁ + n₂ φ₂; (k z₁, 0) for tooth-mesh order k."""
@@ -42,10 +42,9 @@ class OrderModel(ImplicitModel):
     sine: Float[Array, "2 terms"]
 
     @property
-    def highest_order(self) -> float:
-        """Highest order of the terms, in cycles per driving turn."""
-        ratio = float(self.ratio)
-        return max((abs(driving + driven * ratio) for driving, driven in self.terms), default=1.0)
+    def grid_orders(self) -> GridOrders:
+        """Orders of the terms."""
+        return self.terms
 
     def at_both_angles(
         self,
@@ -72,9 +71,9 @@ class CombinedModel(ImplicitModel):
     orders: OrderModel
 
     @property
-    def highest_order(self) -> float:
-        """Highest order of both parts, in cycles per driving turn."""
-        return max(self.exact.highest_order, self.orders.highest_order)
+    def grid_orders(self) -> GridOrders:
+        """Orders of both parts."""
+        return *self.exact.grid_orders, *self.orders.grid_orders
 
     def at_both_angles(
         self,

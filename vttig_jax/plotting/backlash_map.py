@@ -47,7 +47,7 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
         raise ValueError(f"Argument `turns` must be at least 1, but is {turns}.")
     period = backlash.pair.hunting_turns
     shown = min(turns, period)
-    per_turn = _PER_PERIOD * math.ceil(max(backlash.model.highest_order, 1.0))
+    per_turn = _PER_PERIOD * math.ceil(backlash.model.highest_order)
     angle = np.linspace(0.0, shown * REV, shown * per_turn + 1)
     gap = backlash.over(angle)
     if not np.isfinite(gap).all():
@@ -112,7 +112,8 @@ def _span(shown: int, period: int) -> str:
 def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> list[Artist]:
     """Mark the smallest or largest backlash; beyond the turns shown it is only in the legend."""
     visible = extreme.driving_angle <= shown * REV
-    point = ([extreme.driving_angle / DEG], [extreme.backlash / DEG]) if visible else ([], [])
+    place = [float(extreme.driving_angle) / DEG], [float(extreme.backlash) / DEG]
+    point = place if visible else ([], [])
     label = f"{name}: {extreme}" + ("" if visible else ", not shown")
     style = {"color": MODEL_COLOUR, "markersize": 7, "markerfacecolor": "none"}
     return [*ax.plot(*point, marker, label=label, **style)]

@@ -10,9 +10,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
-from ...base.arrays import Number, Numbers, float64
+from ...base.arrays import Number, Numbers, float64, known
 from ...base.units import DEG
-from ...kinematics.flank_model import ImplicitModel, flank_index
+from ...kinematics.flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Flank, GearPair
 from ..mounting import Misalignment, Mounting
@@ -21,7 +21,7 @@ from .deviations import Deviations
 from .first_contact import SearchGrid, error_at, error_of, first_contacts
 from .flanks import Mates
 from .tooth_pairs import concentric_touch, mates_of
-from .validation import check_contact, flank_starts, known, least_tooth_pairs, same_everywhere
+from .validation import check_contact, flank_starts, least_tooth_pairs, same_everywhere
 
 Backlash = Literal["drawing", "given"]
 Scalar = Float[Number, ""]
@@ -53,14 +53,14 @@ class ContactModel(ImplicitModel):
     search_grid: SearchGrid
 
     @property
-    def highest_order(self) -> float:
-        """Highest order in cycles per driving turn: z₁ if the contact varies over a tooth mesh.
+    def grid_orders(self) -> GridOrders:
+        """Order z₁ of the driving shaft if the contact varies over a tooth mesh.
 
-        Otherwise it is the first order of the faster shaft.
+        Otherwise they are the first orders of both shafts.
         """
         plain = self.mounting.misalignment is None and self.deviations is None
         uniform = plain and same_everywhere(self.teeth, self.mounting.centre_distance)
-        return max(1.0, float(self.ratio)) if uniform else float(self.teeth[0].teeth)
+        return FIRST_ORDERS if uniform else ((self.teeth[0].teeth, 0),)
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank

@@ -2,13 +2,11 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Float
 
-from ...base.arrays import Number, Numbers
+from ...base.arrays import Number, Numbers, known
 from ...base.errors import PairError
 from ..mounting import Mounting
 from ..tooth.form_circle import form_radius, undercut_depth
@@ -26,11 +24,6 @@ _MARGIN = 1.2
 
 _SPARE = 0.2
 """Smallest excess of the number of searched tooth pairs over the contact ratio (chosen)."""
-
-
-def known(*trees: Any) -> bool:
-    """Return whether the pytrees contain only known numbers, none that JAX traces."""
-    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def flank_starts(teeth: tuple[Tooth, Tooth]) -> Float[Numbers, "gear=2 flank=2"]:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Real
 from ...base.arrays import Numbers
 from ...base.errors import UsageError
 from ...kinematics.flank_error import FlankError
-from ...kinematics.flank_model import FlankModel, ImplicitModel
+from ...kinematics.flank_model import FlankModel, GridOrders, ImplicitModel
 from ...kinematics.harmonic import OrderModel
 from ...pair.gear_pair import Flank
 from .given_model import GivenModel
@@ -41,9 +41,9 @@ class FittedModel(ImplicitModel):
         return eqx.combine(self.arrays, self.constants)
 
     @property
-    def highest_order(self) -> float:
-        """Highest order of both parts, in cycles per driving turn."""
-        return max(self.given_order, self.orders.highest_order)
+    def grid_orders(self) -> GridOrders:
+        """Orders of both parts."""
+        return (self.given_order, 0), *self.orders.grid_orders
 
     def at_both_angles(
         self,
@@ -81,7 +81,7 @@ class StoredModel(FlankModel):
     errors: tuple[tuple[Flank, FlankError], ...] = eqx.field(static=True, default=())
 
     @property
-    def highest_order(self) -> float:
+    def grid_orders(self) -> GridOrders:
         """Raise `UsageError`, because the model is not known."""
         self.refuse()
 

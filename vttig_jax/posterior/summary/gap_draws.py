@@ -157,7 +157,7 @@ class GapDraws:
 
         The angles are points of a grid over the hunting period with this step, rad.
         """
-        width = REV / (_PER_PERIOD * math.ceil(max(self.mean_model.highest_order, 1.0)))
+        width = REV / (_PER_PERIOD * math.ceil(self.mean_model.highest_order))
         count = round(self.pair.hunting_turns * REV / width)
         if count > _MOST_POINTS:
             raise PairError(
