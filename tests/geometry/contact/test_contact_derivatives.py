@@ -1,4 +1,4 @@
-"""Derivatives of first touch: the envelope theorem against central differences, ties and kinks."""
+"""Derivatives of first touch, first and second, against central differences; ties and kinks."""
 
 import math
 
@@ -190,6 +190,99 @@ def test_where_everything_ties_the_derivatives_are_those_of_the_exact_relation()
         expected = jax.tree.leaves(jax.jacfwd(exact)(rig, flank))
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-13)
+
+
+def bends_of(function, arguments, direction):
+    """Second derivative along a direction, and differences of first derivatives, compiled once."""
+
+    def along(arguments, direction):
+        moved = lambda t: jax.tree.map(lambda x, d: x + t * d, arguments, direction)  # noqa: E731
+
+        def slope(t):
+            return jax.jvp(lambda t: function(*moved(t)), (t,), (1.0,))[1]
+
+        return function(*arguments), *jax.jvp(slope, (0.0,), (1.0,))
+
+    along = jax.jit(along, **fast_to_compile())
+    _, _, bend = along(arguments, direction)
+
+    def differences(step):
+        above, below = (
+            along(jax.tree.map(lambda x, d, h=h: x + h * d, arguments, direction), direction)
+            for h in (step, -step)
+        )
+        return (above[1] - below[1]) / (2 * step)
+
+    return bend, (4 * differences(0.05) - differences(0.1)) / 3
+
+
+@pytest.mark.parametrize("flank", FLANKS)
+def test_second_derivatives_of_perfect_gears_are_those_of_the_exact_relation(flank):
+    """In all eccentricities and in the driving angle, for a batch of angles."""
+    pair = gears((0.0, 0.0), helix=(3.0, 3.0))
+
+    def second(build):
+        def error(numbers):
+            model = build(pair, Eccentricities(*numbers[:-1]))
+            return model.transmission_error(numbers[-1], flank)
+
+        numbers = jnp.stack([jnp.array([0.0226, 49.5, 0.0273, 79.3, 0.04, 0.2, x]) for x in ANGLES])
+        return jax.jit(jax.vmap(jax.hessian(error)), **fast_to_compile())(numbers)
+
+    found = second(lambda *rig: contact_model(*rig, constant_backlash="given"))
+    expected = second(exact_model)
+    size = np.abs(np.diagonal(expected, axis1=1, axis2=2)).max(axis=0) + 1e-9
+    size = np.sqrt(np.outer(size, size))[None]
+    np.testing.assert_allclose(found / size, expected / size, rtol=0, atol=1e-8)
+    # At a constant point of the flanks ∂²TE/∂φ² would be a thousand times larger.
+    assert 1e-4 < np.abs(found[:, -1, -1]).max() < 1e-2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flank", FLANKS)
+def test_second_derivatives_of_edges_and_ends_are_those_of_differences(flank):
+    """On both tip edges, on the flanks, and at an end of the face, which moves with the width."""
+    numbers = {name: jnp.asarray(value) for name, value in UNTAPERED.items()}
+    numbers |= {"addendum": jnp.asarray(0.5), "tilt": jnp.asarray(2e-4)}
+    angles = jnp.concatenate([EDGES[flank], ANGLES])
+    direction = {"addendum": 1e-5, "width": 1e-3, "tilt": 1e-6}, jnp.full(4, 1e-4)
+
+    def touch(numbers, angles):
+        return error(numbers, angles, flank)
+
+    found, expected = bends_of(touch, (numbers, angles), direction)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+    assert np.abs(found[:2]).min() > 10 * np.abs(found[2:]).min()
+
+
+@pytest.mark.slow
+def test_second_derivatives_of_a_point_that_moves_along_the_face():
+    """Crowned, tilted and with deviations: the section of first touch follows the tilt."""
+
+    def touch(tilt, crowning, angles):
+        pair = eqx.tree_at(lambda pair: pair.driven.crowning_um, known(gears()), crowning)
+        model = contact_model(
+            pair, RIG, misalignment=Misalignment(1e-4, tilt), deviations=DEVIATIONS, sections=3
+        )
+        return model.transmission_error(angles, "A")
+
+    at = jnp.asarray(-2e-4), jnp.asarray(8.0), jnp.asarray(ANGLES)
+    found, expected = bends_of(touch, at, (1e-5, 1e-2, jnp.full(2, 1e-3)))
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+    # In a constant section and at a constant point the tilt alone would bend it by 2e-12 only.
+    by_tilt, differences = bends_of(touch, at, (1e-5, 0.0, jnp.zeros(2)))
+    np.testing.assert_allclose(by_tilt, differences, rtol=5e-3)
+    assert np.abs(by_tilt).min() > 1e-9
+
+
+def test_where_all_sections_touch_second_derivatives_are_finite():
+    """A tilt of nought: the derivatives are those of one section, which is kept."""
+
+    def touch(tilt):
+        return error({**UNTAPERED, "tilt": tilt}, ANGLES, "A")
+
+    bend = jax.jit(jax.jacfwd(jax.jacfwd(touch)), **fast_to_compile())(0.0)
+    assert np.all(np.isfinite(bend)) and np.abs(bend).max() < 1.0
 
 
 def test_new_values_compile_nothing():

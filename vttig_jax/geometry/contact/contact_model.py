@@ -18,7 +18,7 @@ from ...pair.gear_pair import Flank, GearPair
 from ..mounting import Misalignment, Mounting
 from ..tooth.tooth import Tooth, tooth_of
 from .deviations import Deviations
-from .first_contact import SearchGrid, error_at, error_of, first_contacts
+from .first_contact import SearchGrid, error_of, first_contacts
 from .flanks import Mates
 from .tooth_pairs import concentric_touch, mates_of
 from .validation import check_contact, flank_starts, least_tooth_pairs, same_everywhere
@@ -72,7 +72,7 @@ class ContactModel(ImplicitModel):
             return angle
         (row,) = self.search_grid.padded(angle.ravel())
         contact = first_contacts(mates, self.mounting, self.search_grid, row, None)
-        error = error_of(mates, self.mounting, row, contact)
+        error = error_of((mates, self.mounting, row, None), contact)
         return error[: angle.size].reshape(angle.shape)
 
     def at_both_angles(
@@ -88,7 +88,7 @@ class ContactModel(ImplicitModel):
             return first
         driving, driven = self.search_grid.padded(first.ravel(), second.ravel())
         contact = first_contacts(mates, self.mounting, self.search_grid, driving, driven)
-        error = error_at(mates, self.mounting, driving, driven, contact)
+        error = error_of((mates, self.mounting, driving, driven), contact)
         return error[: first.size].reshape(shape)
 
 
@@ -128,9 +128,11 @@ def contact_model(
     centre distance, s = 0, in the section z = 0.
 
     Derivatives with respect to every number of the arguments follow from the contact point alone
-    (envelope theorem) and are of first order only. Where several points touch at once, they are the
+    (envelope theorem); those of second and higher order contain its motion on the flanks and along
+    the face, by the implicit function theorem. Where several points touch at once, they are the
     derivatives of the point closest to the middle of the face and of the path of contact: for lines
-    on unmodified flanks all points give the same result, at a kink it is a one-sided derivative.
+    on unmodified flanks all points give the same result, at a kink it is a one-sided derivative. A
+    section whose neighbours touch as early is then kept.
 
     **Arguments**
     - `pair`: gear pair.

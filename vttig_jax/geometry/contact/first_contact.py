@@ -1,15 +1,18 @@
 """First contact at each driving angle and its transmission error."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from ...base.numerics.implicit import at_extreme, known_root
 from ..mounting import Mounting, Values
-from .flanks import Mates, Pose
-from .search import ContactSearch, Place, TouchPoint, nearest_best, search, share_of_middle
+from .flanks import Mates, Pose, Reach
+from .search import TIE, ContactSearch, Place, TouchPoint, nearest_best, search, share_of_middle
 from .tooth_pairs import chosen_pairs, concentric_touch, path_of
 
 _AT_ONCE = 2**17
@@ -70,14 +73,14 @@ class FirstContact(eqx.Module):
     **Arguments**
     - `error`: TE at first contact, rad.
     - `roll`: roll angle of the driving flank, rad.
-    - `share`: place of the section in the common face, 0 … 1.
+    - `share`: place of the section in the common face, 0 … 1; None for the section z = 0.
     - `place`: part of the flanks that touches, as a number of `Place`.
     - `tooth`: number of the driving tooth, 0 for the one between the axes at φ = 0.
     """
 
     error: Float[Array, " n"]
     roll: Float[Array, " n"]
-    share: Float[Array, " n"]
+    share: Float[Array, " n"] | None
     place: Float[Array, " n"]
     tooth: Float[Array, " n"]
 
@@ -138,8 +141,7 @@ def first_contacts(
     if search_grid.sections > 1:
         return contacts
     # The single section stays at z = 0 also when derivatives move the ends of the face.
-    share = jnp.broadcast_to(share_of_middle(mounting), contacts.share.shape)
-    return eqx.tree_at(lambda contact: contact.share, contacts, share)
+    return replace(contacts, share=None)
 
 
 @eqx.filter_jit
@@ -167,72 +169,145 @@ def _first_contacts(
     return jax.tree.map(jnp.ravel, contacts)
 
 
+Gears = tuple[Mates, Mounting, Float[Array, " n"], Float[Array, " n"] | None]
+"""Flanks, mounting, driving angles, and driven angles that place the driven base circle centre.
+
+Without driven angles the centre is at the φ₂ of the contact. Angles are in rad.
+"""
+
+Slopes = tuple[Float[Array, " n"], Float[Array, " n"]]
+
+
 @eqx.filter_jit
-def error_of(
-    mates: Mates, mounting: Mounting, driving_angle: Float[Array, " n"], contact: FirstContact
-) -> Float[Array, " n"]:
-    """Return TE at a known contact, rad, with the driven centre at the resulting φ₂.
+def error_of(gears: Gears, contact: FirstContact) -> Float[Array, " n"]:
+    """Return TE at a known contact, rad.
 
     By the envelope theorem its derivative is that of first contact: the point on the flank, the
     section and the tooth pair are constant; a tip edge and an end of the face move with the gear.
+    Higher derivatives also need the motion of the point on the flank and of the section.
+    """
+    slopes = _slopes(contact, jax.lax.stop_gradient(gears))
+    return at_extreme(_error, _moved, (contact, slopes), gears)
+
+
+def _error(place: tuple[FirstContact, Slopes], gears: Gears) -> Float[Array, " n"]:
+    """Return TE, rad; at an end of the driven flank the Lagrange function of this constraint.
+
     The search gives φ₂ to second order in the motion of the driven centre, so one step of Newton's
     method completes it; the derivative of that step is that of the solution.
     """
-    guess = jnp.where(contact.place == Place.NOTHING, 0.0, contact.error)
-    driven_angle = mates.ratio * driving_angle + guess
-    error, by_driven = _error_and_slope(mates, mounting, driving_angle, driven_angle, contact)
+    contact, (multiplier, by_driven) = place
+    driving = gears[0].driving
+    roll = jnp.where(contact.place == Place.DRIVING_TIP, driving.tip, contact.roll)
+    roll = jnp.where(contact.place == Place.DRIVING_START, driving.start, roll)
+    reach = _reach(replace(contact, roll=roll), gears)
+    nothing = contact.place == Place.NOTHING
+    error = reach.error - multiplier * (reach.radius - _end_radius(gears[0], contact))
+    error = jnp.where(nothing, jnp.nan, error)
+    if gears[3] is not None:
+        return error
+    guess = jnp.where(nothing, 0.0, contact.error)
     return guess + (error - guess) / (1 - by_driven)
 
 
-@eqx.filter_jit
-def error_at(
-    mates: Mates,
-    mounting: Mounting,
-    driving_angle: Float[Array, " n"],
-    driven_angle: Float[Array, " n"],
-    contact: FirstContact,
-) -> Float[Array, " n"]:
-    """Return TE at a known contact, rad; `driven_angle` places the driven base circle centre."""
-    return _error_and_slope(mates, mounting, driving_angle, driven_angle, contact)[0]
+def _slopes(contact: FirstContact, gears: Gears) -> Slopes:
+    """Return ∂TE/∂r of the constraint r = driven radius, and ∂TE/∂φ₂ of the driven centre.
 
-
-def _error_and_slope(
-    mates: Mates,
-    mounting: Mounting,
-    driving_angle: Float[Array, " n"],
-    driven_angle: Float[Array, " n"],
-    contact: FirstContact,
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """Return TE, rad, and ∂TE/∂φ₂ for the φ₂ that places the driven base circle centre.
-
-    The slope carries no derivatives.
+    The first is a Lagrange multiplier, rad/mm, at an end of the driven flank, and elsewhere zero.
     """
+    reach, error_slope, radius_slope = _along("roll", contact, gears)
+    bound = _on_driven_end(contact) & (radius_slope != 0)
+    multiplier = jnp.where(bound, error_slope / jnp.where(bound, radius_slope, 1.0), 0.0)
+    return multiplier, reach.error_by_driven - multiplier * reach.radius_by_driven
+
+
+def _moved(place: tuple[FirstContact, Slopes], gears: Gears) -> tuple[FirstContact, Slopes]:
+    """Return the same contact and slopes with their derivatives, from what defines them."""
+    contact, _ = place
+    if gears[3] is None:
+        contact = replace(contact, error=error_of(gears, contact))
+    if contact.share is not None:
+        share = known_root(_face_condition, contact.share, (contact, gears))
+        contact = replace(contact, share=share)
+    contact = _on_flank(contact, gears)
+    return contact, _slopes(contact, gears)
+
+
+def _on_flank(contact: FirstContact, gears: Gears) -> FirstContact:
+    """Return the contact with the roll angle that follows the gears and the section."""
+    return replace(contact, roll=known_root(_flank_condition, contact.roll, (contact, gears)))
+
+
+def _flank_condition(roll: Values, args: tuple[FirstContact, Gears]) -> Values:
+    """Return what is zero at the roll angle of first contact in a section.
+
+    It is the slope of TE within the flanks, the excess radius at an end of the driven flank, and
+    the distance from an end of the driving flank.
+    """
+    contact, gears = args
+    driving = gears[0].driving
+    reach, slope, _ = _along("roll", replace(contact, roll=roll), gears)
+    excess = reach.radius - _end_radius(gears[0], contact)
+    zero = jnp.where(_on_driven_end(contact), excess, slope)
+    zero = jnp.where(contact.place == Place.DRIVING_TIP, roll - driving.tip, zero)
+    return jnp.where(contact.place == Place.DRIVING_START, roll - driving.start, zero)
+
+
+def _face_condition(share: Values, args: tuple[FirstContact, Gears]) -> Values:
+    """Return what is zero at the section of first contact: the slope of TE along the face.
+
+    The section stays at an end of the face, and where the neighbouring sections touch as early.
+    """
+
+    def rise(share: Values, contact: FirstContact, gears: Gears) -> Values:
+        contact = _on_flank(replace(contact, share=share), gears)
+        _, error_slope, radius_slope = _along("share", contact, gears)
+        return error_slope - _slopes(contact, gears)[0] * radius_slope
+
+    start, (contact, gears) = jax.lax.stop_gradient((share, args))
+    ones = jnp.ones_like(start)
+    _, bend = jax.jvp(lambda share: rise(share, contact, gears), (start,), (ones,))
+    moves = (start > 0) & (start < 1) & (gears[0].sense * bend < -TIE)
+    return jnp.where(moves, rise(share, *args), share - start)
+
+
+def _along(name: str, contact: FirstContact, gears: Gears) -> tuple[Reach, Values, Values]:
+    """Return the reach at a contact, and the derivatives of TE and driven radius by a field of it.
+
+    `name` is "roll" or "share".
+    """
+
+    def values(value: Values) -> tuple[tuple[Values, Values], Reach]:
+        reach = _reach(replace(contact, **{name: value}), gears)
+        return (reach.error, reach.radius), reach
+
+    value = getattr(contact, name)
+    _, slopes, reach = jax.jvp(values, (value,), (jnp.ones_like(value),), has_aux=True)
+    return reach, *slopes
+
+
+def _reach(contact: FirstContact, gears: Gears) -> Reach:
+    """Return where the driven flank touches the driving flank at a contact."""
+    mates, mounting, driving_angle, driven_angle = gears
+    if driven_angle is None:
+        error = jnp.where(contact.place == Place.NOTHING, 0.0, contact.error)
+        driven_angle = mates.ratio * driving_angle + error
     pose = Pose(
         driving_angle - contact.tooth * mates.pitch,
         contact.tooth,
         mounting.driving_centre(driving_angle),
         mounting.driven_centre(driven_angle),
     )
-    driving, driven = mates.driving, mates.driven
-    on_tip = contact.place == Place.DRIVEN_TIP
-    on_end = on_tip | (contact.place == Place.DRIVEN_START)
-    end = jnp.where(on_tip, driven.tip, driven.start)
+    share = share_of_middle(mounting) if contact.share is None else contact.share
+    return mates.reach(mounting, pose, contact.roll, share)
 
-    def error_and_radius(roll: Values) -> tuple[Values, Values]:
-        reach = mates.reach(mounting, pose, roll, contact.share)
-        return reach.error, reach.radius
 
-    ones = jnp.ones_like(contact.roll)
-    (_, radius), slopes = jax.jvp(error_and_radius, (contact.roll,), (ones,))
-    error_slope, radius_slope = jax.lax.stop_gradient(slopes)
-    radius_slope = jnp.where(radius_slope == 0, 1.0, radius_slope)
-    # A step of Newton's method to an end of the driven flank; its derivative is that of the end.
-    excess = radius - driven.base_radius * jnp.sqrt(1 + end**2)
-    roll = jnp.where(on_end, contact.roll - excess / radius_slope, contact.roll)
-    roll = jnp.where(contact.place == Place.DRIVING_TIP, driving.tip, roll)
-    roll = jnp.where(contact.place == Place.DRIVING_START, driving.start, roll)
-    reach = mates.reach(mounting, pose, roll, contact.share)
-    of_end = error_slope * reach.radius_by_driven / radius_slope
-    slope = reach.error_by_driven - jnp.where(on_end, of_end, 0.0)
-    error = jnp.where(contact.place == Place.NOTHING, jnp.nan, reach.error)
-    return error, jax.lax.stop_gradient(slope)
+def _on_driven_end(contact: FirstContact) -> Bool[Array, " n"]:
+    return (contact.place == Place.DRIVEN_TIP) | (contact.place == Place.DRIVEN_START)
+
+
+def _end_radius(mates: Mates, contact: FirstContact) -> Values:
+    """Return the radius at the tip of the driven flank, or at its start if contact is there, mm."""
+    driven = mates.driven
+    end = jnp.where(contact.place == Place.DRIVEN_START, driven.start, driven.tip)
+    return driven.base_radius * jnp.sqrt(1 + end**2)

@@ -191,7 +191,7 @@ def contact_at(
     search_grid, batches = replace(model.search_grid, sections=sections), []
     for angle in _batches(angles):
         fields, contact = _contacts(mates, model.mounting, search_grid, jnp.asarray(angle), teeth)
-        error = error_of(mates, model.mounting, jnp.asarray(angle), contact)
+        error = error_of((mates, model.mounting, jnp.asarray(angle), None), contact)
         batches.append(fields | {"transmission_error": error})
     fields = {
         name: np.concatenate([np.asarray(batch[name]) for batch in batches])[: len(angles)]
@@ -234,7 +234,8 @@ def _contacts(
     tied = jnp.sum(height > highest - 1e-12, axis=(0, 1))
     # At most two ties: a section of the grid, and the best section at the same place.
     single = (search_grid.sections > 1) & (tied <= 2)
-    end = jnp.where(contact.share < _END, -1, jnp.where(contact.share > 1 - _END, 1, 0))
+    share = touch.share[row, pair, column]
+    end = jnp.where(share < _END, -1, jnp.where(share > 1 - _END, 1, 0))
     touches = contact.place != Place.NOTHING
     both = jnp.stack([radius[row, pair, column] for radius in radii], axis=-1)
     misfit = jnp.where(jnp.isfinite(height), highest - height, jnp.inf)

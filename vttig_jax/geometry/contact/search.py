@@ -24,7 +24,7 @@ _SECANT_STEPS = 8  # steps of the secant method to the extreme; the first only e
 _SHORTEST_STEP = 1e-5  # smallest roll step, rad, for a curvature, which then has five digits
 _NEWTON_STEPS = 5  # steps of Newton's method to the end of the driven flank
 _REFINEMENTS = 10  # refinements of the section; ten halvings reduce the interval to a thousandth
-_TIE = 1e-13  # difference, rad, below which contacts are equal; the middle one is then used
+TIE = 1e-13  # difference, rad, below which contacts are equal; the middle one is then used
 
 Index = Int[Array, "..."]
 
@@ -316,7 +316,7 @@ def _best(height: Values, sizes: tuple[int, ...]) -> Index:
         abs(index - (size - 1) / 2) / size for index, size in zip(indices, sizes, strict=True)
     )
     off_middle = jnp.asarray(off_middle).reshape((count,) + (1,) * (height.ndim - 1))
-    tied = height >= jnp.max(height, axis=0, keepdims=True) - _TIE
+    tied = height >= jnp.max(height, axis=0, keepdims=True) - TIE
     return jnp.argmin(jnp.where(tied, off_middle, jnp.inf), axis=0)
 
 
@@ -334,7 +334,7 @@ def _next_share(scene: ContactSearch, bracket: Bracket) -> Values:
     back, ahead = left.share - middle.share, right.share - middle.share
     # For a (x − v)² these are a back·ahead (back − ahead) and 2 v times that.
     spread, crossed = ahead * fall - back * drop, ahead**2 * fall - back**2 * drop
-    good = jnp.isfinite(crossed) & (spread < -_TIE * (ahead - back))
+    good = jnp.isfinite(crossed) & (spread < -TIE * (ahead - back))
     longer = jnp.where(ahead > -back, ahead, back)
     step = jnp.where(good, crossed / jnp.where(good, 2 * spread, 1.0), longer / 2)
     short = jnp.abs(step) < 1e-3 * jnp.abs(longer)
