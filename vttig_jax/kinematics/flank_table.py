@@ -29,7 +29,7 @@ from ..base.numerics.sincos import sincos
 from ..base.units import REV
 from ..pair.gear_pair import Flank
 from .first_order import ClosedModel
-from .flank_model import FlankModel, flank_index
+from .flank_model import FIRST_ORDERS, FlankModel, GridOrders, flank_index
 
 PER_CYCLE = 64
 """Nodes in one cycle of the highest order.
@@ -110,9 +110,9 @@ class FirstOrderBounds(Bounds):
     closing: Float[Numbers, "2"] = eqx.field(converter=float64, default=(0.0, 0.0))
 
     @property
-    def highest_order(self) -> float:
-        """First order of the faster shaft, in cycles per driving turn."""
-        return max(1.0, abs(float(self.ratio)))
+    def grid_orders(self) -> GridOrders:
+        """The first order of each shaft."""
+        return FIRST_ORDERS
 
     def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
         """See `Bounds.at`."""
@@ -169,9 +169,9 @@ class FlankTable(Bounds):
     periodic: bool = eqx.field(static=True)
 
     @property
-    def highest_order(self) -> float:
-        """Order, in cycles per driving turn, with `PER_CYCLE` nodes in a cycle."""
-        return REV / (float(self.step) * PER_CYCLE)
+    def grid_orders(self) -> GridOrders:
+        """The order of the driving shaft with `PER_CYCLE` nodes in a cycle."""
+        return ((REV / (float(self.step) * PER_CYCLE), 0),)
 
     def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
         """See `Bounds.at`."""
@@ -324,9 +324,9 @@ class FunctionModel(FlankModel):
     order: float = eqx.field(static=True, default=8.0)
 
     @property
-    def highest_order(self) -> float:
+    def grid_orders(self) -> GridOrders:
         """Highest order, as the user gives it."""
-        return self.order
+        return ((self.order, 0),)
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank

@@ -168,7 +168,10 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
     if state.lead is not None:
         lead = next_lead(state.lead, jnp.asarray(output.advance), period)
     carriage, position = case.actuator.commanded(carriage, command)
-    shown = driven - case.bounds.ratio * driving
+    # The offset is some 1e-5 of both angles; as a sum of small terms it keeps its digits.
+    ratio = jnp.asarray(case.bounds.ratio)
+    shown = driven - (ratio * shafts.angle + shafts.offset) - ratio * (driving - shafts.angle)
+    shown = shafts.offset + shown
     flanks = shafts.flanks if state.target is None else case.bounds.at(reference.angle)
     first = jnp.where(run.other_flank > 0, flanks.lower, flanks.upper)
     reached = shafts.offset + case.bounds.ratio * (shafts.angle - reference.angle)
