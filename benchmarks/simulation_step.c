@@ -372,14 +372,15 @@ static __attribute__((noinline)) void period(State *restrict s, const Own *restr
 #pragma GCC ivdep
     for (int l = 0; l < LANES; l++) {
         /* metrics of jumps, and of the flank in contact */
-        const double met = meets[l], met_gap = gaps[l];
+        const double met_gap = gaps[l], met = met_gap > 1e-12 ? meets[l] : 0.0;
         const double carrier = s->carrier[l], side = s->side[l], turned = s->angle[l] - begins[l];
         const double largest = s->largest_jump[l], sooner = s->early_jump[l];
         const double wrong = s->wrong_travel[l];
         const int still = runs_on[l] != 0, early = still & (then < own->turn_s[l]);
         const double was_carrier = carrier == 0 ? -other : carrier;
         const double jump = (still & (met == -was_carrier)) ? met_gap : 0.0;
-        const double now_carries = (still & (side != 0)) ? side : was_carrier;
+        const double now = met != 0 ? met : side;
+        const double now_carries = (still & (now != 0)) ? now : was_carrier;
         s->carrier[l] = now_carries;
         s->largest_jump[l] = most(largest, jump);
         s->early_jump[l] = early ? most(sooner, jump) : sooner;

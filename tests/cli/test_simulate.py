@@ -224,7 +224,7 @@ def test_the_rig_of_a_run_folder(vttig, vttig_json, scenario, run_folder):
 def test_a_run_folder_is_a_scenario(vttig_json, run_folder):
     """The gears, the map and default values."""
     code, found = vttig_json("simulate", run_folder, "-q", "--set", "motion.reversal_deg=720")
-    assert code == 0 and found["scenario"]["rig"] == {"from": run_folder.name}
+    assert code == 0 and found["scenario"]["rig"] == {"from": str(run_folder)}
     assert found["controller"] == "acceleration" and found["metrics"]["detection_deg"] > 600
 
 
@@ -325,7 +325,7 @@ def test_a_trace_beyond_any_disk_is_refused():
     [
         ("", 2, "SCENARIO is missing; --print-defaults prints one"),
         ("none.toml", 3, "none.toml: no such file"),
-        ("gears", 2, "gears: this folder holds neither run.toml"),
+        ("gears", 3, "gears: this folder holds neither run.toml"),
         ("S --print-defaults --json", 2, "leave out --json, SCENARIO"),
         ("S --set reversal_deg=9", 2, "did you mean `motion.reversal_deg`?"),
         ("S --set motion.reversal_deg=20", 2, "--set motion.reversal_deg: 20 lies inside"),

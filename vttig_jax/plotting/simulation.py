@@ -271,7 +271,11 @@ def _draw_displacement(ax: Axes, rows: _Rows) -> Handles:
 
 
 def _draw_output(ax: Axes, rows: _Rows) -> Handles:
-    return {"driven shaft less i φ₁": _line(ax, rows.time, rows.output, MODEL_COLOUR, 1.2)}
+    return {
+        "driven shaft less i φ₁ of the reference": _line(
+            ax, rows.time, rows.output, MODEL_COLOUR, 1.2
+        )
+    }
 
 
 def _draw_speed(ax: Axes, rows: _Rows) -> Handles:

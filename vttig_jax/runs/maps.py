@@ -61,9 +61,9 @@ def opened_maps(
             run = runs[name]
             pair = run.pair if pair is None else pair
             _require_same_gears(run.pair, pair, folder / name)
-            named[name] = _run_model(run, spec.constant_backlash_deg)
             if spec.sweep is not None and spec.rig is not None and name == spec.rig.run:
                 draws = _drawn_models(run, spec)
+            named[name] = _run_model(run, spec.constant_backlash_deg)
         except VttigError as error:
             message = (
                 error.message if error.where in ("", name) else f"{error.where}: {error.message}"
@@ -120,6 +120,13 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
             f"fit.json is missing or damaged ({type(error).__name__}); make it again with `vttig"
             " fit … --overwrite`."
         ) from None
+    if lines := [f"{row['order']:g}" for row in fit["orders"] if row not in rows]:
+        left_out = ", ".join(dict.fromkeys(lines))
+        logger.warning(
+            "%s: orders without a fixed place on the gears left out: %s", run.folder, left_out
+        )
+    if len(measured) == 1:
+        logger.warning("%s: the unmeasured flank has the orders of the other one", run.folder)
     gap_deg = constant_backlash_deg if constant_backlash_deg is not None else (given or [None])[0]
     if gap_deg is None:
         raise InputError(
@@ -149,14 +156,15 @@ def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
     from ..kinematics.harmonic import OrderModel
 
     assert spec.rig is not None
+    if not (run.folder / CHECKPOINT).exists():
+        raise InputError(
+            f"there are no draws in {run.folder}; make them with `vttig sample {run.folder}`, or"
+            ' write plant_map = "RUN" in place of `rig` for a sweep with the fit.'
+        )
     if spec.constant_backlash_deg is not None:
         raise ScenarioError(
             "given, but every draw of `rig` has a backlash of its own; remove one of them.",
             where="constant_backlash_deg",
-        )
-    if not (run.folder / CHECKPOINT).exists():
-        raise InputError(
-            f"there is no {CHECKPOINT} in {run.folder}; make it with `vttig sample {run.folder}`."
         )
     draws, (count, seed) = _gap_draws(run), spec.rig.chosen
     if count > len(draws.offset):
@@ -200,7 +208,7 @@ def read_map_file(path: Path, pair: "GearPair | Drive") -> "FlankModel":
 
     try:
         table = np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8")
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, IndexError) as error:
         raise InputError(
             f"no map can be read here ({error}); name a run folder, or the CSV of `vttig map`."
         ) from None
@@ -221,6 +229,8 @@ def read_map_file(path: Path, pair: "GearPair | Drive") -> "FlankModel":
             f"a map needs four rows or more, each with all numbers, but here are {len(angle)} rows"
             " or empty cells; write it with `vttig map --out`."
         )
+    if np.max(np.abs(errors[1] - errors[0])) > 90 * DEG:
+        raise InputError("the flanks of this map are more than 90° apart; its columns are in deg.")
     step = (angle[-1] - angle[0]) / (len(angle) - 1)
     if not (step > 0 and np.allclose(np.diff(angle), step, rtol=1e-6)):
         raise InputError(

@@ -55,8 +55,8 @@ def simulate(
     ...     {"motion": motion, "controller": "predictive"},
     ...     rig.pair, plant_map=rig.flank_model(), controller_map=fit,
     ... )
-    >>> run.metrics["residual_gap_deg"] < 0.0012, run.metrics["interference_mm"] < 0.006
-    (True, True)
+    >>> run.outcome, run.metrics["residual_gap_deg"] < 0.0012
+    ('ok', True)
 
     ```
     """
@@ -166,10 +166,14 @@ def specified(
 
 def _table_of_run(path: Path) -> dict[str, Any]:
     """Return the scenario of a run folder: default values, and no controller without taper."""
+    from ..base.errors import ScenarioError, UsageError
     from ..pair.gear_pair import GearPair
     from .run import open_run
 
-    pair = open_run(path).pair
+    try:
+        pair = open_run(path).pair
+    except UsageError as error:
+        raise ScenarioError(error.message, where=error.where) from None
     tapers = isinstance(pair, GearPair) and float(pair.thinning) > 0
     return {"rig": {"from": str(path)}, **({} if tapers else {"controller": "none"})}
 

@@ -173,7 +173,8 @@ def values_of(one):
 FREE = [
     name
     for name in KEYS
-    if name.partition(".")[0] not in ("motion", "sampling") or name == "motion.stop_s"
+    if name.partition(".")[0] not in ("motion", "sampling", "constant_backlash_deg")
+    or name == "motion.stop_s"
 ]
 
 

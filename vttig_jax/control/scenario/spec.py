@@ -67,11 +67,17 @@ def check_rig(spec: "ScenarioSpec") -> None:
             " the map of a run folder.",
             where="eccentricities",
         )
-    if spec.rig is not None and spec.eccentricities is not None and not uses:
+    if spec.rig is not None and spec.eccentricities is not None and spec.controller_map is None:
         raise ScenarioError(
             "given together with `rig`; remove one of them, or write controller_map ="
             ' "eccentricities" for a controller that closes by these.',
             where="eccentricities",
+        )
+    if spec.constant_backlash_deg is not None and not names_of_maps(spec):
+        raise ScenarioError(
+            "replaces the gap of a run folder, but none is named; write"
+            " eccentricities.constant_backlash_deg.",
+            where="constant_backlash_deg",
         )
     if not spec.pair and not names_of_maps(spec):
         raise ScenarioError("missing; name the pair file, relative to this file.", where="pair")

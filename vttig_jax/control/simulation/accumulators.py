@@ -11,6 +11,9 @@ from ..hardware.actuator import Carriage
 from ..hardware.shaft_drive import Tracking
 from ..plants.plant import ContactEvent
 
+_CLOSED = 1e-12
+"""Gap, rad, up to which the teeth touch on both flanks: a chosen value."""
+
 
 class RunFacts(eqx.Module):
     """Constants of a run that its accumulators need.
@@ -209,8 +212,11 @@ def add_plant_step(
     in_reversal, travels = counts & ~old.opened, counts & ~old.retracted
     early = counts & (time < run.turn_s)
     carrier = jnp.where(old.carrier == 0, -run.other_flank, old.carrier)  # before any contact
-    jump = jnp.where(counts & (contact.side == -carrier), contact.gap, 0.0)
-    carrier = jnp.where(counts & (jnp.asarray(side) != 0), side, carrier)
+    # In a closed gap rounding decides which flank is met; the state of the plant then tells it.
+    met = jnp.where(contact.gap > _CLOSED, contact.side, 0.0)
+    jump = jnp.where(counts & (met == -carrier), contact.gap, 0.0)
+    now = jnp.where(met != 0, met, jnp.asarray(side))
+    carrier = jnp.where(counts & (now != 0), now, carrier)
     return replace(
         old,
         carrier=carrier,

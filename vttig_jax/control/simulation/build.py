@@ -265,13 +265,8 @@ class Builder:
             if name == ECCENTRICITIES:
                 source = spec.eccentricities, spec.flanks
                 return self._bounds(source, self._checked(source, travel, where), 0)
-            bounds, gap = self._part(self._mapped, name, self._checked(name, travel, where))
-        if not gap >= 0:
-            raise ScenarioError(
-                f"flank B lies {-gap / DEG:.5f}° before flank A at one angle, where no gap is left;"
-                " take a map with a larger backlash (constant_backlash_deg).",
-                where=where,
-            )
+            bounds, gap, _ = self._part(self._mapped, name, self._checked(name, travel, where))
+        _require_gap(gap, "at one angle", where)
         return bounds
 
     def _believed(self, spec: ScenarioSpec) -> "_Source":
@@ -322,10 +317,13 @@ class Builder:
             model = _tabulated(model, count, periodic, first + turns, nodes_per_turn(model))
         return replace(model, closing=self.closing).turned(turns)
 
-    def _mapped(self, name: str, span: "_Span") -> tuple[Bounds, float]:
-        """Return the flanks of a named map, and the smallest gap at its nodes, rad."""
+    def _mapped(self, name: str, span: "_Span") -> tuple[Bounds, float, float]:
+        """Return the flanks of a named map, and the smallest and mean gap at its nodes, rad."""
         bounds = self._bounds(name, span, 0)
-        return bounds, float(_smallest(bounds.nodes)) if isinstance(bounds, FlankTable) else 0.0
+        if not isinstance(bounds, FlankTable):  # eccentric gears of first order, and nothing else
+            return bounds, 0.0, 0.0
+        gap = np.asarray(bounds.nodes[:, 2] - bounds.nodes[:, 0])
+        return bounds, float(gap.min()), float(gap.mean())
 
     def _drawn(self, span: "_Span", per_turn: int, draw: int) -> tuple[Bounds, float]:
         """Return the flanks of a draw, and the smallest gap at its nodes, rad."""
@@ -483,8 +481,20 @@ class Builder:
             return LostController()
         if own is not None or spec.controller == "none":
             return own or NoController()
-        source = self._believed(spec)
-        believed = source, self._checked(source, travel, "controller_map"), turns
+        source, gap_deg = self._believed(spec), spec.map.constant_backlash_deg
+        span = self._checked(source, travel, "controller_map")
+        if isinstance(source, str):
+            if {**plain_table(spec.map), "constant_backlash_deg": 0.0} != {
+                "constant_backlash_deg": 0.0
+            }:
+                raise ScenarioError(
+                    f"eccentricities of [map] mean nothing in the map {source!r}; give only its"
+                    " constant_backlash_deg, or write [eccentricities].",
+                    where="map",
+                )
+            mean = self._part(self._mapped, source, span)[2]
+            _require_gap(mean, "on the average", "controller_map")
+        believed = source, span, turns, gap_deg if isinstance(source, str) else None
         return self._part(self._controller, spec.controller, spec.judgement, lead_s, *believed)
 
     def _controller(
@@ -495,8 +505,13 @@ class Builder:
         source: "_Source",
         span: "_Span",
         turns: int,
+        gap_deg: float | None,
     ) -> Controller:
         bounds = self._bounds(source, span, turns)
+        if gap_deg is not None and isinstance(bounds, FlankTable):
+            nodes = jnp.asarray(bounds.nodes)
+            shift = gap_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
+            bounds = replace(bounds, nodes=nodes.at[:, 2].add(shift))
         least_speed = judgement.least_rpm * REV / 60.0
         if name == "feedforward":
             return FeedforwardController(bounds, judgement.jump_s)
@@ -540,6 +555,17 @@ def _believed(spec: ScenarioSpec) -> EccentricityTable:
     assert spec.eccentricities is not None  # checked where the scenario is read
     values = {name: value for name, value in plain_table(spec.map).items() if value is not None}
     return structs.replace(spec.eccentricities, **values)
+
+
+def _require_gap(gap: float, place: str, where: str) -> None:
+    """Raise `ScenarioError` for a map whose gap (rad) is below zero at a `place`."""
+    if not gap >= 0:
+        raise ScenarioError(
+            f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
+            " left; take a map with a larger backlash (constant_backlash_deg), or with its flanks"
+            " in order.",
+            where=where,
+        )
 
 
 def _sense(motion: Motion) -> float:

@@ -9,10 +9,11 @@ from jaxtyping import Float
 
 from ...base.arrays import Number
 from ...base.files.text_tables import key_values
+from ...base.files.toml_io import plain_table
 from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Drive, GearPair
-from ..controllers.controller import Controller, NoController
+from ..controllers.controller import NoController
 from ..hardware.shaft_drive import Prescribed
 from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, spec_table
 from .accumulators import Accumulators
@@ -111,7 +112,7 @@ def _ending(run: "Simulation") -> str:
 def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
     t, spec, metrics = run.accumulators, run.spec, _numeric_metrics(run)
     yield "simulated", f"{spec.plant} plant, controller {run.controller}"
-    yield "flanks", _flanks(spec, run.case.controller)
+    yield "flanks", flanks_text(spec, not isinstance(run.case.controller, NoController))
     yield "motion", _motion(run)
     yield "outcome", run.outcome
     mean, most, least = (metrics[f"te_{name}_deg"] for name in ("mean", "max", "min"))
@@ -178,17 +179,19 @@ def _jump(run: "Simulation") -> str:
     return text if paper is None else f"{text}; reading before minus reading after {paper:+.5f}°"
 
 
-def _flanks(spec: ScenarioSpec, controller: Controller) -> str:
+def flanks_text(spec: ScenarioSpec, closes: bool = True) -> str:
     """Return as text where the flanks of plant and controller come from."""
-    given = f"{spec.flanks} ones of [eccentricities]"
+    given = f"[eccentricities] ({spec.flanks})"
     plant = spec.plant_map if spec.rig is None else spec.rig.run
     plant = given if plant == ECCENTRICITIES else f"map {plant}"
-    if isinstance(controller, NoController):
+    if not closes:
         return plant
     believed = spec.controller_map
     if believed is None:
         believed = ECCENTRICITIES if spec.eccentricities is not None else plant
-    return f"{plant}; the controller believes {given if believed == ECCENTRICITIES else believed}"
+    believed = given if believed == ECCENTRICITIES else f"map {believed}".replace("map map", "map")
+    own = " with [map]" if plain_table(spec.map) else ""
+    return f"{plant}; the controller believes {believed}{own}"
 
 
 def _numeric_metrics(run: "Simulation") -> dict[str, float]:

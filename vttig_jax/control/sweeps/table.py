@@ -16,6 +16,7 @@ from ...base.results import PlottedResult
 from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
 from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM
+from ..simulation.result import flanks_text
 from .blocks import REFUSED, Rows
 from .cases import Recipe
 from .store import HEADER, TABLE, read_table
@@ -114,7 +115,7 @@ class SweepTable(PlottedResult):
         allowed = 1.01 * max(self.spec.judgement.margin_mm, 0.0) * self.closing / DEG + NEAR_DEG
         return {
             "name": name,
-            "cases": int(mask.sum()),
+            "cases": int((mask & (self.columns["outcome"] != REFUSED)).sum()),
             "outcomes": dict(Counter(self.columns["outcome"][mask].tolist()).most_common()),
             "residual_gap_deg": _spread(gap),
             "interference_mm": _spread(interference),
@@ -197,21 +198,11 @@ def _share(mask: np.ndarray) -> float | None:
 
 
 def _share_interval(mask: np.ndarray, draws: np.ndarray | None) -> list[float] | None:
-    """Return the 95 % interval of the share of one machine.
-
-    The machine is one of the posterior draws: the interval holds 95 % of their shares. Without
-    draws, or with one case for each, it is that of Wilson for independent cases.
-    """
-    if not len(mask):
+    """Return the interval that holds the shares of 95 % of the posterior draws; None without."""
+    if draws is None or not len(mask):
         return None
-    if draws is not None and len(mask) > len(np.unique(draws)) > 1:
-        _, place = np.unique(draws, return_inverse=True)
-        shares = np.bincount(place, mask) / np.bincount(place)
-        return np.quantile(shares, [0.025, 0.975]).tolist()
-    share, count, z2 = float(mask.mean()), len(mask), 1.959964**2
-    middle = (share + z2 / (2 * count)) / (1 + z2 / count)
-    half = math.sqrt(z2 * (share * (1 - share) / count + z2 / (4 * count**2))) / (1 + z2 / count)
-    return [max(middle - half, 0.0), min(middle + half, 1.0)]
+    _, place = np.unique(draws, return_inverse=True)
+    return np.quantile(np.bincount(place, mask) / np.bincount(place), [0.025, 0.975]).tolist()
 
 
 def _spread(values: np.ndarray) -> dict[str, float] | None:
@@ -232,6 +223,9 @@ def _text(table: SweepTable) -> str:
     outcomes = ", ".join(f"{count} {name}" for name, count in table.outcomes.items())
     steps = max(table.lane_steps, 1)
     head = [("cases", f"{record['cases']}: {_sizes(table)}"), ("outcomes", outcomes)]
+    if not {"plant_map", "controller_map"} & set(table.axes):
+        plant = "draws of " if "draw" in table.axes else ""
+        head.append(("flanks", plant + flanks_text(table.spec)))
     if table.devices:  # 0 for a sweep that was read from its folder
         head.append(
             (
@@ -296,8 +290,9 @@ def _text(table: SweepTable) -> str:
     return "\n".join(lines)
 
 
-def _share_text(share: float, interval: list[float]) -> str:
-    return f"{100 * share:.1f} % ({100 * interval[0]:.1f} … {100 * interval[1]:.1f})"
+def _share_text(share: float, interval: list[float] | None) -> str:
+    ends = f" ({100 * interval[0]:.1f} … {100 * interval[1]:.1f})" if interval else ""
+    return f"{100 * share:.1f} %{ends}"
 
 
 def _sizes(table: SweepTable) -> str:
