@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from vttig_jax.base.arrays import Numbers
 from vttig_jax.base.errors import PairError
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
@@ -108,7 +109,7 @@ def test_a_grid_alone_does_not_tell_the_turn_of_the_smallest_gap():
 class Kinked(FlankModel):
     """A gap of 1 mrad + 1 mrad |sin(φ₁ − place)|, whose smallest value is a kink."""
 
-    ratio: jax.Array
+    ratio: Numbers
     place: jax.Array
 
     @property

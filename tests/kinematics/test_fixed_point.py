@@ -87,7 +87,7 @@ def test_lanes_that_swing_by_a_last_bit_do_not_hold_up_the_others(paper_pair, pa
     found = fixed_point(counted, (model, angles))
     jax.effects_barrier()
     assert 3 <= len(evaluations) <= 8
-    again = model.at_both_angles(angles, model.ratio * angles + found, "A")
+    again = model.at_both_angles(angles, jnp.asarray(model.ratio) * angles + found, "A")
     np.testing.assert_allclose(found, again, rtol=0, atol=1e-15)
 
 
