@@ -119,6 +119,8 @@ FILES: dict[str, str] = {
     "cells": CSV + "0,0,1\n1,,1\n2,0,1\n3,0,1\n",
     "steps": CSV + "0,0,1\n1,0,1\n2,0,1\n4,0,1\n",
     "short": CSV + "".join(f"{angle},0,1\n" for angle in range(-90, 200)),
+    "empty": "",
+    "arcsec": CSV + "".join(f"{angle},0,{100 + angle}\n" for angle in range(-90, 400)),
     "crossing": CSV + "".join(f"{angle},0,{0.1 - 0.001 * angle}\n" for angle in range(-90, 400)),
 }
 
@@ -132,6 +134,8 @@ FILES: dict[str, str] = {
         ("cells", "empty cells"),
         ("steps", "even, rising steps"),
         ("short", "covers -90.00° … 199.00°"),
+        ("empty", "no map can be read here"),
+        ("arcsec", "more than 90° apart"),
         ("crossing", "before flank A"),
     ],
 )
@@ -142,6 +146,36 @@ def test_what_is_no_map_is_one_sentence(tmp_path, name, words):
     with pytest.raises(ScenarioError, match=words) as caught:
         simulated(path)
     assert "\n" not in str(caught.value) and "map" in str(caught.value)
+
+
+def test_the_controller_may_believe_another_constant(model):
+    """[map] shifts the gap of a named map as a whole; nothing else of it means anything there."""
+    scenario = {"motion": MOTION, "controller": "predictive"}
+    mean = float(np.degrees(np.mean(model.backlash(np.radians(WHOLE)))))
+    left: Any = [
+        vttig_jax.simulate(scenario | {"map": own}, PAIR, plant_map=model).metrics
+        for own in ({}, {"constant_backlash_deg": mean - 0.003})
+    ]
+    more = left[1]["residual_gap_deg"] - left[0]["residual_gap_deg"]
+    assert more == pytest.approx(0.003, abs=1e-5)
+    with pytest.raises(ScenarioError, match="eccentricities of"):
+        vttig_jax.simulate(scenario | {"map": {"driving_mm": 0.1}}, PAIR, plant_map=model)
+
+
+def test_a_constant_of_a_run_needs_a_run():
+    rig = dict.fromkeys(("driving_mm", "driving_phase_deg", "driven_mm"), 0.0)
+    rig |= {"driven_phase_deg": 0.0, "constant_backlash_deg": 0.04}
+    with pytest.raises(ScenarioError, match="none is named"):
+        vttig_jax.simulate({"pair": "p", "eccentricities": rig, "constant_backlash_deg": 0.1}, PAIR)
+
+
+def test_flanks_in_the_wrong_order_are_refused_for_the_controller_too(model):
+    def swapped(angle, flank):
+        return model.transmission_error(angle, "A" if flank == "B" else "B")
+
+    scenario = {"motion": MOTION, "controller": "predictive"}
+    with pytest.raises(ScenarioError, match="on the average"):
+        vttig_jax.simulate(scenario, PAIR, plant_map=model, controller_map=swapped)
 
 
 def test_the_map_of_other_gears_is_refused(run_folder):

@@ -5,6 +5,7 @@ They are read here, so that the simulator does not import the modules of fits an
 
 import json
 import logging
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -207,7 +208,8 @@ def read_map_file(path: Path, pair: "GearPair | Drive") -> "FlankModel":
     from ..kinematics.flank_table import FlankTable
 
     try:
-        table = np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8")
+        with warnings.catch_warnings(action="ignore"):  # of an empty file
+            table = np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8")
     except (OSError, ValueError, IndexError) as error:
         raise InputError(
             f"no map can be read here ({error}); name a run folder, or the CSV of `vttig map`."

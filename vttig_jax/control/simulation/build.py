@@ -484,9 +484,7 @@ class Builder:
         source, gap_deg = self._believed(spec), spec.map.constant_backlash_deg
         span = self._checked(source, travel, "controller_map")
         if isinstance(source, str):
-            if {**plain_table(spec.map), "constant_backlash_deg": 0.0} != {
-                "constant_backlash_deg": 0.0
-            }:
+            if set(plain_table(spec.map)) - {"constant_backlash_deg"}:
                 raise ScenarioError(
                     f"eccentricities of [map] mean nothing in the map {source!r}; give only its"
                     " constant_backlash_deg, or write [eccentricities].",
