@@ -30,8 +30,8 @@ BOUNDS = {
     "posterior": (6061, 108),
     "control": (6738, 79),  # 3600
     "plotting": (2012, 53),  # 2000 together with the report
-    "runs": (1744, 3),  # 900
-    "cli": (3839, 19),  # 2600
+    "runs": (1748, 3),  # 900
+    "cli": (3833, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

@@ -238,15 +238,8 @@ def error_harmonics(fit: Fit, out: Path, left_out_rad: float = 0.0) -> dict[str,
             "error_rad": record["error_rad"],
         }
     return {
-        "schema": "vttig.compensation/1",
+        **compensation_head(fit, out),
         "quantity": "error",
-        "pair": fit.pair.name,
-        "source": fit.source,
-        "sha256": fit.sha256,
-        "conditional_on": list(fit.conditional_on),
-        "zero": fit.zero,
-        "zero_readings": fit.zero_readings,
-        "file": out.name,
         "meaning": "transmission error of a flank, rad of the driven gear = constant_rad + sum of"
         " cos_rad cos(p) + sin_rad sin(p) with p = (driving_order + driven_order ratio) phi1;"
         " phi1: driving angle from the zero of the fit, turns counted within the hunting period."
@@ -285,3 +278,17 @@ def _means_and_peaks(
         total = total + block.sum(axis=0)
         low, high = np.minimum(low, block.min(axis=0)), np.maximum(high, block.max(axis=0))
     return np.asarray(total / len(angle)), np.asarray(high - low)
+
+
+def compensation_head(fit: "Fit", out: Path) -> dict[str, Any]:
+    """Return the keys of schema `vttig.compensation/1` that say where the numbers come from."""
+    return {
+        "schema": "vttig.compensation/1",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "sha256": fit.sha256,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "zero_readings": fit.zero_readings,
+        "file": out.name,
+    }

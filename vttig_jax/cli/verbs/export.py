@@ -275,16 +275,11 @@ def _record(
     fit: "Fit", compensation: "Compensation", out: Path, interval: tuple[float, float] | None
 ) -> dict[str, Any]:
     """Return the object of schema `vttig.compensation/1`; `interval` as `_interval` returns it."""
+    from ...runs.error_table import compensation_head
+
     ends = None if interval is None else dict(zip(("low95", "high95"), interval, strict=True))
     return {
-        "schema": "vttig.compensation/1",
-        "pair": fit.pair.name,
-        "source": fit.source,
-        "sha256": fit.sha256,
-        "conditional_on": list(fit.conditional_on),
-        "zero": fit.zero,
-        "zero_readings": fit.zero_readings,
-        "file": out.name,
+        **compensation_head(fit, out),
         "constant_backlash_deg": ends,
         **compensation.to_json(),
     }
