@@ -26,6 +26,7 @@ FLOORS = (
     "geometry",
     "logs",
     "rig",
+    "model",
     "identify",
     "posterior",
     "control",

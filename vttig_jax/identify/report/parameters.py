@@ -1,15 +1,16 @@
 """Parameters of a fit, each with its value and interval, or with the reason why it has none."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from ...base.numerics.polar_spread import polar_spread, upper_limit
 from ...base.numerics.quantiles import NORMAL_95
-from ...base.units import ARCSEC, DEG, REV
+from ...base.units import ARCSEC, DEG
 from ...logs.encoder_log import EncoderLog
+from ...model.parameter import BELOW, LARGEST, OPEN, Parameter, undetermined
 from ...pair.gear_pair import Drive, GearPair
 from ..model.identifiability import Identifiability
 from ..preliminary.delay import Delay
@@ -20,65 +21,10 @@ Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", 
 
 
 SIGNIFICANT = 3.0  # standard errors above which a value is significant; chosen value
-BELOW = "below three standard errors"
 BESIDE_FREE_DELAY = "at one steady speed it cannot be told from the delay that is free"
-LARGEST = {"arcsec": REV / ARCSEC, "deg": REV / DEG}
-"""Unit → one revolution. An error of a gear is far smaller, so a wider interval says nothing."""
-
-OPEN = "the interval is wider than one revolution, so that the log says nothing about the value"
 _OPEN_MM = OPEN.replace("one revolution", "the centre distance")
 ROUNDING = 1e-11
 """Angle, rad, below which a value is rounding and never significant."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """Parameter of the result with its uncertainty.
-
-    If the data do not determine the parameter, `determined` is False, `value` is None, and `reason`
-    is given. A value below three standard errors is not `significant`: an amplitude then has an
-    upper limit `upper95`, and its phase has no value. `low95` and `high95` are the bounds of the
-    equal-tailed 95 % interval (Laplace approximation); for a phase they may be outside [0°, 360°).
-    """
-
-    name: str
-    unit: str
-    value: float | None = None
-    std: float | None = None
-    low95: float | None = None
-    high95: float | None = None
-    determined: bool = False
-    significant: bool = False
-    reason: str | None = None
-    upper95: float | None = None
-
-    def moved(self, by: float) -> "Parameter":
-        """Return the parameter with `by` added to its value and to both bounds of its interval."""
-        if self.value is None or self.low95 is None or self.high95 is None:
-            return self
-        return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
-
-    def to_json(self) -> dict:
-        """Return the fields in the JSON object of a fit; `upper95` only if it is not None."""
-        record = {
-            key: getattr(self, key)
-            for key in (
-                "value",
-                "std",
-                "low95",
-                "high95",
-                "unit",
-                "determined",
-                "significant",
-                "reason",
-            )
-        }
-        return record | ({} if self.upper95 is None else {"upper95": self.upper95})
-
-
-def undetermined(name: str, unit: str, reason: str) -> Parameter:
-    """Return a parameter that the data do not determine."""
-    return Parameter(name, unit, reason=reason)
 
 
 def scalar(solution: Solution, source: str, name: str, unit: str, scale: float) -> Parameter:

@@ -1,0 +1,1 @@
+"""The linear mixed model of two encoder channels: rows, one density, functionals."""

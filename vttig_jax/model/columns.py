@@ -1,0 +1,131 @@
+"""Columns of the model over all logs and both flanks, and the prior of every coefficient.
+
+A column belongs to one log or to all, has the same values on both flanks (their mean) or s = ∓½
+times these (their difference), and has a prior:
+
+| column | prior of its coefficient |
+|---|---|
+| offset of a log, gap, torque | flat |
+| delay | N(−d₀, max(Δt/2, |d₀|)²): half a sampling interval, or what it showed before |
+| ratio of a drive | N(0, (3·10⁻³ i)²): a ratio is misstated by a rounded number of teeth |
+| first orders, tooth mesh, lines | N(0, (3 u)²), u: robust deviation of the transmission error |
+| further orders of each shaft, their difference between the flanks | N(0, τ²), one τ each |
+| drift: a random walk of each log in `KNOTS` ramps | N(0, τ²/`KNOTS`) |
+| delay of a part of a log; bends of the gap over the speed | N(0, τ²) |
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from .rows import BENDS, KNOTS, PARTS, Name, Wave
+
+GROUPS = ("driving", "driven", "difference", "drift", "delay_parts", "gap_by_speed")
+"""Groups of columns that share a prior width τ."""
+
+FLAT = "flat"
+KNOWN = "known"
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """What is assumed before the logs are read: physics, not estimates.
+
+    **Arguments**
+    - `delay`: "fitted", or "known" where the delay is given and no column is fitted.
+    - `delay_within_s`: prior standard deviation of the delay; by default half a sampling interval,
+      and at least the delay itself.
+    - `ratio`: prior standard deviation of the relative error of the ratio of a drive: a ratio is
+      misstated by a rounded number of teeth. 0 for an exact one.
+    - `orders`: prior standard deviation of first orders, mesh orders and lines, in robust
+      deviations u of the transmission error.
+    """
+
+    delay: Literal["fitted", "known"] = "fitted"
+    delay_within_s: float | None = None
+    ratio: float = 3e-3
+    orders: float = 3.0
+
+
+@dataclass(frozen=True)
+class Column:
+    """Column of the model: the row column `row`, of one log or of all (None).
+
+    `differs`: whether it is multiplied by s. `prior`: a group, "known" or "flat". `width`: prior
+    standard deviation, in a group a multiple of τ.
+    """
+
+    name: Name
+    row: Name
+    log: int | None = None
+    differs: bool = False
+    prior: str = FLAT
+    width: float = 1.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What decides which columns a model has.
+
+    **Arguments**
+    - `logs`: number of logs. - `both`: whether both flanks have runs.
+    - `torque`: whether every log has a torque. - `ratio`: i of a drive, whose error is a column;
+      None for gears, whose first orders follow from eccentricities and have a flat prior.
+    - `one_zero`: whether all logs count from one zero and so share their harmonics.
+    - `interval_s`: longest sampling interval. - `usual`: u, rad.
+    """
+
+    logs: int
+    both: bool
+    torque: bool
+    ratio: float | None
+    one_zero: bool
+    interval_s: float
+    usual: float
+
+
+def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
+    """Yield the columns of the model."""
+    for log in range(shape.logs):
+        yield Column(("offset", log), ("one",), log)
+    if shape.both:
+        yield Column(("gap",), ("one",), differs=True)
+    if assumed.delay == "fitted":
+        yield Column(("delay",), ("delay",), prior=KNOWN)
+    if shape.ratio is not None and assumed.ratio > 0:
+        width = assumed.ratio * abs(shape.ratio)
+        yield Column(("ratio",), ("ratio",), prior=KNOWN, width=width)
+    if shape.torque:
+        yield Column(("torque",), ("torque",))
+    for log in [None] if shape.one_zero or shape.logs == 1 else range(shape.logs):
+        for wave in waves:
+            for differs in (False, True) if shape.both else (False,):
+                prior, width = ("difference" if differs else wave.shaft), 1.0
+                if wave.shaft == "both" or (shape.ratio is None and wave.is_first):
+                    prior = FLAT
+                elif wave.is_first or wave.shaft not in GROUPS:
+                    prior, width = KNOWN, assumed.orders * shape.usual
+                for part in ("cos", "sin"):
+                    row = (wave.shaft, wave.order, part)
+                    yield Column((*row, differs, log or 0), row, log, differs, prior, width)
+    for log in range(shape.logs):
+        for k in range(KNOTS):
+            yield Column(("drift", log, k), ("drift", k), log, prior="drift", width=KNOTS**-0.5)
+        if assumed.delay == "fitted":
+            for k in range(PARTS):
+                yield Column(("part", log, k), ("part", k), log, prior="delay_parts")
+    if shape.both:
+        for k in range(BENDS):
+            yield Column(("bend", k), ("bend", k), differs=True, prior="gap_by_speed")
+
+
+def embedding(columns: Sequence[Column], names: dict[Name, int], log: int, side: int) -> np.ndarray:
+    """Return the matrix (row columns, model columns and y) of the runs of a log on one flank."""
+    matrix = np.zeros((len(names), len(columns) + 1))
+    for place, column in enumerate(columns):
+        if column.log in (None, log) and column.row in names:
+            matrix[names[column.row], place] = -0.5 * side if column.differs else 1.0
+    matrix[names["y",], -1] = 1.0
+    return matrix

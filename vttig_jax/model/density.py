@@ -1,0 +1,205 @@
+"""The restricted likelihood of compressed logs: a pure function of noise and prior scales.
+
+Row k of a run is y_k = x_k β + n_k. The noise n is an autoregression within each run, and every
+column has a Gaussian prior: flat, of known width, or of a width τ that a group of columns shares.
+With the filter f of the autoregression (f₀ = 1) the whitened normal equations are
+
+    [X | y]ᵀ Σ⁻¹ [X | y] = G = Σ_{i ≤ j} f_i f_j D_ij / σ²
+
+(the exact form of Box and Jenkins; `windows.py` makes the D_ij), so that the cost of the likelihood
+does not depend on the length of the logs. With D = diag(prior precision), M = G_xx + D and
+β̂ = M⁻¹ (G_xy − D c), where c is the value at which the columns are centred,
+
+    −2 ln L(θ) = N ln σ² − R Σ_k k ln(1 − π_k²) + Σ_random ln v_j + ln|M|
+                 + rᵀ G r + (β̂ + c)ᵀ D (β̂ + c)
+
+with r = (β̂, −1), N rows and R runs. θ holds the partial autocorrelations as atanh π_k, ln σ and the
+ln τ of every group. Prior of θ: atanh π_k ~ N(0, 2.5²), N(0, 0.7²) for k = 2, 3, N(0, 0.4²) beyond;
+τ is half-Cauchy around its usual scale, as a density of ln τ.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..base.arrays import Numbers
+
+LAGS = 8
+"""Order of the autoregression of the rows."""
+
+FIRST, SECOND = np.triu_indices(LAGS + 1)
+"""Lags (i, j) of every window, i ≤ j."""
+
+_WIDTHS = np.array([2.5, 0.7, 0.7] + [0.4] * (LAGS - 3))
+_LAG = np.arange(1.0, LAGS + 1)
+_JITTER = 1e-11
+
+
+class Compressed(eqx.Module):
+    """Compressed logs with the prior of their columns; the last column is y.
+
+    **Arguments**
+    - `windows`: D_ij of all columns for the lags (`FIRST`, `SECOND`).
+    - `rows`, `runs`: N and R.
+    - `member`: 1/sd² of a column in its group, where τ sd is its prior width; 0 in other groups.
+    - `precision`: precision of a prior of known width; 0 for a flat prior.
+    - `centre`: c, the value at which a column is centred.
+    - `usual`: scale of the prior of each τ. - `on`: 1 for groups in the model, 0 for others.
+    - `constant`: Σ ln sd² over the columns of groups.
+    """
+
+    windows: Float[Numbers, "pairs all all"]
+    rows: Float[Numbers, ""]
+    runs: Float[Numbers, ""]
+    member: Float[Numbers, "columns groups"]
+    precision: Float[Numbers, " columns"]
+    centre: Float[Numbers, " columns"]
+    usual: Float[Numbers, " groups"]
+    on: Float[Numbers, " groups"]
+    constant: Float[Numbers, ""]
+
+
+class Solved(eqx.Module):
+    """Value of the density at θ, with its derivatives and the coefficients given θ.
+
+    - `value`: −ln of the penalised restricted likelihood; `gradient`, `hessian` by θ.
+    - `likelihood`: −2 ln L without the prior of θ.
+    - `beta`, `spread`: mean β̂ and covariance M⁻¹ of the coefficients given θ.
+    - `slopes`: ∂(Mβ̂ − b)/∂θ at fixed β̂, so that ∂β̂/∂θ = −`spread` `slopes`.
+    - `moments`: the next θ by expectation and maximisation.
+    """
+
+    value: Float[Array, ""]
+    gradient: Float[Array, " p"]
+    hessian: Float[Array, "p p"]
+    likelihood: Float[Array, ""]
+    beta: Float[Array, " columns"]
+    spread: Float[Array, "columns columns"]
+    slopes: Float[Array, "columns p"]
+    moments: Float[Array, " p"]
+
+
+def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
+    """Return the filter of an autoregression from its partial autocorrelations (Levinson)."""
+    taps = jnp.ones(1)
+    for one in partial:
+        wide = jnp.concatenate([taps, jnp.zeros(1)])
+        taps = wide - one * wide[::-1]
+    return taps
+
+
+def weights(theta: Float[Array, " p"], on: Float[Array, " groups"]) -> Float[Array, " w"]:
+    """Return the weights f_i f_j/σ² of the windows, followed by 1/τ² of every group."""
+    taps = whitening(_partial(theta))
+    return jnp.concatenate(
+        [
+            taps[FIRST] * taps[SECOND] * jnp.exp(-2 * theta[LAGS]),
+            on * jnp.exp(-2 * theta[LAGS + 1 :]),
+        ]
+    )
+
+
+def _partial(theta: Float[Array, " p"]) -> Float[Array, " lags"]:
+    return 0.9999 * jnp.tanh(theta[:LAGS])
+
+
+def _explicit(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
+    """Return the terms of −2 ln L that depend on θ alone."""
+    count = jnp.sum(logs.member > 0, axis=0) * logs.on
+    noise = 2 * logs.rows * theta[LAGS]
+    ends = logs.runs * jnp.sum(_LAG * jnp.log1p(-(_partial(theta) ** 2)))
+    return noise - ends + 2 * count @ theta[LAGS + 1 :] + logs.constant
+
+
+def _penalty(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
+    """Return −2 ln of the prior of θ; a group that is off is held at its usual scale."""
+    far = theta[LAGS + 1 :] - jnp.log(logs.usual)
+    cauchy = 2 * jnp.logaddexp(0.0, 2 * far) - 2 * far
+    return jnp.sum((theta[:LAGS] / _WIDTHS) ** 2) + jnp.sum(jnp.where(logs.on > 0, cauchy, far**2))
+
+
+def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
+    """Return the density at θ with its exact gradient and Hessian.
+
+    −2 ln L depends on θ through the weights of the windows and of the groups, in which G and D are
+    linear, so that its derivatives are traces of products of M⁻¹ with the windows.
+    """
+    windows = jnp.asarray(logs.windows)
+    size = windows.shape[-1]
+    pairs = len(FIRST)
+    flat = windows.reshape(pairs, -1)
+    weight = weights(theta, logs.on)
+    slope = jax.jacfwd(weights)(theta, logs.on)
+    gram = (weight[:pairs] @ flat).reshape(size, size)
+    prior = logs.precision + logs.member @ weight[pairs:]
+    whole = gram[:-1, :-1] + jnp.diag(prior)
+    scale = 1 / jnp.sqrt(jnp.diag(whole))
+    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(size - 1))
+    inverse = jax.scipy.linalg.solve_triangular(factor, jnp.diag(scale), lower=True)
+    spread = inverse.T @ inverse
+    right = gram[:-1, -1] - prior * logs.centre
+    beta = spread @ right
+    beta = beta + spread @ (right - whole @ beta)
+    residual, at = jnp.append(beta, -1.0), beta + logs.centre
+    logdet = 2 * jnp.sum(jnp.log(jnp.diag(factor))) - 2 * jnp.sum(jnp.log(scale))
+    likelihood = _explicit(theta, logs) + logdet + residual @ gram @ residual + prior @ at**2
+    # derivatives by the weights
+    held = jnp.zeros((size, size)).at[:-1, :-1].set(spread) + jnp.outer(residual, residual)
+    by_weight = jnp.concatenate([flat @ held.ravel(), (jnp.diag(spread) + at**2) @ logs.member])
+    fixed = jax.lax.stop_gradient(by_weight)
+    rest = lambda t: fixed @ weights(t, logs.on) + _explicit(t, logs) + _penalty(t, logs)  # noqa: E731
+    # derivatives of M by θ: windows for the noise, diagonals for the groups
+    noise = LAGS + 1
+    bends = (slope[:pairs, :noise].T @ flat).reshape(noise, size, size)
+    diagonals = logs.member * jnp.diag(slope[pairs:, noise:])
+    slopes = jnp.concatenate([(bends @ residual)[:, :-1], (diagonals * at[:, None]).T]).T
+    moved = jnp.concatenate([spread @ bends[:, :-1, :-1], spread * diagonals.T[:, None, :]])
+    traces = jnp.einsum("sij,tji->st", moved, moved)
+    curve = jax.hessian(rest)(theta) - traces - 2 * slopes.T @ spread @ slopes
+    return Solved(
+        value=0.5 * (likelihood + _penalty(theta, logs)),
+        gradient=0.5 * jax.grad(rest)(theta),
+        hessian=0.5 * curve,
+        likelihood=likelihood,
+        beta=beta,
+        spread=spread,
+        slopes=slopes,
+        moments=_moments(theta, logs, by_weight),
+    )
+
+
+def _moments(
+    theta: Float[Array, " p"], logs: Compressed, by_weight: Float[Array, " w"]
+) -> Float[Array, " p"]:
+    """Return θ after one step of expectation and maximisation.
+
+    The noise by Yule and Walker from the expected lag products of the noise; each τ² from the
+    expected squares of its coefficients, with two squares of its usual scale.
+    """
+    products = by_weight[: LAGS + 1] / logs.rows
+    half = jnp.concatenate([products[:1], 0.5 * products[1:]])
+    places = np.abs(np.subtract.outer(np.arange(LAGS + 1), np.arange(LAGS + 1)))
+    factor = jnp.linalg.cholesky(half[places])
+    inverse = jax.scipy.linalg.solve_triangular(factor, jnp.eye(LAGS + 1), lower=True)
+    partial = jnp.clip(-inverse[1:, 0] / jnp.diag(inverse)[1:], -0.97, 0.97)
+    count = jnp.sum(logs.member > 0, axis=0) * logs.on
+    squares = by_weight[len(FIRST) :] + 2 * logs.usual**2
+    tau = jnp.where(logs.on > 0, 0.5 * jnp.log(squares / (count + 2)), jnp.log(logs.usual))
+    return jnp.concatenate([jnp.arctanh(partial), -jnp.log(inverse[-1:, -1]), tau])
+
+
+def log_density(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
+    """Return the log density of θ with all coefficients integrated out, up to a constant."""
+    gram = jnp.tensordot(weights(theta, logs.on)[: len(FIRST)], logs.windows, 1)
+    prior = logs.precision + logs.member @ (logs.on * jnp.exp(-2 * theta[LAGS + 1 :]))
+    whole = gram[:-1, :-1] + jnp.diag(prior)
+    scale = 1 / jnp.sqrt(jnp.diag(whole))
+    size = len(prior)
+    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(size))
+    right = scale * (gram[:-1, -1] - prior * logs.centre)
+    half = jax.scipy.linalg.solve_triangular(factor, right, lower=True)
+    logdet = 2 * jnp.sum(jnp.log(jnp.diag(factor))) - 2 * jnp.sum(jnp.log(scale))
+    quadratic = gram[-1, -1] + prior @ jnp.asarray(logs.centre) ** 2 - half @ half
+    return -0.5 * (_explicit(theta, logs) + _penalty(theta, logs) + logdet + quadratic)

@@ -1,0 +1,186 @@
+"""Eccentric gears and encoders: the harmonics that they cause, and the way back by least squares.
+
+The exact relation of a pair is explicit if both shaft angles are given, and periodic in both. Its
+projection on a grid of both angles gives the coefficients of the first orders, of the terms
+(1, ±1) of second order, and of the constants. Encoder errors add + E₂ sin(φ₂ + ε₂) −
+i E₁ sin(φ₁ + ε₁) on both flanks. With flat priors the coefficients of the log are normal given θ,
+so that the physical parameters p minimise (h(p) − b̂)ᵀ V⁻¹ (h(p) − b̂).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from ..kinematics.exact import ExactModel
+from ..pair.gear_pair import GearPair
+from .functionals import Posterior
+from .rows import Wave
+
+POINTS = 8
+"""Points per turn of each shaft. Orders below 4 are exact; only terms of order e⁶ alias to them."""
+
+GEARS = ("driving_x", "driving_y", "driven_x", "driven_y")
+ENCODERS = (
+    "driving_encoder_x",
+    "driving_encoder_y",
+    "driven_encoder_x",
+    "driven_encoder_y",
+)
+_TERMS = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("both", -1): (1, -1)}
+
+
+class Relation(eqx.Module):
+    """Coefficients of the columns that follow from the parameters: ratio i, lengths in mm.
+
+    `names` are the parameters: eccentricities (mm) and encoder errors (rad) in Cartesian form.
+    `waves` are the tied harmonics of the model, `both` whether both flanks were measured, and
+    `side` the flank of a fit of one flank, 0 for A and 1 for B.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    waves: tuple[tuple[str, int], ...] = eqx.field(static=True)
+    both: bool = eqx.field(static=True)
+    side: int = eqx.field(static=True)
+    ratio: Float[Array, ""]
+    centre_distance: Float[Array, ""]
+    base_sum: Float[Array, "2"]
+
+    def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, " c"]:
+        """Return mean (cos, sin) and difference (cos, sin) of every wave, then the constants.
+
+        The constants are the mean and the difference of both flanks, rad. With one flank there
+        are no differences.
+        """
+        value = dict(zip(self.names, parameters, strict=True))
+        gears = [value.get(name, jnp.zeros(())) for name in GEARS]
+        angles = 2 * np.pi * np.arange(POINTS) / POINTS
+        driving, driven = (x.ravel() for x in np.meshgrid(angles, angles, indexing="ij"))
+        model = ExactModel(
+            ratio=self.ratio,
+            centre_distance=self.centre_distance,
+            base_sum=self.base_sum,
+            driving_offset=gears[0] + 1j * gears[1],
+            driven_offset=gears[2] + 1j * gears[3],
+            offset=jnp.zeros(2),
+        )
+        sides = np.array([0, 1] if self.both else [self.side])
+        senses = np.where(sides == 0, 1.0, -1.0)[:, None]
+        error = jnp.asarray(
+            model.turned(driving[None], driven[None], self.base_sum[sides][:, None], senses)
+        )
+        mean = error.mean(0)
+        kinds = [mean, error[1] - error[0]] if self.both else [mean]
+        found = []
+        for wave in self.waves:
+            n1, n2 = _TERMS[wave]
+            phase = n1 * driving + n2 * driven
+            for place, curve in enumerate(kinds):
+                cosine = 2 * jnp.mean(curve * np.cos(phase))
+                sine = 2 * jnp.mean(curve * np.sin(phase))
+                if place == 0 and wave[1] == 1 and wave[0] != "both":
+                    gain = -self.ratio if wave[0] == "driving" else 1.0
+                    sine = sine + gain * value.get(f"{wave[0]}_encoder_x", 0.0)
+                    cosine = cosine + gain * value.get(f"{wave[0]}_encoder_y", 0.0)
+                found += [cosine, sine]
+        return jnp.stack([*found, *(jnp.mean(curve) for curve in kinds)])
+
+
+@dataclass(frozen=True, eq=False)
+class Gears:
+    """Fitted eccentricities and encoder errors.
+
+    `values` are those of `relation.names`, and change with the coefficients of the model by
+    `rows`, shape (parameters, columns).
+    """
+
+    relation: Relation
+    values: Float[np.ndarray, " p"]
+    rows: Float[np.ndarray, "p columns"]
+
+    @cached_property
+    def constants(self) -> Float[np.ndarray, " c"]:
+        """Mean and difference of the transmission error that the gears cause, rad."""
+        count = 2 if self.relation.both else 1
+        return np.asarray(self.relation.coefficients(jnp.asarray(self.values)))[-count:]
+
+
+def fitted_gears(
+    pair: GearPair,
+    posterior: Posterior,
+    waves: Sequence[Wave],
+    *,
+    both: bool,
+    side: int,
+    encoders: bool = True,
+    gears: bool = True,
+) -> Gears | None:
+    """Return the parameters of the gears and encoders, or None if no first order is in the model.
+
+    A shaft whose first order is not in the model has no parameters. With one flank, or without
+    `encoders`, the encoders are perfect; without `gears` the gears are.
+    """
+    present = [(w.shaft, int(w.order)) for w in waves if (w.shaft, w.order) in _TERMS]
+    shafts = [shaft for shaft in ("driving", "driven") if (shaft, 1) in present]
+    if not shafts:
+        return None
+    names = [f"{s}_{a}" for s in shafts for a in "xy"] if gears else []
+    if encoders and (both or not gears):
+        names += [f"{s}_encoder_{a}" for s in shafts for a in "xy"]
+    relation = Relation(
+        tuple(names),
+        tuple(present),
+        both,
+        side,
+        jnp.asarray(float(pair.ratio)),
+        jnp.asarray(float(pair.centre_distance_mm)),
+        jnp.asarray(pair.base_radii.sum(axis=0)),
+    )
+    index = posterior.problem.index
+    places = [
+        index[(*wave, part, differs, 0)]
+        for wave in present
+        for differs in ((False, True) if both else (False,))
+        for part in ("cos", "sin")
+    ]
+    rows = np.eye(len(index))[places]
+    mean, covariance, _ = posterior.told(rows, moved=True)
+    found = _least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance))
+    value, slope = np.asarray(found[0]), np.asarray(found[1])
+    scale = np.sqrt(np.diag(covariance))
+    weight = np.linalg.solve(covariance / scale / scale[:, None], slope / scale[:, None])
+    gain = np.linalg.solve((slope / scale[:, None]).T @ weight, weight.T) / scale
+    return Gears(relation, value, gain @ rows)
+
+
+@eqx.filter_jit
+def _least_squares(
+    relation: Relation,
+    mean: Float[Array, " c"],
+    covariance: Float[Array, "c c"],
+) -> tuple[Float[Array, " p"], Float[Array, "c p"]]:
+    """Return the parameters and the slopes of the coefficients, by Levenberg and Marquardt."""
+    count = len(mean)
+    scale = jnp.sqrt(jnp.diag(covariance))
+    factor = jnp.linalg.cholesky(covariance / scale / scale[:, None] + 1e-12 * jnp.eye(count))
+    unit = jnp.array([1.0 if name in GEARS else 1e-3 for name in relation.names])
+
+    def residual(scaled: Float[Array, " p"], _: None) -> Float[Array, " c"]:
+        off = (relation.coefficients(unit * scaled)[:count] - mean) / scale
+        return jax.scipy.linalg.solve_triangular(factor, off, lower=True)
+
+    found = optx.least_squares(
+        residual,
+        optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10),
+        jnp.full(len(unit), 1e-6),
+        max_steps=64,
+        throw=False,
+    )
+    value = unit * found.value
+    return value, jax.jacfwd(relation.coefficients)(value)[:count]

@@ -1,0 +1,237 @@
+"""Passes over the logs: rows, outliers, compression and the largest density until they settle."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..base.units import REV
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import HarmonicOrders
+from .columns import GROUPS, Assumptions, Column, Shape, columns_of, embedding
+from .density import LAGS
+from .functionals import Posterior
+from .newton import maximise
+from .outliers import is_heavy, spread, weights_of
+from .problem import Problem, first_theta, problem_of
+from .rows import BENDS, Rows, Shafts, Wave, rows_of
+
+_PASSES, _MOMENTS = 7, 2
+_SETTLED = 0.1
+"""Step of the delay, in standard deviations, below which the passes end."""
+
+
+@dataclass(frozen=True, eq=False)
+class MixedFit:
+    """Fit of the mixed model to logs of one rig."""
+
+    shafts: tuple[Shafts, ...]
+    rows: tuple[Rows, ...]
+    waves: tuple[Wave, ...]
+    posterior: Posterior
+    delay_s: float
+    bends: Float[np.ndarray, " bends"]
+    outliers: float
+    passes: int
+    steps: int
+    usual: float
+    weights: list[np.ndarray] | None
+
+    @property
+    def residual(self) -> Float[np.ndarray, " n"]:
+        """Residual of every row of all logs, rad."""
+        return np.concatenate(
+            residuals(self.posterior.problem, self.rows, self.posterior.coefficients)
+        )
+
+
+def waves_of(
+    pair: GearPair | Drive, orders: HarmonicOrders, lines: Sequence[float] = ()
+) -> tuple[Wave, ...]:
+    """Return the harmonics of both shafts and of the mesh, each frequency once, and lines.
+
+    Of two orders of one frequency that of the driving shaft is kept.
+    """
+    ratio = pair.ratio
+    found: dict[Any, Wave] = {}
+    for k in orders.driving_orders:
+        found.setdefault(k, Wave("driving", k, k, 0))
+    for k in orders.driven_orders:
+        found.setdefault(k * ratio, Wave("driven", k, 0, k))
+    if isinstance(pair, GearPair):
+        teeth = pair.driving.teeth
+        for k in range(1, orders.mesh_orders + 1):
+            found.setdefault(k * teeth, Wave("mesh", k, k * teeth, 0))
+        for sign in (1, -1):
+            found.setdefault(abs(1 + sign * ratio), Wave("both", sign, 1, sign))
+    return (*found.values(), *(Wave("line", c, c, 0) for c in lines))
+
+
+def mixed_fit(
+    shafts: Sequence[Shafts],
+    pair: GearPair | Drive,
+    orders: HarmonicOrders,
+    *,
+    one_zero: bool = True,
+    lines: Sequence[float] = (),
+    delay_s: float = 0.0,
+    assumed: Assumptions = Assumptions(),
+) -> MixedFit:
+    """Fit the mixed model: rows at the delay of the last pass, until the delay stands still.
+
+    **Arguments**
+    - `shafts`: logs with their runs. - `orders`: harmonic orders of both shafts and the mesh.
+    - `one_zero`: whether the angles of all logs count from one zero.
+    - `lines`: frequencies of further lines, cycles per driving turn.
+    - `delay_s`: delay of the driven channel at which the first pass begins, or the known one.
+    - `assumed`: what is assumed before the logs are read.
+    """
+    shafts, ratio = tuple(shafts), float(pair.ratio)
+    waves = waves_of(pair, orders, lines)
+    shape = Shape(
+        logs=len(shafts),
+        both=len({run[2] for one in shafts for run in one.runs}) == 2,
+        torque=all(one.torque is not None for one in shafts),
+        ratio=ratio if isinstance(pair, Drive) else None,
+        one_zero=one_zero,
+        interval_s=max(one.interval_s for one in shafts),
+        usual=usual_error(shafts),
+    )
+    columns = tuple(columns_of(waves, shape, assumed))
+    row_s = row_duration(shafts, max((wave.cycles(ratio) for wave in waves), default=1.0))
+    speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
+    bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
+    within = assumed.delay_within_s or 0.5 * shape.interval_s
+    theta, weights, share, noise, steps = None, None, 0.0, shape.usual, 0
+    number, posterior, rows = 0, None, ()
+    while number < _PASSES:
+        number += 1
+        rows = tuple(
+            rows_of(one, waves, row_s, delay_s, bends, ratio=("ratio",) in _names(columns))
+            for one in shafts
+        )
+        if number == 1 or weights is not None:
+            first = weights is None
+            weights, share, noise = outlying(rows, columns, certain=not first)
+            if weights is not None:
+                shafts = tuple(map(_without, shafts, rows, weights))
+                if first:
+                    continue
+        width = within if assumed.delay_within_s else max(within, abs(delay_s))
+        columns = tuple(replace(c, width=width) if c.name == ("delay",) else c for c in columns)
+        noise = max(noise, 1e-4 * shape.usual)
+        scales = dict.fromkeys(GROUPS, noise) | {
+            "driving": shape.usual,
+            "driven": shape.usual,
+            "delay_parts": 0.25 * shape.interval_s,
+            "gap_by_speed": noise / max(float(bends[-1]), 1e-300),
+        }
+        problem = problem_of(columns, rows, weights, centres={("delay",): delay_s}, usual=scales)
+        start = first_theta(problem.compressed) if theta is None else theta
+        moments = _MOMENTS if theta is None else 0
+        found = maximise(problem.compressed, jnp.asarray(start), jnp.asarray(moments))
+        theta = np.asarray(found.value)
+        steps += int(found.stats["num_steps"])
+        posterior = Posterior(problem, theta, found.aux)
+        if assumed.delay == "known":
+            break
+        step = posterior.one(posterior.row(("delay",)), moved=True)
+        if abs(step.value) < _SETTLED * step.std:
+            break
+        delay_s += step.value
+    assert posterior is not None
+    return MixedFit(
+        shafts,
+        rows,
+        waves,
+        posterior,
+        delay_s,
+        bends,
+        share,
+        number,
+        steps,
+        shape.usual,
+        weights,
+    )
+
+
+def _names(columns: Sequence[Column]) -> set:
+    return {column.name for column in columns}
+
+
+def usual_error(shafts: Sequence[Shafts]) -> float:
+    """Return a robust deviation of the transmission error about a line on each flank, rad."""
+    left = []
+    for one in shafts:
+        for side in (1, -1):
+            own = [np.arange(a, b) for a, b, flank in one.runs if flank == side]
+            if own:
+                index = np.concatenate(own)
+                x = one.driving[index]
+                x = np.stack([np.ones(len(index)), x - x.mean()], 1)
+                error = one.error[index] - one.error[index].mean()
+                left.append(error - x @ np.linalg.lstsq(x, error, rcond=None)[0])
+    every = np.concatenate(left)
+    return max(1.4826 * float(np.median(np.abs(every - np.median(every)))), 1e-9)
+
+
+def row_duration(shafts: Sequence[Shafts], highest: float) -> float:
+    """Return the duration of a row: a quarter of the shortest cycle, and enough rows in a run."""
+    found = []
+    for one in shafts:
+        speed = np.concatenate([np.abs(one.speed[a:b]) for a, b, _ in one.runs])
+        lengths = [b - a for a, b, _ in one.runs]
+        cycle = REV / max(float(np.quantile(speed, 0.9)), 1e-9) / highest / one.interval_s
+        size = min(cycle / 4, float(np.median(lengths)) / (2 * LAGS), sum(lengths) / 250)
+        found.append(one.interval_s * max(1, int(size)))
+    return min(found)
+
+
+def outlying(
+    rows: Sequence[Rows], columns: Sequence[Column], *, certain: bool
+) -> tuple[list[Float[np.ndarray, " n"]] | None, float, float]:
+    """Return weights of the rows (None: no outliers), share of outliers, and the noise, rad.
+
+    `certain`: whether it is known already that there are outliers.
+    """
+    steady = [c for c in columns if c.name[0] not in ("part", "bend", "drift")]
+    tables = []
+    for number, one in enumerate(rows):
+        links = {side: embedding(steady, one.names, number, side) for side in (1, -1)}
+        flank = one.flank
+        table = np.where(flank[:, None] < 0, one.table @ links[1], one.table @ links[-1])
+        tables.append(table)
+    table = np.concatenate(tables)
+    norm = np.sqrt(np.mean(table[:, :-1] ** 2, axis=0))
+    x, y = table[:, :-1][:, norm > 0] / norm[norm > 0], table[:, -1]
+    hold = 1e-4 * len(y) * np.eye(x.shape[1])
+    residual = y - x @ np.linalg.solve(x.T @ x + hold, x.T @ y)
+    if not (certain or is_heavy(residual)):
+        return None, 0.0, spread(residual)
+    weight, share = weights_of(x, y)
+    residual = residual[weight > 0.5]
+    ends = np.cumsum([len(one.table) for one in rows])[:-1]
+    return np.split(weight, ends), share, spread(residual)
+
+
+def _without(shafts: Shafts, rows: Rows, weight: Float[np.ndarray, " n"]) -> Shafts:
+    """Return the shafts with the samples of outlying rows marked."""
+    return shafts.without(rows.samples[weight < 0.5].ravel())
+
+
+def residuals(
+    problem: Problem, rows: Sequence[Rows], coefficients: Float[np.ndarray, " columns"]
+) -> list[Float[np.ndarray, " n"]]:
+    """Return the residual of every row of each log, rad."""
+    found = []
+    for number, one in enumerate(rows):
+        left = {
+            side: embedding(problem.columns, one.names, number, side)
+            @ np.append(-coefficients, 1.0)
+            for side in (1, -1)
+        }
+        found.append(np.where(one.flank < 0, one.table @ left[1], one.table @ left[-1]))
+    return found

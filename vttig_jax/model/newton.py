@@ -1,0 +1,120 @@
+"""Newton's method on the exact Hessian of the density, as a minimiser of optimistix."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
+
+from .density import LAGS, Compressed, Solved, solved
+
+_FAR = np.array([1.0] * LAGS + [1.5])
+_FAR_SCALE = 3.0
+_FLOOR, _LEAST = 0.2, 0.02
+_EM_STEPS = 2
+
+
+class _State(eqx.Module):
+    """The best θ so far with value, gradient and Hessian, and the promise of the present step."""
+
+    theta: Float[Array, " p"]
+    value: Float[Array, ""]
+    gradient: Float[Array, " p"]
+    hessian: Float[Array, "p p"]
+    damping: Float[Array, ""]
+    promise: Float[Array, ""]
+    decrement: Float[Array, ""]
+    number: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+class Newton(optx.AbstractMinimiser):
+    """Damped Newton steps on a function that returns (value, `Solved`).
+
+    The Hessian is scaled to a unit diagonal; directions of negative curvature are followed
+    downhill. No step is longer than `far` in any coordinate. A step that raises the value is
+    refused, and the damping grows. The search ends where the decrement gᵀ H⁻¹ g is below `atol`.
+    The first `moments` steps are those of expectation and maximisation: from a far start the
+    density is not convex in the noise.
+    """
+
+    rtol: float = 0.0
+    atol: float = 1e-4
+    norm: Any = optx.max_norm
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        """Return the state before the first step."""
+        size, zero = len(y), jnp.zeros(())
+        start = jnp.full((), jnp.inf)
+        return _State(
+            y,
+            start,
+            jnp.zeros(size),
+            jnp.eye(size),
+            zero,
+            zero,
+            start,
+            jnp.zeros((), int),
+            jnp.zeros((), bool),
+        )
+
+    def step(self, fn, y, args, options, state, tags):
+        """Evaluate at `y`, keep or refuse it, and return the next `y`."""
+        value, told = fn(y, args)
+        better = value <= state.value + 1e-9 * jnp.abs(value)
+        gain = jnp.where(state.promise > 0, (state.value - value) / state.promise, 1.0)
+        eased = state.damping * jnp.where(gain > 0.5, 0.125, jnp.where(gain < 0.1, 2.0, 1.0))
+        damping = jnp.where(better, eased, jnp.maximum(4 * state.damping, 0.3))
+        pick = lambda new, old: jnp.where(better, new, old)  # noqa: E731
+        theta, value = pick(y, state.theta), pick(value, state.value)
+        gradient, hessian = (
+            pick(told.gradient, state.gradient),
+            pick(told.hessian, state.hessian),
+        )
+        scale = 1 / jnp.sqrt(jnp.maximum(jnp.abs(jnp.diag(hessian)), _FLOOR))
+        curvature, axes = jnp.linalg.eigh(hessian * scale[:, None] * scale)
+        along, size = axes.T @ (gradient * scale), jnp.maximum(jnp.abs(curvature), _LEAST)
+        step = -scale * (axes @ (along / (size + damping)))
+        step = step / jnp.maximum(1.0, jnp.max(jnp.abs(step) / options["far"]))
+        expected = better & (state.number < options["moments"])
+        step = jnp.where(expected, told.moments - theta, step)
+        decrement = jnp.sum(along**2 / size)
+        promise = -(gradient @ step + 0.5 * step @ hessian @ step)
+        done = better & (decrement < self.atol) & (curvature[0] > 0)
+        number = state.number + 1
+        state = _State(theta, value, gradient, hessian, damping, promise, decrement, number, done)
+        return jnp.where(done, theta, theta + step), state, told
+
+    def terminate(self, fn, y, args, options, state, tags):
+        """Return whether the decrement is small."""
+        return state.done, optx.RESULTS.successful
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        """Return the best θ."""
+        return state.theta, aux, {}
+
+
+@eqx.filter_jit
+def maximise(logs: Compressed, start: Float[Array, " p"], moments: Int[Array, ""]) -> optx.Solution:
+    """Return the θ of the largest density; its `aux` is the `Solved` there.
+
+    `moments`: number of first steps by expectation and maximisation.
+    """
+    far = jnp.concatenate([_FAR, jnp.full(len(logs.on), _FAR_SCALE)])
+
+    def negative(theta: Float[Array, " p"], logs: Compressed) -> tuple[Float[Array, ""], Solved]:
+        told = solved(theta, logs)
+        return told.value, told
+
+    return optx.minimise(
+        negative,
+        Newton(),
+        start,
+        logs,
+        {"far": far, "moments": moments},
+        has_aux=True,
+        max_steps=60,
+        throw=False,
+    )

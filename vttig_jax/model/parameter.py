@@ -1,0 +1,61 @@
+"""Parameter of a fit: its value and interval, or the reason why it has none."""
+
+from dataclasses import dataclass, replace
+
+from ..base.units import ARCSEC, DEG, REV
+
+BELOW = "below three standard errors"
+LARGEST = {"arcsec": REV / ARCSEC, "deg": REV / DEG}
+"""Unit → one revolution. An error of a gear is far smaller, so a wider interval says nothing."""
+
+OPEN = "the interval is wider than one revolution, so that the log says nothing about the value"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """Parameter of the result with its uncertainty.
+
+    If the data do not determine the parameter, `determined` is False, `value` is None, and `reason`
+    is given. A value below three standard errors is not `significant`: an amplitude then has an
+    upper limit `upper95`, and its phase has no value. `low95` and `high95` are the bounds of the
+    equal-tailed 95 % interval (Laplace approximation); for a phase they may be outside [0°, 360°).
+    """
+
+    name: str
+    unit: str
+    value: float | None = None
+    std: float | None = None
+    low95: float | None = None
+    high95: float | None = None
+    determined: bool = False
+    significant: bool = False
+    reason: str | None = None
+    upper95: float | None = None
+
+    def moved(self, by: float) -> "Parameter":
+        """Return the parameter with `by` added to its value and to both bounds of its interval."""
+        if self.value is None or self.low95 is None or self.high95 is None:
+            return self
+        return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
+
+    def to_json(self) -> dict:
+        """Return the fields in the JSON object of a fit; `upper95` only if it is not None."""
+        record = {
+            key: getattr(self, key)
+            for key in (
+                "value",
+                "std",
+                "low95",
+                "high95",
+                "unit",
+                "determined",
+                "significant",
+                "reason",
+            )
+        }
+        return record | ({} if self.upper95 is None else {"upper95": self.upper95})
+
+
+def undetermined(name: str, unit: str, reason: str) -> Parameter:
+    """Return a parameter that the data do not determine."""
+    return Parameter(name, unit, reason=reason)

@@ -1,0 +1,270 @@
+"""Rows of the model: what both encoders showed, averaged over short pieces of the runs.
+
+A row is the mean of some consecutive samples of one run. The columns are computed at every sample
+and averaged like the readings, so that averaging costs no exactness. In a run on one flank the
+columns of the difference of both flanks are those of their mean times s = −½ (A) or ½ (B);
+therefore a row has each column only once, and `columns.py` says how the model uses it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from scipy.ndimage import uniform_filter1d
+
+from ..base.units import DEG, REV
+from ..logs.channel.speed import smooth_speed
+from ..logs.encoder_log import EncoderLog
+from .density import LAGS
+
+KNOTS, PARTS, BENDS = 14, 8, 5
+"""Ramps of the drift, parts of the log with a delay of their own, and bends of the gap in speed."""
+
+_TORQUE_S = 0.1
+"""Time over which torque is averaged: its noise would make the coefficient too small."""
+
+_PIECE = 1 << 14
+
+Name = tuple[Any, ...]
+Run = tuple[int, int, int]
+"""Samples [start, stop) on flank A (1) or B (−1)."""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """Harmonic exp(j (n₁ φ₁ + n₂ φ₂)) of the shaft angles; `shaft` and `order` name it."""
+
+    shaft: str
+    order: float
+    driving: float
+    driven: float
+
+    @property
+    def is_first(self) -> bool:
+        """Whether it is the first order of a shaft."""
+        return self.order == 1 and self.shaft in ("driving", "driven")
+
+    def cycles(self, ratio: float) -> float:
+        """Return its cycles per driving turn."""
+        return abs(self.driving + self.driven * ratio)
+
+
+@dataclass(frozen=True, eq=False)
+class Shafts:
+    """One log as the model sees it: angles (rad), transmission error, speed, and runs.
+
+    `error` is φ₂ − i φ₁, exact to rounding also after many turns. `good` marks the samples that are
+    no outliers. `nominal` are slope and level of the driven over the driving angle: harmonics of
+    the driven shaft are taken there, since the measured angle contains the gap.
+    """
+
+    time: Float[np.ndarray, " n"]
+    driving: Float[np.ndarray, " n"]
+    error: Float[np.ndarray, " n"]
+    speed: Float[np.ndarray, " n"]
+    ratio: float
+    interval_s: float
+    runs: tuple[Run, ...]
+    nominal: tuple[float, float]
+    resolution: float
+    torque: Float[np.ndarray, " n"] | None = None
+    good: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, log: EncoderLog, runs: Sequence[Run]) -> "Shafts":
+        """Return the shafts of a log; spikes of the driving channel are interpolated."""
+        driving = log.driving.steady_angle(log.time)
+        ratio = float(log.ratio)
+        error = log.transmission_error
+        if driving is not log.driving_angle:
+            error = error + ratio * (log.driving_angle - driving)
+        slope, level = np.polyfit(driving, error, 1)
+        torque = log.torque
+        if torque is not None:
+            window = max(1, round(_TORQUE_S / log.interval_s))
+            torque = uniform_filter1d(torque, window, mode="nearest")
+        return cls(
+            log.time,
+            driving,
+            error,
+            log.smooth_speed(driving).value,
+            ratio,
+            log.interval_s,
+            tuple(sorted(runs)),
+            (ratio + float(slope), float(level)),
+            log.driving.resolution,
+            torque,
+        )
+
+    def without(self, outliers: Int[np.ndarray, " k"]) -> "Shafts":
+        """Return the log with these samples left out of the interpolation and of the speed."""
+        good = np.ones(len(self.time), bool)
+        good[outliers] = False
+        clean = np.interp(self.time, self.time[good], self.driving[good])
+        speed = smooth_speed(self.time, clean, self.resolution).value
+        return replace(self, good=good, speed=speed)
+
+    def delayed(self, delay_s: float) -> Float[np.ndarray, " n"]:
+        """Return φ₁(t − d) by cubic interpolation of good samples; outliers keep their distance."""
+        if delay_s == 0 and self.good is None:
+            return self.driving
+        good = np.ones(len(self.time), bool) if self.good is None else self.good
+        time, first = np.unique(self.time, return_index=True)
+        kept = first[good[first]]
+        time, angle = self.time[kept], self.driving[kept]
+        slope = np.gradient(angle, time)
+        asked = np.clip(self.time - delay_s, time[0], time[-1])
+        left = np.clip(np.searchsorted(time, asked, "right") - 1, 0, len(time) - 2)
+        step = time[left + 1] - time[left]
+        x = (asked - time[left]) / step
+        rise = angle[left + 1] - angle[left]
+        low, high = slope[left] * step, slope[left + 1] * step
+        bend = (1 - x) * (low - rise) - x * (high - rise)
+        moved = angle[left] + x * rise + x * (1 - x) * bend
+        outliers = np.flatnonzero(~good)
+        distance = self.driving[outliers] - np.interp(self.time[outliers], time, angle)
+        moved[outliers] += distance
+        return moved
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of one log: columns by name, the last one the readings y, rad.
+
+    `first`, `last`: rows at the ends of every run; `side`: 1 for flank A, −1 for B, of every run.
+    `samples`: the samples of every row. `speed`, `angle`, `time`: their means.
+    """
+
+    names: dict[Name, int]
+    table: Float[np.ndarray, "n q"]
+    first: Int[np.ndarray, " runs"]
+    last: Int[np.ndarray, " runs"]
+    side: Int[np.ndarray, " runs"]
+    samples: Int[np.ndarray, "n size"]
+    speed: Float[np.ndarray, " n"]
+    angle: Float[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+
+    @property
+    def flank(self) -> Float[np.ndarray, " n"]:
+        """s of every row: −½ on flank A, ½ on flank B."""
+        return np.repeat(-0.5 * self.side, self.last - self.first + 1)
+
+
+def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:
+    """Return the place of every column of a row."""
+    names: list[Name] = [("one",), ("delay",)]
+    names += [("ratio",)] * ratio + [("torque",)] * torque
+    names += [(w.shaft, w.order, part) for w in waves for part in ("cos", "sin")]
+    names += [("drift", k) for k in range(KNOTS)] + [("part", k) for k in range(PARTS)]
+    names += [("bend", k) for k in range(BENDS)]
+    return {name: place for place, name in enumerate((*names, ("y",)))}
+
+
+def rows_of(
+    shafts: Shafts,
+    waves: Sequence[Wave],
+    row_s: float,
+    delay_s: float,
+    bends: Float[np.ndarray, " bends"],
+    *,
+    ratio: bool,
+) -> Rows:
+    """Return the rows of a log, whose driving angle is taken `delay_s` earlier.
+
+    `row_s`: duration of a row. `bends`: speeds (rad/s) at which the gap may bend. A run of fewer
+    than `LAGS` + 2 rows is left out.
+    """
+    size = max(1, round(row_s / shafts.interval_s))
+    lost = int(np.ceil(abs(delay_s) / shafts.interval_s))
+    pieces, first, last, side = [], [], [], []
+    for start, stop, flank in shafts.runs:
+        start, stop = (start + lost, stop) if delay_s > 0 else (start, stop - lost)
+        count = (stop - start) // size
+        if count > LAGS + 1:
+            pieces.append(np.arange(start, start + count * size))
+            first.append(sum(map(len, pieces[:-1])) // size)
+            last.append(first[-1] + count - 1)
+            side.append(flank)
+    samples = (np.concatenate(pieces) if pieces else np.arange(0)).reshape(-1, size)
+    names = names_of(waves, torque=shafts.torque is not None, ratio=ratio)
+    table = np.empty((len(samples), len(names)))
+    moved = shafts.delayed(delay_s)
+    span = shafts.time[-1] - shafts.time[0]
+    centre = moved[samples].mean() if len(samples) else 0.0
+    level = np.rint(np.median(shafts.error) / DEG) * DEG
+    kinds = [names.get((kind,)) for kind in ("ratio", "torque")]
+    waved = names[waves[0].shaft, waves[0].order, "cos"] if waves else 0
+    drift, part, bend = (names[kind, 0] for kind in ("drift", "part", "bend"))
+    step = max(1, _PIECE // size)
+    for begin in range(0, len(samples), step):
+        own = slice(begin, begin + step)
+        index = samples[own]
+        mean = lambda values: values.mean(1)  # noqa: E731
+        angle, speed = moved[index], mean(shafts.speed[index])
+        late = -shafts.ratio * speed
+        table[own, 0], table[own, names["delay",]] = 1.0, late
+        if kinds[0] is not None:
+            table[own, kinds[0]] = mean(angle) - centre
+        if kinds[1] is not None:
+            assert shafts.torque is not None
+            table[own, kinds[1]] = mean(shafts.torque[index])
+        for place, wave in enumerate(_waves(waves, angle, shafts.nominal)):
+            averaged = mean(wave)
+            table[own, waved + 2 * place] = averaged.real
+            table[own, waved + 2 * place + 1] = averaged.imag
+        x = (mean(shafts.time[index]) - shafts.time[0]) / span
+        table[own, drift : drift + KNOTS] = np.clip(x[:, None] * KNOTS - np.arange(KNOTS), 0, 1)
+        hats = np.clip(1 - np.abs(x[:, None] * (PARTS - 1) - np.arange(PARTS)), 0, None)
+        table[own, part : part + PARTS] = late[:, None] * hats
+        table[own, bend : bend + BENDS] = np.clip(np.abs(speed)[:, None] - bends, 0, None)
+        table[own, -1] = mean(
+            shafts.error[index] - level + shafts.ratio * (shafts.driving[index] - angle)
+        )
+    if kinds[1] is not None:
+        table[:, kinds[1]] -= table[:, kinds[1]].mean()
+    return Rows(
+        names,
+        table,
+        np.array(first, int),
+        np.array(last, int),
+        np.array(side, int),
+        samples,
+        np.abs(shafts.speed)[samples].mean(1),
+        moved[samples].mean(1),
+        shafts.time[samples].mean(1),
+    )
+
+
+def _waves(
+    waves: Sequence[Wave], angle: Float[np.ndarray, "n size"], nominal: tuple[float, float]
+) -> Iterator[Complex[np.ndarray, "n size"]]:
+    """Yield every wave at the samples; whole orders by multiplication of the first ones."""
+    angles = angle, nominal[0] * angle + nominal[1]
+    bases = np.exp(1j * angles[0]), np.exp(1j * angles[1])
+    known: dict[tuple[int, float], np.ndarray] = {}
+
+    def power(shaft: int, order: float) -> np.ndarray:
+        if order < 0:
+            return power(shaft, -order).conj()
+        if order == 1:
+            return bases[shaft]
+        if (shaft, order) not in known:
+            below = bases[shaft] if order == 2 else known.get((shaft, order - 1))
+            if below is None or order != int(order):
+                known[shaft, order] = np.exp(1j * order * angles[shaft])
+            else:
+                known[shaft, order] = below * bases[shaft]
+        return known[shaft, order]
+
+    for wave in waves:
+        parts = [power(k, n) for k, n in enumerate((wave.driving, wave.driven)) if n]
+        yield parts[0] if len(parts) == 1 else parts[0] * parts[1]
+
+
+def turns(shafts: Shafts) -> float:
+    """Return the driving turns between the ends of the runs."""
+    inside = np.concatenate([shafts.driving[[a, b - 1]] for a, b, _ in shafts.runs])
+    return float(np.ptp(inside)) / REV
