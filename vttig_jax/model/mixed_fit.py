@@ -1,7 +1,8 @@
 """Passes over the logs: rows, outliers, compression and the largest density until they settle."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Rows, Shafts, Wave, rows_of
+from .rows import BENDS, Rows, Run, Shafts, Wave, rows_of
 
 _PASSES, _MOMENTS = 7, 2
 _SETTLED = 0.1
@@ -104,15 +105,14 @@ def mixed_fit(
     row_s = row_duration(shafts, max((wave.cycles(ratio) for wave in waves), default=1.0))
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
+    free, has_ratio = (any(c.name == name for c in columns) for name in (("delay",), ("ratio",)))
     within = assumed.delay_within_s or 0.5 * shape.interval_s
     theta, weights, share, noise, steps = None, None, 0.0, shape.usual, 0
     number, posterior, rows = 0, None, ()
     while number < _PASSES:
         number += 1
-        rows = tuple(
-            rows_of(one, waves, row_s, delay_s, bends, ratio=("ratio",) in _names(columns))
-            for one in shafts
-        )
+        row = partial(rows_of, waves=waves, row_s=row_s, delay_s=delay_s, bends=bends, ratio=has_ratio)
+        rows = tuple(map(row, shafts))
         if number == 1 or weights is not None:
             first = weights is None
             weights, share, noise = outlying(rows, columns, certain=not first)
@@ -136,7 +136,14 @@ def mixed_fit(
         theta = np.asarray(found.value)
         steps += int(found.stats["num_steps"])
         posterior = Posterior(problem, theta, found.aux)
-        if assumed.delay == "known":
+        if any(one.ramps for one in shafts):
+            shafts = tuple(
+                with_ramps(one, log, posterior, lambda runs, one=one: row(replace(one, runs=runs)))
+                for log, one in enumerate(shafts)
+            )
+            delay_s += posterior.one(posterior.row(("delay",)), moved=True).value if free else 0.0
+            continue
+        if not free:
             break
         step = posterior.one(posterior.row(("delay",)), moved=True)
         if abs(step.value) < _SETTLED * step.std:
@@ -158,8 +165,28 @@ def mixed_fit(
     )
 
 
-def _names(columns: Sequence[Column]) -> set:
-    return {column.name for column in columns}
+def with_ramps(
+    shafts: Shafts, log: int, posterior: Posterior, row: Callable[[tuple[Run, ...]], Rows]
+) -> Shafts:
+    """Return a log whose runs include those of its ramps that stay on their flank.
+
+    A row that stays has the noise of the fit, with deviation s. One that crosses the gap g lies
+    anywhere in it. A ramp stays if that explains its rows better, mean r² < 2 s² ln(g/(√(2π) s)).
+    """
+    columns, coefficients = posterior.problem.columns, posterior.coefficients
+    index = posterior.problem.index
+    gap = abs(coefficients[index["gap",]]) if ("gap",) in index else 0.0
+    noise = posterior.problem.unit * float(np.exp(posterior.theta[LAGS]))
+    limit = 2 * np.log(gap / (np.sqrt(2 * np.pi) * noise)) if gap > 0 else 1.0
+    kept = []
+    for ramp in shafts.ramps:
+        rows = row((ramp,))
+        if len(rows.table):
+            link = embedding(columns, rows.names, log, ramp[2])
+            residual = rows.table @ (link @ np.append(-coefficients, 1.0))
+            if np.mean(residual**2) < max(limit, 1.0) * noise**2:
+                kept.append(ramp)
+    return replace(shafts, runs=tuple(sorted((*shafts.runs, *kept))), ramps=())
 
 
 def usual_error(shafts: Sequence[Shafts]) -> float:

@@ -56,7 +56,7 @@ class Shafts:
     """One log as the model sees it: angles (rad), transmission error, speed, and runs.
 
     `error` is φ₂ − i φ₁, exact to rounding also after many turns. `good` marks the samples that are
-    no outliers. `nominal` are slope and level of the driven over the driving angle: harmonics of
+    no outliers. `ramps` are runs that may leave their flank. `nominal` are slope and level of the driven over the driving angle: harmonics of
     the driven shaft are taken there, since the measured angle contains the gap.
     """
 
@@ -67,13 +67,14 @@ class Shafts:
     ratio: float
     interval_s: float
     runs: tuple[Run, ...]
+    ramps: tuple[Run, ...]
     nominal: tuple[float, float]
     resolution: float
     torque: Float[np.ndarray, " n"] | None = None
     good: np.ndarray | None = None
 
     @classmethod
-    def of(cls, log: EncoderLog, runs: Sequence[Run]) -> "Shafts":
+    def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":
         """Return the shafts of a log; spikes of the driving channel are interpolated."""
         driving = log.driving.steady_angle(log.time)
         ratio = float(log.ratio)
@@ -93,6 +94,7 @@ class Shafts:
             ratio,
             log.interval_s,
             tuple(sorted(runs)),
+            tuple(sorted(ramps)),
             (ratio + float(slope), float(level)),
             log.driving.resolution,
             torque,
