@@ -34,6 +34,7 @@ FIRST, SECOND = np.triu_indices(LAGS + 1)
 
 _WIDTHS = np.array([2.5, 0.7, 0.7] + [0.4] * (LAGS - 3))
 _LAG = np.arange(1.0, LAGS + 1)
+_FLIPS = np.stack([np.pad(np.eye(k + 2)[::-1], (0, LAGS - k - 1)) for k in range(LAGS)])
 _JITTER = 1e-11
 
 
@@ -83,11 +84,13 @@ class Solved(eqx.Module):
 
 def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
     """Return the filter of an autoregression from its partial autocorrelations (Levinson)."""
-    taps = jnp.ones(1)
-    for one in partial:
-        wide = jnp.concatenate([taps, jnp.zeros(1)])
-        taps = wide - one * wide[::-1]
-    return taps
+
+    def longer(taps: Float[Array, " taps"], step: tuple[Array, Array]) -> tuple[Array, None]:
+        one, flip = step
+        return taps - one * (flip @ taps), None
+
+    first = jnp.zeros(LAGS + 1).at[0].set(1.0)
+    return jax.lax.scan(longer, first, (partial, jnp.asarray(_FLIPS)))[0]
 
 
 def weights(theta: Float[Array, " p"], on: Float[Array, " groups"]) -> Float[Array, " w"]:

@@ -18,7 +18,7 @@ from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Rows, Run, Shafts, Wave, rows_of
+from .rows import BENDS, Rows, Run, Shafts, Wave, joined, rows_of
 
 _PASSES, _MOMENTS = 7, 2
 _SETTLED = 0.1
@@ -186,7 +186,7 @@ def with_ramps(
             residual = rows.table @ (link @ np.append(-coefficients, 1.0))
             if np.mean(residual**2) < max(limit, 1.0) * noise**2:
                 kept.append(ramp)
-    return replace(shafts, runs=tuple(sorted((*shafts.runs, *kept))), ramps=())
+    return replace(shafts, runs=joined((*shafts.runs, *kept)), ramps=())
 
 
 def usual_error(shafts: Sequence[Shafts]) -> float:

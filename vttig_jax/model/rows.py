@@ -93,7 +93,7 @@ class Shafts:
             log.smooth_speed(driving).value,
             ratio,
             log.interval_s,
-            tuple(sorted(runs)),
+            joined(runs),
             tuple(sorted(ramps)),
             (ratio + float(slope), float(level)),
             log.driving.resolution,
@@ -153,6 +153,19 @@ class Rows:
     def flank(self) -> Float[np.ndarray, " n"]:
         """s of every row: −½ on flank A, ½ on flank B."""
         return np.repeat(-0.5 * self.side, self.last - self.first + 1)
+
+
+def joined(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Return the runs in order, where those that follow one another on one flank are one run.
+
+    The noise goes on from one to the next.
+    """
+    found: list[Run] = []
+    for run in sorted(runs):
+        if found and found[-1][1] == run[0] and found[-1][2] == run[2]:
+            run = (found.pop()[0], *run[1:])
+        found.append(run)
+    return tuple(found)
 
 
 def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:
