@@ -18,7 +18,7 @@ from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Rows, Run, Shafts, Wave, joined, rows_of
+from .rows import BENDS, Resolution, Rows, Run, Shafts, Wave, joined, rows_of, travel
 
 _PASSES, _MOMENTS = 7, 2
 _SETTLED = 0.1
@@ -100,6 +100,7 @@ def mixed_fit(
         one_zero=one_zero,
         interval_s=max(one.interval_s for one in shafts),
         usual=usual_error(shafts),
+        resolution=Resolution.of(min(map(travel, shafts))),
     )
     columns = tuple(columns_of(waves, shape, assumed))
     row_s = row_duration(shafts, max((wave.cycles(ratio) for wave in waves), default=1.0))
@@ -111,7 +112,15 @@ def mixed_fit(
     number, posterior, rows = 0, None, ()
     while number < _PASSES:
         number += 1
-        row = partial(rows_of, waves=waves, row_s=row_s, delay_s=delay_s, bends=bends, ratio=has_ratio)
+        row = partial(
+            rows_of,
+            waves=waves,
+            row_s=row_s,
+            delay_s=delay_s,
+            bends=bends,
+            resolution=shape.resolution,
+            ratio=has_ratio,
+        )
         rows = tuple(map(row, shafts))
         if number == 1 or weights is not None:
             first = weights is None

@@ -63,7 +63,7 @@ def problem_of(
     place = {column.name: k for k, column in enumerate(columns)}
     size = len(columns)
     natural = np.eye(size)
-    for kind, onto in (("part", [("delay",), ("gap",)]), ("bend", [("gap",), ("delay",)])):
+    for kind, onto in (("part", [("delay",)]), ("bend", [("gap",), ("delay",)])):
         fixed = [place[name] for name in onto if name in place]
         moving = [k for name, k in place.items() if name[0] == kind]
         if moving and fixed:
