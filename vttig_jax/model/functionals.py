@@ -55,6 +55,13 @@ class Posterior:
         beta = np.asarray(self.at.beta)[: len(problem.columns)]
         return problem.natural @ (problem.unit * beta + problem.start)
 
+    @property
+    def moved(self) -> Float[np.ndarray, " columns"]:
+        """Coefficients of the columns that are orthogonal to their fixed part."""
+        problem = self.problem
+        beta = np.asarray(self.at.beta)[: len(problem.columns)]
+        return np.diag(problem.natural) * (problem.unit * beta + problem.start)
+
     def told(
         self, rows: Float[np.ndarray, "f columns"], *, moved: bool = False
     ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f f"], Float[np.ndarray, " f"]]:

@@ -19,8 +19,9 @@ from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
 from .rows import BENDS, Rows, Run, Shafts, Wave, rows_of
+from .scope import Scope, scope_of
 
-_PASSES, _MOMENTS = 7, 2
+MOST_PASSES, _MOMENTS = 7, 2
 _SETTLED = 0.1
 """Step of the delay, in standard deviations, below which the passes end."""
 
@@ -40,6 +41,8 @@ class MixedFit:
     steps: int
     usual: float
     weights: list[np.ndarray] | None
+    scope: Scope
+    orders: HarmonicOrders
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
@@ -109,7 +112,7 @@ def mixed_fit(
     within = assumed.delay_within_s or 0.5 * shape.interval_s
     theta, weights, share, noise, steps = None, None, 0.0, shape.usual, 0
     number, posterior, rows = 0, None, ()
-    while number < _PASSES:
+    while number < MOST_PASSES:
         number += 1
         row = partial(rows_of, waves=waves, row_s=row_s, delay_s=delay_s, bends=bends, ratio=has_ratio)
         rows = tuple(map(row, shafts))
@@ -162,6 +165,8 @@ def mixed_fit(
         steps,
         shape.usual,
         weights,
+        scope_of(shafts, rows, one_zero=one_zero),
+        orders,
     )
 
 

@@ -100,6 +100,11 @@ class Shafts:
             torque,
         )
 
+    @property
+    def level(self) -> float:
+        """Whole degrees near the transmission error, which readings of the rows leave out, rad."""
+        return float(np.rint(np.median(self.error) / DEG) * DEG)
+
     def without(self, outliers: Int[np.ndarray, " k"]) -> "Shafts":
         """Return the log with these samples left out of the interpolation and of the speed."""
         good = np.ones(len(self.time), bool)
@@ -196,7 +201,7 @@ def rows_of(
     moved = shafts.delayed(delay_s)
     span = shafts.time[-1] - shafts.time[0]
     centre = moved[samples].mean() if len(samples) else 0.0
-    level = np.rint(np.median(shafts.error) / DEG) * DEG
+    level = shafts.level
     kinds = [names.get((kind,)) for kind in ("ratio", "torque")]
     waved = names[waves[0].shaft, waves[0].order, "cos"] if waves else 0
     drift, part, bend = (names[kind, 0] for kind in ("drift", "part", "bend"))

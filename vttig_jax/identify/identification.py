@@ -1,0 +1,383 @@
+"""Identification of a rig from its logs: checks at the door, the mixed model, and its result."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import NoAnswerError
+from ..base.runtime import require_x64
+from ..base.threads import one_blas_thread
+from ..base.units import ARCSEC, DEG
+from ..logs.checks.ratio import SeenRatio, check_ratio
+from ..logs.checks.slip import refuse_slip
+from ..logs.encoder_log import EncoderLog
+from ..logs.lines.search import Line
+from ..logs.motion.flank_assignment import assigned_segments
+from ..logs.motion.segments import Segments
+from ..logs.readers.backlash_readings import BacklashReadings
+from ..model.columns import Assumptions
+from ..model.lines import found_lines
+from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
+from ..model.parameter import Parameter, undetermined
+from ..model.parameters import (
+    LEFT_OUT,
+    SIGNIFICANT,
+    TOLD,
+    Quantities,
+    parameters_of,
+    quantities_of,
+    scalar,
+)
+from ..model.rows import Shafts
+from ..model.runs import runs_of
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import HarmonicOrders
+from .checking import checks_of, curves_of, noise_of
+from .door import require_distinct, require_pair, stated_drive, usable
+from .findings import Case, Finding, contradicts, findings_of
+from .fit_settings import FitSettings, from_keywords, takes_settings
+from .orders import SIDES, order_model, order_table
+from .readings import compared, updated
+from .records import Outcome
+from .result import Fit, FitRequest
+from .starts import log_records
+
+
+@takes_settings
+@one_blas_thread
+def fit(
+    log: EncoderLog | Sequence[EncoderLog],
+    pair: GearPair | Drive | None = None,
+    *,
+    settings: FitSettings | None = None,
+    orders: HarmonicOrders | None = None,
+    readings: BacklashReadings | None = None,
+    **changes: Any,
+) -> Fit:
+    """Identify eccentricities, encoder errors and backlash from the logs of one rig.
+
+    The transmission error of both flanks is one linear mixed model: harmonics of both shafts with
+    their difference between the flanks, gap, delay, torque, drift, a delay that moves and a gap
+    that depends on the speed, each with a Gaussian prior, in noise with memory. The widths of the
+    priors and the noise have the largest restricted likelihood; every number is a functional of
+    this posterior. For gears the first orders follow from the parameters through the exact relation
+
+        r_b2 φ₂ = r_b1 φ₁ − (r_b1 + r_b2)(δ ± Δinv) (+ r_b2 j_c on flank B),
+
+    plus + E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁) on both flanks. `docs/claims.md` has the equations.
+
+    **Arguments**
+    - `log`: an encoder log or transmission-error curve, or several of one rig. They share
+      eccentricities, orders, constant backlash and delay; offset and drift are each log's own.
+      Without a common zero (`same_zero`) each log has orders of its own, and the parameters are
+      those of the first.
+    - `pair`: the gear pair, or a drive without geometry; by default the drive that the first log
+      was read with, `read_log(path, ratio="64:23")`.
+    - `settings`: delay, ratio, lines and all other choices; see `FitSettings`. Every field of it is
+      a keyword of its own as well, `fit(log, pair, delay="off")`.
+    - `orders`: harmonic orders to model; those of the pair by default.
+    - `readings`: backlash read at single angles of the first log, to check the fit against, or to
+      join it with `use_readings=True`.
+
+    **Returns** a `Fit`.
+
+    **Raises** `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
+    logs that are too short to say anything, `ValueError` for wrong arguments and without 64-bit
+    floats, `TypeError` for a keyword that is no setting.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.rig import paper_rig
+    >>> vttig_jax.enable_x64()
+    >>> rig = paper_rig()
+    >>> result = vttig_jax.fit(rig.log(), rig.pair)
+    >>> round(result.parameters["driving_eccentricity_mm"].value, 3)
+    0.023
+
+    ```
+    """
+    require_x64("fit")
+    settings = from_keywords(settings, changes)
+    if settings.use_readings and readings is None:
+        raise ValueError("Argument `readings` must be given to be used, but is None.")
+    logs = (log,) if isinstance(log, EncoderLog) else tuple(log)
+    if not logs:
+        raise ValueError("Argument `log` must hold at least one log, but is empty.")
+    require_distinct(logs)
+    pair = stated_drive(logs[0]) if pair is None else pair
+    segments, ratios = [], []
+    for one in logs:
+        require_pair(one, pair)
+        ratios.append(check_ratio(one))
+        segments.append(assigned_segments(one))
+        refuse_slip(one, segments[-1])
+    wanted = orders or pair.fit
+    where = ", ".join(one.source for one in logs)
+    shafts = [
+        Shafts.of(*both) for both in zip(logs, map(_runs(settings), logs, segments), strict=True)
+    ]
+    shafts, short = usable(shafts, waves_of(pair, wanted), where)
+    one_zero = len(logs) == 1 or have_one_zero(logs, settings)
+    core, lines = fitted(shafts, pair, wanted, settings, one_zero=one_zero)
+    result = result_of(
+        core,
+        pair,
+        settings,
+        logs=logs,
+        segments=segments,
+        ratios=ratios,
+        lines=lines,
+        readings=readings,
+        one_zero=one_zero,
+        short=short,
+    )
+    paths = tuple(one.path for one in logs)
+    return replace(result, request=FitRequest(settings, wanted, _reading(logs), paths))
+
+
+def _runs(settings: FitSettings):
+    """Return a function from a log and its segments to the runs on the flanks that are fitted."""
+
+    def runs(log: EncoderLog, segments: Segments):
+        return [run for run in runs_of(log, segments) if settings.flank in (None, SIDES[run[2]])]
+
+    return runs
+
+
+def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
+    """Return whether the angles of all logs count from one zero."""
+    if settings.same_zero is not None:
+        return settings.same_zero
+    return all(one.zero == "reading" for one in logs)
+
+
+def assumptions_of(settings: FitSettings) -> Assumptions:
+    """Return what the settings assume before the logs are read."""
+    within = settings.delay_within_ms
+    return Assumptions(
+        delay="fitted" if settings.delay == "auto" else "known",
+        delay_within_s=None if within is None else 1e-3 * within,
+        ratio=settings.ratio_within,
+    )
+
+
+def fitted(
+    shafts: Sequence[Shafts],
+    pair: GearPair | Drive,
+    orders: HarmonicOrders,
+    settings: FitSettings,
+    *,
+    one_zero: bool,
+) -> tuple[MixedFit, list[Line]]:
+    """Fit the mixed model, and once more with the lines that the residual has."""
+    assumed = assumptions_of(settings)
+    delay_s = float(settings.delay) if isinstance(settings.delay, (int, float)) else 0.0
+    core = mixed_fit(shafts, pair, orders, one_zero=one_zero, delay_s=delay_s, assumed=assumed)
+    lines = found_lines(core)
+    if lines and settings.lines == "join":
+        core = mixed_fit(
+            shafts,
+            pair,
+            orders,
+            one_zero=one_zero,
+            lines=[float(f"{one.cycles_per_rev:.7g}") for one in lines],
+            delay_s=core.delay_s,
+            assumed=assumed,
+        )
+    return core, lines
+
+
+def result_of(
+    core: MixedFit,
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    *,
+    logs: Sequence[EncoderLog],
+    segments: Sequence[Segments],
+    ratios: Sequence[SeenRatio],
+    lines: Sequence[Line],
+    readings: BacklashReadings | None,
+    one_zero: bool,
+    short: Sequence[str],
+) -> Fit:
+    """Return the result of a fit of the mixed model."""
+    source = ", ".join(one.source for one in logs)
+    compared_with = None if readings is None else compared(core, readings, settings)
+    if readings is not None and settings.use_readings:
+        core = updated(core, readings)
+    both = len(core.scope.flanks) == 2
+    encoders = both and not settings.perfect_encoders
+    told = quantities_of(core, pair, encoders=encoders, gears=not settings.perfect_gears)
+    if not np.all(np.isfinite(told.mean)) or not np.all(np.isfinite(told.covariance)):
+        raise NoAnswerError(
+            "the fit found no largest density, so that it has no numbers; list fewer orders in"
+            " [fit], or record more turns.",
+            where=source,
+        )
+    parameters = parameters_of(
+        core,
+        pair,
+        told,
+        encoders=not settings.perfect_encoders,
+        gears=not settings.perfect_gears,
+    )
+    model = order_model(core)
+    curves, residuals = curves_of(core)
+    checks = checks_of(
+        core,
+        pair,
+        parameters,
+        logs=logs,
+        segments=segments,
+        ratios=ratios,
+        lines=lines,
+        joined=settings.lines == "join",
+        curves=curves,
+        model=model,
+    )
+    checks = type(checks)(**{**_fields(checks), "readings": compared_with})
+    if parameters["constant_backlash_deg"].determined:
+        parameters.pop("gap_over_angles_covered", None)
+    records = log_records(core, logs, one_zero=one_zero)
+    rms = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) / DEG
+    case = Case(
+        core,
+        pair,
+        settings,
+        logs,
+        segments,
+        ratios,
+        parameters,
+        regressors := regressors_of(core, told),
+        checks,
+        noise := noise_of(core),
+        records,
+        rms,
+    )
+    flanks = tuple(SIDES[side] for side in core.scope.flanks)
+    return Fit(
+        pair=pair,
+        source=source,
+        sha256=logs[0].sha256,
+        outcome=outcome_of(parameters, case),
+        flanks=flanks,
+        samples={key: sum(one.samples[key] for one in records) for key in records[0].samples},
+        zero=logs[0].zero,
+        zero_readings=records[0].zero_readings,
+        conditional_on=conditions_of(core, pair, settings, parameters),
+        parameters=parameters,
+        orders=order_table(core),
+        model=model,
+        noise=noise,
+        residual_rms_deg=rms,
+        curves=curves,
+        residuals=residuals,
+        covariance=told.covariance,
+        covariance_names=told.names,
+        values=told.mean,
+        checks=checks,
+        findings=(*findings_of(case), *_short_flanks(short)),
+        regressors=regressors,
+        logs=records,
+        core=core,
+    )
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in record.__struct_fields__}
+
+
+def _short_flanks(short: Sequence[str]) -> list[Finding]:
+    return [
+        Finding(
+            "flank-short",
+            "warning",
+            f"flank {flank} is left out: each of its strokes is shorter than the fit needs",
+            "log longer strokes",
+        )
+        for flank in short
+    ]
+
+
+def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
+    """Return the coefficient of the torque and the ratio of a drive, as far as the logs tell them.
+
+    A ratio is significant if it is not the given one.
+    """
+    found = []
+    if "torque" in told.names:
+        (at,) = told.at("torque")
+        mean, variance, freedom = told.mean[at], told.covariance[at, at], told.freedom[at]
+        found.append(
+            scalar(
+                "torque_arcsec_per_unit",
+                "arcsec/unit of torque",
+                ARCSEC,
+                float(mean),
+                float(variance),
+                float(freedom),
+            )
+        )
+    if "ratio" in told.names:
+        (at,) = told.at("ratio")
+        column = core.posterior.problem.columns[core.posterior.problem.index["ratio",]]
+        if told.std("ratio") > TOLD * column.width:
+            share = column.width / abs(core.scope.ratio)
+            reason = f"the log does not tell it: within ± {share:.2g} of the ratio as assumed"
+            found.append(undetermined("ratio", "1", reason))
+        else:
+            off = float(told.mean[at]) - core.scope.ratio
+            one = scalar(
+                "ratio", "1", 1.0, off, float(told.covariance[at, at]), float(told.freedom[at])
+            )
+            reason = None if one.significant else f"within {SIGNIFICANT:g} standard errors as given"
+            found.append(replace(one.moved(core.scope.ratio), reason=reason))
+    return tuple(found)
+
+
+def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
+    """Return the outcome of the fit; parameters that the settings exclude do not count."""
+    if contradicts(case):
+        return "contradicts"
+    asked = [
+        p
+        for p in parameters.values()
+        if p.name not in ("delay_s", "backlash_plus_delay_deg", "gap_over_angles_covered")
+        and p.reason not in LEFT_OUT
+    ]
+    if not any(p.determined for p in asked):
+        return "not_determined"
+    return "ok" if all(p.determined for p in asked) else "partly_determined"
+
+
+def conditions_of(
+    core: MixedFit,
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    parameters: Mapping[str, Parameter],
+) -> tuple[str, ...]:
+    """Return the names of the assumptions under which the numbers of the fit are valid."""
+    conditions: tuple[str, ...] = ()
+    both = len(core.scope.flanks) == 2
+    if settings.perfect_gears:
+        conditions = ("perfect_gears",)
+    elif isinstance(pair, GearPair) and (settings.perfect_encoders or not both):
+        conditions = ("perfect_encoders",)
+    index = core.posterior.problem.index
+    if ("delay",) not in index:
+        return (*conditions, "no_delay" if core.delay_s == 0 else "given_delay")
+    if not parameters["delay_s"].determined and both:
+        width_ms = 1e3 * core.posterior.problem.columns[index["delay",]].width
+        return (*conditions, f"delay_within_{width_ms:.3g}_ms")
+    return conditions
+
+
+def _reading(logs: Sequence[EncoderLog]) -> Mapping[str, Any]:
+    """Return the keywords of `read_log` that all logs have in common."""
+    first, *others = (log.keywords for log in logs)
+    return {
+        name: value for name, value in first.items() if all(o.get(name) == value for o in others)
+    }
