@@ -30,9 +30,9 @@ from ..model.parameters import (
     quantities_of,
     scalar,
 )
-from ..model.rows import Shafts
-from ..model.runs import runs_of
-from ..pair.gear_pair import Drive, GearPair
+from ..model.rows import Run, Shafts
+from ..model.runs import shafts_of
+from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
 from .door import require_distinct, require_pair, stated_drive, usable
@@ -117,7 +117,7 @@ def fit(
     wanted = orders or pair.fit
     where = ", ".join(one.source for one in logs)
     shafts = [
-        Shafts.of(*both) for both in zip(logs, map(_runs(settings), logs, segments), strict=True)
+        on_flank(shafts_of(*both), settings.flank) for both in zip(logs, segments, strict=True)
     ]
     shafts, short = usable(shafts, waves_of(pair, wanted), where)
     one_zero = len(logs) == 1 or have_one_zero(logs, settings)
@@ -138,13 +138,13 @@ def fit(
     return replace(result, request=FitRequest(settings, wanted, _reading(logs), paths))
 
 
-def _runs(settings: FitSettings):
-    """Return a function from a log and its segments to the runs on the flanks that are fitted."""
+def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
+    """Return the log with its runs on one flank only, or on both for None."""
 
-    def runs(log: EncoderLog, segments: Segments):
-        return [run for run in runs_of(log, segments) if settings.flank in (None, SIDES[run[2]])]
+    def kept(runs: Sequence[Run]) -> tuple[Run, ...]:
+        return tuple(run for run in runs if flank in (None, SIDES[run[2]]))
 
-    return runs
+    return replace(shafts, runs=kept(shafts.runs), ramps=kept(shafts.ramps))
 
 
 def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
