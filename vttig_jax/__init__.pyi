@@ -25,13 +25,13 @@ from .control.simulation.result import Simulation as Simulation
 from .control.sweeps.table import SweepTable as SweepTable
 from .geometry.measures.gear_measures import measure_gear as measure_gear
 from .geometry.tooth.surface import tooth_surface as tooth_surface
+from .identify.archive import read_fit as read_fit
 from .identify.backlash import backlash_map as backlash_map
-from .identify.fit_result import Fit as Fit
-from .identify.fitting import fit as fit
+from .identify.fit_settings import FitSettings as FitSettings
+from .identify.identification import fit as fit
 from .identify.many.fit_many import fit_many as fit_many
 from .identify.many.table import FitTable as FitTable
-from .identify.settings import FitSettings as FitSettings
-from .identify.store import read_fit as read_fit
+from .identify.result import Fit as Fit
 from .kinematics.backlash_map import BacklashMap as BacklashMap
 from .kinematics.flank_model import FlankModel as FlankModel
 from .kinematics.functions import axial_displacement as axial_displacement

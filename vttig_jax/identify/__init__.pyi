@@ -1,6 +1,9 @@
+from ..model.parameter import Parameter as Parameter
+from .archive import read_fit as read_fit
 from .backlash import backlash_map as backlash_map
-from .fit_result import Fit as Fit
-from .fitting import fit as fit
+from .findings import Finding as Finding
+from .fit_settings import FitSettings as FitSettings
+from .identification import fit as fit
 from .many.batch_model import BatchModel as BatchModel
 from .many.codes import Code as Code
 from .many.fit_arrays import ArrayFit as ArrayFit
@@ -10,7 +13,5 @@ from .many.fit_many import fit_many as fit_many
 from .many.log_arrays import LogArrays as LogArrays
 from .many.preparation import prepared as prepared
 from .many.table import FitTable as FitTable
-from .report.checks import Checks as Checks
-from .report.parameters import Parameter as Parameter
-from .settings import FitSettings as FitSettings
-from .store import read_fit as read_fit
+from .records import Checks as Checks
+from .result import Fit as Fit

@@ -75,6 +75,7 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
         "numbers": (problem.unit, core.delay_s, core.outliers, core.usual),
     }
     parts = ((_SOLVED, posterior.at), (_COMPRESSED, problem.compressed))
+    windows = np.asarray(problem.compressed.windows)
     return {
         "core": np.array(msgspec.json.encode(text, enc_hook=lambda x: x.tolist()).decode()),
         "covered": scope.covered,
@@ -87,17 +88,26 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
             for front, part in parts
             for field in fields(part)
         },
+        # every window is symmetric
+        _COMPRESSED + "windows": windows[:, *np.triu_indices(windows.shape[-1])],
     }
+
+
+def _of(kind: type, front: str, arrays: dict[str, np.ndarray]) -> dict:
+    return {field.name: jnp.asarray(arrays[front + field.name]) for field in fields(kind)}
 
 
 def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
     """Return the fit of `_core_arrays`, without rows and samples."""
     text = json.loads(str(arrays["core"]))
     unit, delay_s, outliers, usual = text["numbers"]
-    compressed, solved = (
-        kind(**{f.name: jnp.asarray(arrays[front + f.name]) for f in fields(kind)})
-        for front, kind in ((_COMPRESSED, Compressed), (_SOLVED, Solved))
-    )
+    size = len(arrays[_SOLVED + "beta"]) + 1
+    upper = np.triu_indices(size)
+    whole = np.zeros((len(arrays[_COMPRESSED + "windows"]), size, size))
+    whole[:, *upper] = whole[:, *upper[::-1]] = arrays[_COMPRESSED + "windows"]
+    arrays = arrays | {_COMPRESSED + "windows": whole}
+    compressed = Compressed(**_of(Compressed, _COMPRESSED, arrays))
+    solved = Solved(**_of(Solved, _SOLVED, arrays))
     columns = msgspec.convert(text["columns"], tuple[Column, ...])
     problem = Problem(columns, compressed, arrays["natural"], arrays["start"], unit)
     return MixedFit(

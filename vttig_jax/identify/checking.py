@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -190,7 +191,7 @@ def noise_of(core: MixedFit) -> Noise:
     """Return the noise of the rows."""
     theta = np.asarray(core.posterior.theta)
     partial = 0.9999 * np.tanh(theta[:LAGS])
-    taps = np.asarray(whitening(partial))
+    taps = np.asarray(whitening(jnp.asarray(partial)))
     innovation = core.posterior.problem.unit * math.exp(theta[LAGS])
     variance = innovation**2 / float(np.prod(1 - partial**2))
     row_s = core.rows[0].samples.shape[1] * core.shafts[0].interval_s

@@ -39,11 +39,11 @@ Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
 
 REMOVED = {
     "loss": ("auto", "outliers are found and left out unasked"),
+    "regressor": ((), "a torque column joins the fit unasked"),
     "regressors": ((), "a torque column joins the fit unasked"),
     "free_ratio": (False, "the ratio of a drive is free within --ratio-within"),
     "drift_order": (None, "a level that drifts is part of every fit"),
     "drift_knots": (None, "a level that drifts is part of every fit"),
-    "drift_knots_s": (None, "a level that drifts is part of every fit"),
     "noise": ("ar", "the noise of every fit remembers as long as the log shows"),
     "noise_in": ("time", "the noise of every fit is stationary in time"),
     "noise_of": ("rig", "fit slow and fast passes as logs of their own"),
@@ -102,14 +102,15 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         ),
     ] = None
     ratio_within: Annotated[
-        Share,
+        Share | None,
         setting(
             "Standard deviation of the relative error of the ratio of a drive before the log is"
-            " read; 0 for an exact one. The ratio of gears is that of their teeth.",
+            " read; 0 for an exact one, 0.003 by default. The ratio of gears is that of their"
+            " teeth.",
             "--ratio-within",
             "SHARE",
         ),
-    ] = 3e-3
+    ] = None
     same_zero: Annotated[
         bool | None,
         setting(

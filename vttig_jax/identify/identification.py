@@ -156,12 +156,12 @@ def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
 
 def assumptions_of(settings: FitSettings) -> Assumptions:
     """Return what the settings assume before the logs are read."""
-    within = settings.delay_within_ms
-    return Assumptions(
+    within, ratio = settings.delay_within_ms, settings.ratio_within
+    assumed = Assumptions(
         delay="fitted" if settings.delay == "auto" else "known",
         delay_within_s=None if within is None else 1e-3 * within,
-        ratio=settings.ratio_within,
     )
+    return assumed if ratio is None else replace(assumed, ratio=ratio)
 
 
 def fitted(

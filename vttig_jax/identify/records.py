@@ -40,9 +40,7 @@ class Noise(Record, frozen=True):
     correlation_s: float
     slow_share: float
 
-    def whitened(
-        self, residual: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " m"]:
+    def whitened(self, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
         """Return the innovations of the residual rows of one run."""
         taps = np.append(1.0, -np.array(self.coefficients))
         return np.convolve(residual, taps)[len(self.coefficients) : len(residual)]

@@ -114,7 +114,9 @@ def mixed_fit(
     number, posterior, rows = 0, None, ()
     while number < MOST_PASSES:
         number += 1
-        row = partial(rows_of, waves=waves, row_s=row_s, delay_s=delay_s, bends=bends, ratio=has_ratio)
+        row = partial(
+            rows_of, waves=waves, row_s=row_s, delay_s=delay_s, bends=bends, ratio=has_ratio
+        )
         rows = tuple(map(row, shafts))
         if number == 1 or weights is not None:
             first = weights is None

@@ -10,7 +10,7 @@ from ..control.sweeps.table import SweepTable
 from ..geometry.contact.deviations import Deviations
 from ..geometry.contact.report import Contacts
 from ..geometry.tooth.tooth import Tooth
-from ..identify.fit_result import Fit
+from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
 from ..posterior.summary.bands import BandedMap

@@ -5,7 +5,7 @@ from io import BytesIO
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..identify.fit_result import Fit
+from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..posterior.summary.bands import BandedMap
 from ..posterior.summary.posterior import Posterior

@@ -265,7 +265,7 @@ def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
 
     **Raises** `InputError` if the gears of the run differ from those in the pair file.
     """
-    from ..identify.fit_result import require_rig
+    from ..identify.result import require_rig
     from ..pair.load import load_pair
 
     run = Run(folder)

@@ -12,7 +12,7 @@ import click
 from ...base.errors import InputError, NotConvergedError, UsageError
 from ...base.files.run_folder import data_sha256
 from ...base.logger import LOGGER
-from ...identify.settings import fields
+from ...identify.fit_settings import fields
 from ...logs.readers.stdin_log import with_standard_input
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
@@ -25,7 +25,7 @@ from ..options import POSITIVE, given, log_options, verb
 from ..output import Output, sampling_bar
 
 if TYPE_CHECKING:
-    from ...identify.fit_result import Fit
+    from ...identify.result import Fit
     from ...posterior.density.prior import Prior
     from ...posterior.sampling.stop_rule import Until
     from ...posterior.summary.posterior import Posterior
