@@ -190,16 +190,44 @@ def _moments(
     return jnp.concatenate([jnp.arctanh(partial), -jnp.log(inverse[-1:, -1]), tau])
 
 
-def log_density(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
-    """Return the log density of θ with all coefficients integrated out, up to a constant."""
+class Normal(eqx.Module):
+    """Normal equations M β̂ = b at θ, with their factor.
+
+    - `factor`: lower L with S M S = L Lᵀ, S = diag(`scale`); `half`: L⁻¹ S b.
+    - `quadratic`: yᵀ Σ⁻¹ y + cᵀ D c, of which β̂ explains `half`².
+    """
+
+    scale: Float[Array, " columns"]
+    factor: Float[Array, "columns columns"]
+    half: Float[Array, " columns"]
+    quadratic: Float[Array, ""]
+
+    def solved(self, half: Float[Array, "columns *k"]) -> Float[Array, "columns *k"]:
+        """Return S L⁻ᵀ `half`: β̂ for `half`, and a draw from N(0, M⁻¹) for standard normals."""
+        back = jax.scipy.linalg.solve_triangular(self.factor, half, lower=True, trans="T")
+        return (self.scale * back.T).T
+
+
+def normal(theta: Float[Array, " p"], logs: Compressed) -> Normal:
+    """Return the normal equations of the coefficients given θ."""
     gram = jnp.tensordot(weights(theta, logs.on)[: len(FIRST)], logs.windows, 1)
     prior = logs.precision + logs.member @ (logs.on * jnp.exp(-2 * theta[LAGS + 1 :]))
     whole = gram[:-1, :-1] + jnp.diag(prior)
     scale = 1 / jnp.sqrt(jnp.diag(whole))
-    size = len(prior)
-    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(size))
+    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(len(prior)))
     right = scale * (gram[:-1, -1] - prior * logs.centre)
     half = jax.scipy.linalg.solve_triangular(factor, right, lower=True)
-    logdet = 2 * jnp.sum(jnp.log(jnp.diag(factor))) - 2 * jnp.sum(jnp.log(scale))
-    quadratic = gram[-1, -1] + prior @ jnp.asarray(logs.centre) ** 2 - half @ half
-    return -0.5 * (_explicit(theta, logs) + _penalty(theta, logs) + logdet + quadratic)
+    return Normal(scale, factor, half, gram[-1, -1] + prior @ jnp.asarray(logs.centre) ** 2)
+
+
+def log_density(
+    theta: Float[Array, " p"], logs: Compressed, given: Normal | None = None
+) -> Float[Array, ""]:
+    """Return the log density of θ with all coefficients integrated out, up to a constant.
+
+    `given`: the normal equations at θ, if they are known.
+    """
+    one = normal(theta, logs) if given is None else given
+    logdet = 2 * jnp.sum(jnp.log(jnp.diag(one.factor))) - 2 * jnp.sum(jnp.log(one.scale))
+    explicit = _explicit(theta, logs) + _penalty(theta, logs)
+    return -0.5 * (explicit + logdet + one.quadratic - one.half @ one.half)

@@ -7,7 +7,7 @@ i E₁ sin(φ₁ + ε₁) on both flanks. With flat priors the coefficients of t
 so that the physical parameters p minimise (h(p) − b̂)ᵀ V⁻¹ (h(p) − b̂).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,6 +51,20 @@ class Relation(eqx.Module):
     ratio: Float[Array, ""]
     centre_distance: Float[Array, ""]
     base_sum: Float[Array, "2"]
+
+    @property
+    def sizes(self) -> Float[np.ndarray, " p"]:
+        """Usual sizes of the parameters relative to each other."""
+        return np.array([1.0 if name in GEARS else 1e-3 for name in self.names])
+
+    def places(self, index: Mapping[tuple, int]) -> list[int]:
+        """Return the places of the tied coefficients in a model, in the order of `coefficients`."""
+        return [
+            index[(*wave, part, differs, 0)]
+            for wave in self.waves
+            for differs in ((False, True) if self.both else (False,))
+            for part in ("cos", "sin")
+        ]
 
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, " c"]:
         """Return mean (cos, sin) and difference (cos, sin) of every wave, then the constants.
@@ -143,15 +157,10 @@ def fitted_gears(
         jnp.asarray(pair.base_radii.sum(axis=0)),
     )
     index = posterior.problem.index
-    places = [
-        index[(*wave, part, differs, 0)]
-        for wave in present
-        for differs in ((False, True) if both else (False,))
-        for part in ("cos", "sin")
-    ]
-    rows = np.eye(len(index))[places]
+    rows = np.eye(len(index))[relation.places(index)]
     mean, covariance, _ = posterior.told(rows, moved=True)
-    found = _least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance))
+    start = jnp.full(len(names), 1e-6) * relation.sizes
+    found = least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance), start)
     value, slope = np.asarray(found[0]), np.asarray(found[1])
     scale = np.sqrt(np.diag(covariance))
     weight = np.linalg.solve(covariance / scale / scale[:, None], slope / scale[:, None])
@@ -160,16 +169,17 @@ def fitted_gears(
 
 
 @eqx.filter_jit
-def _least_squares(
+def least_squares(
     relation: Relation,
     mean: Float[Array, " c"],
     covariance: Float[Array, "c c"],
+    start: Float[Array, " p"],
 ) -> tuple[Float[Array, " p"], Float[Array, "c p"]]:
     """Return the parameters and the slopes of the coefficients, by Levenberg and Marquardt."""
     count = len(mean)
     scale = jnp.sqrt(jnp.diag(covariance))
     factor = jnp.linalg.cholesky(covariance / scale / scale[:, None] + 1e-12 * jnp.eye(count))
-    unit = jnp.array([1.0 if name in GEARS else 1e-3 for name in relation.names])
+    unit = relation.sizes
 
     def residual(scaled: Float[Array, " p"], _: None) -> Float[Array, " c"]:
         off = (relation.coefficients(unit * scaled)[:count] - mean) / scale
@@ -178,7 +188,7 @@ def _least_squares(
     found = optx.least_squares(
         residual,
         optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10),
-        jnp.full(len(unit), 1e-6),
+        start / unit,
         max_steps=64,
         throw=False,
     )
