@@ -9,7 +9,6 @@ so that the physical parameters p minimise (h(p) − b̂)ᵀ V⁻¹ (h(p) − b�
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import equinox as eqx
 import jax
@@ -111,18 +110,14 @@ class Gears:
     """Fitted eccentricities and encoder errors.
 
     `values` are those of `relation.names`, and change with the coefficients of the model by
-    `rows`, shape (parameters, columns).
+    `rows`, shape (parameters, columns). `constants` are the mean and the difference of the
+    transmission error that the gears cause, rad.
     """
 
     relation: Relation
     values: Float[np.ndarray, " p"]
     rows: Float[np.ndarray, "p columns"]
-
-    @cached_property
-    def constants(self) -> Float[np.ndarray, " c"]:
-        """Mean and difference of the transmission error that the gears cause, rad."""
-        count = 2 if self.relation.both else 1
-        return np.asarray(self.relation.coefficients(jnp.asarray(self.values)))[-count:]
+    constants: Float[np.ndarray, " c"]
 
 
 def fitted_gears(
@@ -161,11 +156,11 @@ def fitted_gears(
     mean, covariance, _ = posterior.told(rows, moved=True)
     start = jnp.full(len(names), 1e-6) * relation.sizes
     found = least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance), start)
-    value, slope = np.asarray(found[0]), np.asarray(found[1])
+    value, slope, constants = (np.asarray(part) for part in found)
     scale = np.sqrt(np.diag(covariance))
     weight = np.linalg.solve(covariance / scale / scale[:, None], slope / scale[:, None])
     gain = np.linalg.solve((slope / scale[:, None]).T @ weight, weight.T) / scale
-    return Gears(relation, value, gain @ rows)
+    return Gears(relation, value, gain @ rows, constants)
 
 
 @eqx.filter_jit
@@ -174,8 +169,8 @@ def least_squares(
     mean: Float[Array, " c"],
     covariance: Float[Array, "c c"],
     start: Float[Array, " p"],
-) -> tuple[Float[Array, " p"], Float[Array, "c p"]]:
-    """Return the parameters and the slopes of the coefficients, by Levenberg and Marquardt."""
+) -> tuple[Float[Array, " p"], Float[Array, "c p"], Float[Array, " constants"]]:
+    """Return parameters, slopes of the coefficients, and constants (Levenberg and Marquardt)."""
     count = len(mean)
     scale = jnp.sqrt(jnp.diag(covariance))
     factor = jnp.linalg.cholesky(covariance / scale / scale[:, None] + 1e-12 * jnp.eye(count))
@@ -193,4 +188,5 @@ def least_squares(
         throw=False,
     )
     value = unit * found.value
-    return value, jax.jacfwd(relation.coefficients)(value)[:count]
+    slopes = jax.jacfwd(relation.coefficients)(value)[:count]
+    return value, slopes, relation.coefficients(value)[count:]
