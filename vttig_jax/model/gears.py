@@ -120,17 +120,16 @@ class Gears:
     constants: Float[np.ndarray, " c"]
 
 
-def fitted_gears(
+def relation_of(
     pair: GearPair,
-    posterior: Posterior,
     waves: Sequence[Wave],
     *,
     both: bool,
     side: int,
     encoders: bool = True,
     gears: bool = True,
-) -> Gears | None:
-    """Return the parameters of the gears and encoders, or None if no first order is in the model.
+) -> Relation | None:
+    """Return the relation of a model with these waves, or None if no first order is among them.
 
     A shaft whose first order is not in the model has no parameters. With one flank, or without
     `encoders`, the encoders are perfect; without `gears` the gears are.
@@ -142,7 +141,7 @@ def fitted_gears(
     names = [f"{s}_{a}" for s in shafts for a in "xy"] if gears else []
     if encoders and (both or not gears):
         names += [f"{s}_encoder_{a}" for s in shafts for a in "xy"]
-    relation = Relation(
+    return Relation(
         tuple(names),
         tuple(present),
         both,
@@ -151,10 +150,26 @@ def fitted_gears(
         jnp.asarray(float(pair.centre_distance_mm)),
         jnp.asarray(pair.base_radii.sum(axis=0)),
     )
+
+
+def fitted_gears(
+    pair: GearPair,
+    posterior: Posterior,
+    waves: Sequence[Wave],
+    *,
+    both: bool,
+    side: int,
+    encoders: bool = True,
+    gears: bool = True,
+) -> Gears | None:
+    """Return the parameters of the gears and encoders; the arguments are those of `relation_of`."""
+    relation = relation_of(pair, waves, both=both, side=side, encoders=encoders, gears=gears)
+    if relation is None:
+        return None
     index = posterior.problem.index
     rows = np.eye(len(index))[relation.places(index)]
     mean, covariance, _ = posterior.told(rows, moved=True)
-    start = jnp.full(len(names), 1e-6) * relation.sizes
+    start = 1e-6 * jnp.asarray(relation.sizes)
     found = least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance), start)
     value, slope, constants = (np.asarray(part) for part in found)
     scale = np.sqrt(np.diag(covariance))

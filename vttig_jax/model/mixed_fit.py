@@ -1,8 +1,7 @@
 """Passes over the logs: rows, outliers, compression and the largest density until they settle."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Rows, Run, Shafts, Wave, rows_of
+from .rows import BENDS, Rows, Shafts, Wave, rows_of
 from .scope import Scope, scope_of
 
 MOST_PASSES, _MOMENTS = 7, 2
@@ -74,6 +73,64 @@ def waves_of(
     return (*found.values(), *(Wave("line", c, c, 0) for c in lines))
 
 
+@dataclass(frozen=True, eq=False)
+class Design:
+    """Columns and rows that the model gives to logs, before their readings count.
+
+    `row_s`: duration of a row. `bends`: speeds (rad/s) at which the gap may bend.
+    """
+
+    waves: tuple[Wave, ...]
+    columns: tuple[Column, ...]
+    shape: Shape
+    row_s: float
+    bends: Float[np.ndarray, " bends"]
+
+    def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
+        """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""
+        ratio = any(column.name == ("ratio",) for column in self.columns)
+        return tuple(
+            rows_of(one, self.waves, self.row_s, delay_s, self.bends, ratio=ratio) for one in shafts
+        )
+
+    def scales(self, noise: float) -> dict[str, float]:
+        """Return the usual width τ of every group, where a row has this noise, rad."""
+        noise = max(noise, 1e-4 * self.shape.usual)
+        return dict.fromkeys(GROUPS, noise) | {
+            "driving": self.shape.usual,
+            "driven": self.shape.usual,
+            "delay_parts": 0.25 * self.shape.interval_s,
+            "gap_by_speed": noise / max(float(self.bends[-1]), 1e-300),
+        }
+
+
+def design_of(
+    shafts: Sequence[Shafts],
+    pair: GearPair | Drive,
+    orders: HarmonicOrders,
+    *,
+    one_zero: bool = True,
+    lines: Sequence[float] = (),
+    assumed: Assumptions = Assumptions(),
+) -> Design:
+    """Return the design of logs; the arguments are those of `mixed_fit`."""
+    ratio = float(pair.ratio)
+    waves = waves_of(pair, orders, lines)
+    shape = Shape(
+        logs=len(shafts),
+        both=len({run[2] for one in shafts for run in one.runs}) == 2,
+        torque=all(one.torque is not None for one in shafts),
+        ratio=ratio if isinstance(pair, Drive) else None,
+        one_zero=one_zero,
+        interval_s=max(one.interval_s for one in shafts),
+        usual=usual_error(shafts),
+    )
+    row_s = row_duration(shafts, max((wave.cycles(ratio) for wave in waves), default=1.0))
+    speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
+    bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
+    return Design(waves, tuple(columns_of(waves, shape, assumed)), shape, row_s, bends)
+
+
 def mixed_fit(
     shafts: Sequence[Shafts],
     pair: GearPair | Drive,
@@ -93,31 +150,16 @@ def mixed_fit(
     - `delay_s`: delay of the driven channel at which the first pass begins, or the known one.
     - `assumed`: what is assumed before the logs are read.
     """
-    shafts, ratio = tuple(shafts), float(pair.ratio)
-    waves = waves_of(pair, orders, lines)
-    shape = Shape(
-        logs=len(shafts),
-        both=len({run[2] for one in shafts for run in one.runs}) == 2,
-        torque=all(one.torque is not None for one in shafts),
-        ratio=ratio if isinstance(pair, Drive) else None,
-        one_zero=one_zero,
-        interval_s=max(one.interval_s for one in shafts),
-        usual=usual_error(shafts),
-    )
-    columns = tuple(columns_of(waves, shape, assumed))
-    row_s = row_duration(shafts, max((wave.cycles(ratio) for wave in waves), default=1.0))
-    speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
-    bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
-    free, has_ratio = (any(c.name == name for c in columns) for name in (("delay",), ("ratio",)))
+    shafts = tuple(shafts)
+    design = design_of(shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed)
+    columns, shape = design.columns, design.shape
+    free = any(column.name == ("delay",) for column in columns)
     within = assumed.delay_within_s or 0.5 * shape.interval_s
     theta, weights, share, noise, steps = None, None, 0.0, shape.usual, 0
     number, posterior, rows = 0, None, ()
     while number < MOST_PASSES:
         number += 1
-        row = partial(
-            rows_of, waves=waves, row_s=row_s, delay_s=delay_s, bends=bends, ratio=has_ratio
-        )
-        rows = tuple(map(row, shafts))
+        rows = design.rows(shafts, delay_s)
         if number == 1 or weights is not None:
             first = weights is None
             weights, share, noise = outlying(rows, columns, certain=not first)
@@ -127,14 +169,9 @@ def mixed_fit(
                     continue
         width = within if assumed.delay_within_s else max(within, abs(delay_s))
         columns = tuple(replace(c, width=width) if c.name == ("delay",) else c for c in columns)
-        noise = max(noise, 1e-4 * shape.usual)
-        scales = dict.fromkeys(GROUPS, noise) | {
-            "driving": shape.usual,
-            "driven": shape.usual,
-            "delay_parts": 0.25 * shape.interval_s,
-            "gap_by_speed": noise / max(float(bends[-1]), 1e-300),
-        }
-        problem = problem_of(columns, rows, weights, centres={("delay",): delay_s}, usual=scales)
+        problem = problem_of(
+            columns, rows, weights, centres={("delay",): delay_s}, usual=design.scales(noise)
+        )
         start = first_theta(problem.compressed) if theta is None else theta
         moments = _MOMENTS if theta is None else 0
         found = maximise(problem.compressed, jnp.asarray(start), jnp.asarray(moments))
@@ -143,8 +180,7 @@ def mixed_fit(
         posterior = Posterior(problem, theta, found.aux)
         if any(one.ramps for one in shafts):
             shafts = tuple(
-                with_ramps(one, log, posterior, lambda runs, one=one: row(replace(one, runs=runs)))
-                for log, one in enumerate(shafts)
+                with_ramps(one, log, posterior, design, delay_s) for log, one in enumerate(shafts)
             )
             delay_s += posterior.one(posterior.row(("delay",)), moved=True).value if free else 0.0
             continue
@@ -158,10 +194,10 @@ def mixed_fit(
     return MixedFit(
         shafts,
         rows,
-        waves,
+        design.waves,
         posterior,
         delay_s,
-        bends,
+        design.bends,
         share,
         number,
         steps,
@@ -173,7 +209,7 @@ def mixed_fit(
 
 
 def with_ramps(
-    shafts: Shafts, log: int, posterior: Posterior, row: Callable[[tuple[Run, ...]], Rows]
+    shafts: Shafts, log: int, posterior: Posterior, design: Design, delay_s: float
 ) -> Shafts:
     """Return a log whose runs include those of its ramps that stay on their flank.
 
@@ -187,7 +223,7 @@ def with_ramps(
     limit = 2 * np.log(gap / (np.sqrt(2 * np.pi) * noise)) if gap > 0 else 1.0
     kept = []
     for ramp in shafts.ramps:
-        rows = row((ramp,))
+        (rows,) = design.rows((replace(shafts, runs=(ramp,)),), delay_s)
         if len(rows.table):
             link = embedding(columns, rows.names, log, ramp[2])
             residual = rows.table @ (link @ np.append(-coefficients, 1.0))

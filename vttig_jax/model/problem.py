@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .columns import FLAT, GROUPS, KNOWN, Column, embedding
-from .density import FIRST, LAGS, Compressed
+from .density import FIRST, LAGS, SECOND, Compressed
 from .rows import Name, Rows
 from .windows import windows
 
@@ -41,6 +41,7 @@ def problem_of(
     *,
     centres: Mapping[Name, float],
     usual: Mapping[str, float],
+    noise: Float[np.ndarray, " taps"] | None = None,
 ) -> Problem:
     """Compress the rows of all logs.
 
@@ -48,6 +49,8 @@ def problem_of(
     - `weights`: weight of every row of each log, for logs with outliers.
     - `centres`: value at which a column is linearised; its prior is centred at zero.
     - `usual`: usual width τ of every group, in the unit of its coefficients.
+    - `noise`: autocovariance of the rows at 0 … `LAGS` lags, rad², of a noise that the readings do
+      not contain. Its expected products are added: a planned log.
 
     The parts of the delay and the bends of the gap are made orthogonal to their fixed part, which
     so stays the mean of the log. Neutral columns are added, so that few shapes are compiled.
@@ -110,6 +113,11 @@ def problem_of(
         gain = gain[:, None] * gain
         for pair, product in zip(whole, windows(centred, first, last), strict=True):
             pair += gain * product.take(elements)
+        if noise is not None:
+            counts = (last - first + 1)[:, None] - FIRST - SECOND
+            expected = counts.sum(0) * noise[SECOND - FIRST] * np.where(FIRST < SECOND, 2.0, 1.0)
+            whole[:, -1, -1] += expected
+            square += float(expected[0])
     for fixed, moving, share in moves:
         whole[:, :, moving] -= whole[:, :, fixed] @ share
         whole[:, moving] -= share.T @ whole[:, fixed]
