@@ -20,7 +20,7 @@ from .problem import Problem, first_theta, problem_of
 from .rows import BENDS, Rows, Shafts, Wave, rows_of
 from .scope import Scope, scope_of
 
-MOST_PASSES, _MOMENTS = 7, 2
+MOST_PASSES, MOMENTS = 7, 2
 _SETTLED = 0.1
 """Step of the delay, in standard deviations, below which the passes end."""
 
@@ -173,7 +173,7 @@ def mixed_fit(
             columns, rows, weights, centres={("delay",): delay_s}, usual=design.scales(noise)
         )
         start = first_theta(problem.compressed) if theta is None else theta
-        moments = _MOMENTS if theta is None else 0
+        moments = MOMENTS if theta is None else 0
         found = maximise(problem.compressed, jnp.asarray(start), jnp.asarray(moments))
         theta = np.asarray(found.value)
         steps += int(found.stats["num_steps"])
