@@ -136,7 +136,7 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     prior = logs.precision + logs.member @ weight[pairs:]
     whole = gram[:-1, :-1] + jnp.diag(prior)
     scale = 1 / jnp.sqrt(jnp.diag(whole))
-    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(size - 1))
+    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale[None] + _JITTER * jnp.eye(size - 1))
     inverse = jax.scipy.linalg.solve_triangular(factor, jnp.diag(scale), lower=True)
     spread = inverse.T @ inverse
     right = gram[:-1, -1] - prior * logs.centre
@@ -153,9 +153,9 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     # derivatives of M by θ: windows for the noise, diagonals for the groups
     noise = LAGS + 1
     bends = (slope[:pairs, :noise].T @ flat).reshape(noise, size, size)
-    diagonals = logs.member * jnp.diag(slope[pairs:, noise:])
+    diagonals = logs.member * jnp.diag(slope[pairs:, noise:])[None]
     slopes = jnp.concatenate([(bends @ residual)[:, :-1], (diagonals * at[:, None]).T]).T
-    moved = jnp.concatenate([spread @ bends[:, :-1, :-1], spread * diagonals.T[:, None, :]])
+    moved = jnp.concatenate([spread @ bends[:, :-1, :-1], spread[None] * diagonals.T[:, None, :]])
     traces = jnp.einsum("sij,tji->st", moved, moved)
     curve = jax.hessian(rest)(theta) - traces - 2 * slopes.T @ spread @ slopes
     return Solved(
@@ -214,7 +214,8 @@ def normal(theta: Float[Array, " p"], logs: Compressed) -> Normal:
     prior = logs.precision + logs.member @ (logs.on * jnp.exp(-2 * theta[LAGS + 1 :]))
     whole = gram[:-1, :-1] + jnp.diag(prior)
     scale = 1 / jnp.sqrt(jnp.diag(whole))
-    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(len(prior)))
+    size = len(prior)
+    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale[None] + _JITTER * jnp.eye(size))
     right = scale * (gram[:-1, -1] - prior * logs.centre)
     half = jax.scipy.linalg.solve_triangular(factor, right, lower=True)
     return Normal(scale, factor, half, gram[-1, -1] + prior @ jnp.asarray(logs.centre) ** 2)

@@ -188,7 +188,7 @@ def least_squares(
     """Return parameters, slopes of the coefficients, and constants (Levenberg and Marquardt)."""
     count = len(mean)
     scale = jnp.sqrt(jnp.diag(covariance))
-    factor = jnp.linalg.cholesky(covariance / scale / scale[:, None] + 1e-12 * jnp.eye(count))
+    factor = jnp.linalg.cholesky(covariance / scale[None] / scale[:, None] + 1e-12 * jnp.eye(count))
     unit = relation.sizes
 
     def residual(scaled: Float[Array, " p"], _: None) -> Float[Array, " c"]:

@@ -16,7 +16,7 @@ from ...model.mixed_fit import MOMENTS, Design, MixedFit, design_of
 from ...model.newton import maximise
 from ...model.problem import first_theta, problem_of
 from ...model.rows import Shafts
-from ...model.runs import runs_of
+from ...model.runs import shafts_of
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from .assumptions import DELAY, cartesian
@@ -109,7 +109,7 @@ def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
             " plan more turns.",
             where="planned run",
         )
-    return Shafts.of(log, runs_of(log, segments)), len(segments.segments)
+    return replace(shafts_of(log, segments), ramps=()), len(segments.segments)
 
 
 def _coefficients(
