@@ -74,7 +74,8 @@ class Relation(eqx.Module):
         value = dict(zip(self.names, parameters, strict=True))
         gears = [value.get(name, jnp.zeros(())) for name in GEARS]
         angles = 2 * np.pi * np.arange(POINTS) / POINTS
-        driving, driven = (x.ravel() for x in np.meshgrid(angles, angles, indexing="ij"))
+        grid = np.meshgrid(angles, angles, indexing="ij")
+        driving, driven = (jnp.asarray(x.ravel()) for x in grid)
         model = ExactModel(
             ratio=self.ratio,
             centre_distance=self.centre_distance,
@@ -95,8 +96,8 @@ class Relation(eqx.Module):
             n1, n2 = _TERMS[wave]
             phase = n1 * driving + n2 * driven
             for place, curve in enumerate(kinds):
-                cosine = 2 * jnp.mean(curve * np.cos(phase))
-                sine = 2 * jnp.mean(curve * np.sin(phase))
+                cosine = 2 * jnp.mean(curve * jnp.cos(phase))
+                sine = 2 * jnp.mean(curve * jnp.sin(phase))
                 if place == 0 and wave[1] == 1 and wave[0] != "both":
                     gain = -self.ratio if wave[0] == "driving" else 1.0
                     sine = sine + gain * value.get(f"{wave[0]}_encoder_x", 0.0)

@@ -49,6 +49,12 @@ def expected_fit(
     side = 0 if any(flank > 0 for _, _, flank in shafts.runs) else 1
     coefficients = _coefficients(design, pair, values, side=side, encoders=encoders)
     (rows,) = design.rows([shafts], 0.0)
+    if not len(rows.table):
+        raise NoAnswerError(
+            f"the {len(shafts.time)} samples are too few for rows of the orders in [fit]; plan more"
+            " turns or a higher rate, or list fewer orders.",
+            where="planned run",
+        )
     table = rows.table.copy()
     for side in (1, -1):
         link = embedding(design.columns, rows.names, 0, side)[:, :-1]

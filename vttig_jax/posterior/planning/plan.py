@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...base.units import DEG
@@ -41,7 +42,8 @@ class Assumptions:
     delay: DelayChoice
 
     def __post_init__(self):
-        if self.delay not in ("auto", "off") and not abs(float(self.delay)) <= LONGEST_DELAY_S:
+        is_known = isinstance(self.delay, float | int)
+        if not (self.delay in ("auto", "off") or is_known and abs(self.delay) <= LONGEST_DELAY_S):
             raise ValueError(
                 'Argument `delay` must be "auto", "off" or a number of seconds within'
                 f" ±{LONGEST_DELAY_S:g} s, but is {self.delay!r}."
@@ -162,10 +164,17 @@ def plan_of_run(
         name: planned_parameter(parameter, assumptions.values.get(name), wanted.get(name))
         for name, parameter in fitted.items()
     }
+    turns = shaft_turns(fit)
+    short = tuple(shaft for shaft, number in turns.items() if number < FULL_TURN)
+    if not any(parameter.determined for parameter in fitted.values()):
+        raise NoAnswerError(
+            f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns;"
+            " plan more turns.",
+            where="planned run",
+        )
     (rows,) = fit.rows
     flanks = tuple(flank for flank, side in (("A", 1), ("B", -1)) if (rows.side == side).any())
     size = rows.samples.shape[1]
-    turns = shaft_turns(fit)
     return Plan(
         pair=pair,
         parameters=parameters,
@@ -178,6 +187,6 @@ def plan_of_run(
         flanks=flanks,
         conditional_on=conditions(pair, flanks, assumptions.delay, encoders=encoders),
         outcome=outcome_of(parameters),
-        short=tuple(shaft for shaft, number in turns.items() if number < FULL_TURN),
+        short=short,
         notes=notes(pair, run, assumptions.orders, noise, fit, passes),
     )
