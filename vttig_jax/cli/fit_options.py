@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 import click
 
 from ..base.errors import UsageError
-from ..identify.fit_settings import LONGEST_DELAY_S, REMOVED, Field, fields, members
+from ..identify.fit_settings import BATCH, LONGEST_DELAY_S, REMOVED, Field, fields, members
 from .options import POSITIVE
 
 _UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
@@ -91,21 +91,11 @@ def _removed(option: str, instead: str, *, flag: bool) -> Callable[..., Any]:
 
 
 def batch_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add to a command one option for every setting in `BATCH_OPTIONS`, with the default there."""
+    """Add to a command one option for every setting of a fit of many logs."""
     for field in reversed(fields()):
-        if field.name in BATCH_OPTIONS:
-            own = field._replace(default=BATCH_OPTIONS[field.name])
-            function = _option(own)(function)
+        if field.name in BATCH:
+            function = _option(field)(function)
     return function
-
-
-BATCH_OPTIONS: dict[str, Any] = {
-    "flank": None,
-    "perfect_encoders": False,
-    "perfect_gears": False,
-    "delay": "off",
-}
-"""Settings for which `vttig fit-many` has an option → default of the option."""
 
 
 def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]]:

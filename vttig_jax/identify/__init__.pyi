@@ -4,14 +4,7 @@ from .backlash import backlash_map as backlash_map
 from .findings import Finding as Finding
 from .fit_settings import FitSettings as FitSettings
 from .identification import fit as fit
-from .many.batch_model import BatchModel as BatchModel
-from .many.codes import Code as Code
-from .many.fit_arrays import ArrayFit as ArrayFit
-from .many.fit_arrays import fit_arrays as fit_arrays
-from .many.fit_arrays import fit_batch as fit_batch
 from .many.fit_many import fit_many as fit_many
-from .many.log_arrays import LogArrays as LogArrays
-from .many.preparation import prepared as prepared
 from .many.table import FitTable as FitTable
 from .records import Checks as Checks
 from .result import Fit as Fit

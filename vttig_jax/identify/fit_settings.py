@@ -159,6 +159,12 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             yield ("delay", "delay_within_ms"), f"{cure} give one of them."
 
 
+BATCH = tuple(
+    name for name in FitSettings.__struct_fields__ if name not in ("same_zero", "use_readings")
+)
+"""Settings of a fit of many logs, each of a rig of its own."""
+
+
 class Field(NamedTuple):
     """One setting: its name, type with bounds, default, text, option and metavar."""
 

@@ -1,7 +1,7 @@
 """Identification of a rig from its logs: checks at the door, the mixed model, and its result."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -108,34 +108,80 @@ def fit(
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
     require_distinct(logs)
     pair = stated_drive(logs[0]) if pair is None else pair
+    wanted = orders or pair.fit
+    found = identified(logs, pair, settings, wanted)
+    result = result_of(
+        found.core,
+        pair,
+        settings,
+        logs=logs,
+        segments=found.segments,
+        ratios=found.ratios,
+        lines=found.lines,
+        readings=readings,
+        one_zero=found.one_zero,
+        short=found.short,
+    )
+    paths = tuple(one.path for one in logs)
+    return replace(result, request=FitRequest(settings, wanted, _reading(logs), paths))
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The mixed model fitted to logs, and what was seen of them at the door."""
+
+    core: MixedFit
+    lines: list[Line]
+    segments: list[Segments]
+    ratios: list[SeenRatio]
+    one_zero: bool
+    short: tuple[str, ...]
+
+
+def identified(
+    logs: Sequence[EncoderLog],
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    orders: HarmonicOrders,
+) -> Identified:
+    """Check logs at the door, and fit the mixed model: the way of one log and of each of many.
+
+    **Raises** `LogError` for a log that contradicts the pair or has a slip, `NoAnswerError` for
+    logs that are too short to say anything.
+    """
     segments, ratios = [], []
     for one in logs:
         require_pair(one, pair)
         ratios.append(check_ratio(one))
         segments.append(assigned_segments(one))
         refuse_slip(one, segments[-1])
-    wanted = orders or pair.fit
     where = ", ".join(one.source for one in logs)
     shafts = [
         on_flank(shafts_of(*both), settings.flank) for both in zip(logs, segments, strict=True)
     ]
-    shafts, short = usable(shafts, waves_of(pair, wanted), where)
+    shafts, short = usable(shafts, waves_of(pair, orders), where)
     one_zero = len(logs) == 1 or have_one_zero(logs, settings)
-    core, lines = fitted(shafts, pair, wanted, settings, one_zero=one_zero)
-    result = result_of(
-        core,
-        pair,
-        settings,
-        logs=logs,
-        segments=segments,
-        ratios=ratios,
-        lines=lines,
-        readings=readings,
-        one_zero=one_zero,
-        short=short,
-    )
-    paths = tuple(one.path for one in logs)
-    return replace(result, request=FitRequest(settings, wanted, _reading(logs), paths))
+    core, lines = fitted(shafts, pair, orders, settings, one_zero=one_zero)
+    return Identified(core, lines, segments, ratios, one_zero, short)
+
+
+def told_by(
+    core: MixedFit, pair: GearPair | Drive, settings: FitSettings, where: str
+) -> tuple[Quantities, dict[str, Parameter]]:
+    """Return the quantities of a fit, and its parameters by name.
+
+    **Raises** `NoAnswerError` if they are no finite numbers.
+    """
+    encoders, gears = not settings.perfect_encoders, not settings.perfect_gears
+    both = len(core.scope.flanks) == 2
+    told = quantities_of(core, pair, encoders=both and encoders, gears=gears)
+    if not np.all(np.isfinite(told.mean)) or not np.all(np.isfinite(told.covariance)):
+        raise NoAnswerError(
+            "the fit found no largest density, so that it has no numbers; list fewer orders in"
+            " [fit], or record more turns.",
+            where=where,
+        )
+    return told, parameters_of(core, pair, told, encoders=encoders, gears=gears)
 
 
 def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
@@ -208,22 +254,7 @@ def result_of(
     compared_with = None if readings is None else compared(core, readings, settings)
     if readings is not None and settings.use_readings:
         core = updated(core, readings)
-    both = len(core.scope.flanks) == 2
-    encoders = both and not settings.perfect_encoders
-    told = quantities_of(core, pair, encoders=encoders, gears=not settings.perfect_gears)
-    if not np.all(np.isfinite(told.mean)) or not np.all(np.isfinite(told.covariance)):
-        raise NoAnswerError(
-            "the fit found no largest density, so that it has no numbers; list fewer orders in"
-            " [fit], or record more turns.",
-            where=source,
-        )
-    parameters = parameters_of(
-        core,
-        pair,
-        told,
-        encoders=not settings.perfect_encoders,
-        gears=not settings.perfect_gears,
-    )
+    told, parameters = told_by(core, pair, settings, source)
     model = order_model(core)
     curves, residuals = curves_of(core)
     checks = checks_of(
