@@ -1,6 +1,5 @@
 from .calibration.calibrate import calibrate as calibrate
-from .calibration.coverage import coverage as coverage
-from .calibration.scenarios import SCENARIOS as SCENARIOS
+from .calibration.calibrate import coverage as coverage
 from .density.prior import Prior as Prior
 from .density.profile_likelihood import profile as profile
 from .density.profile_likelihood import profiles as profiles
