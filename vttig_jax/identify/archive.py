@@ -14,6 +14,7 @@ import numpy as np
 from ..base.errors import InputError, UsageError
 from ..base.files.commit import settle_if_free
 from ..base.files.limits import MemoryBudget, read_regular
+from ..kinematics.flank_error import FlankError
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..model.columns import Column
@@ -27,6 +28,7 @@ from ..model.scope import Scope
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .findings import Finding
+from .given import StoredModel
 from .orders import Order
 from .records import Checks, LogRecord, Noise
 from .result import Fit
@@ -247,6 +249,9 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         TECurve(flank.item(), angle, error, time)
         for flank, angle, error, time in zip(arrays["curve_flanks"], *pieces[:3], strict=True)
     )
+    given = record.get("flank_model")
+    errors = record.get("transmission_error", {}).items()
+    ratio = jnp.asarray(float(pair.ratio))
     return Fit(
         pair=pair,
         source=record["source"],
@@ -262,7 +267,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         },
         orders=tuple(Order(**own) for own in record["orders"]),
         model=OrderModel(
-            ratio=jnp.asarray(float(pair.ratio)),
+            ratio=ratio,
             terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
             offset=jnp.asarray(arrays["offset"]),
             cosine=jnp.asarray(arrays["cosine"]),
@@ -278,6 +283,11 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         checks=msgspec.convert(record["checks"], Checks),
         findings=msgspec.convert(record["findings"], tuple[Finding, ...]),
         core=_core(arrays, float(pair.ratio)),
+        given=None
+        if given is None
+        else StoredModel(
+            ratio, str(given), tuple((flank, FlankError(**one)) for flank, one in errors)
+        ),
         regressors=tuple(Parameter(name=name, **own) for name, own in record["regressors"].items()),
         logs=msgspec.convert(record["logs"], tuple[LogRecord, ...]),
     )

@@ -15,6 +15,7 @@ from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_model import FlankModel, GridOrders
 from ..kinematics.harmonic import OrderModel
 from ..pair.gear_pair import Drive, Flank
+from .given import StoredModel
 from .orders import mounted_closed, mounted_exact
 from .result import Fit
 
@@ -50,14 +51,16 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     ```
     """
     require_x64("backlash_map")
+    if isinstance(fit.given, StoredModel):
+        fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2
     _refuse_unknown_gap(fit, given=not both and constant_backlash_deg is not None)
     shift = shift_of_delay(fit) if constant_backlash_deg is None else None
-    if isinstance(fit.pair, Drive):
+    if isinstance(fit.pair, Drive) or fit.given is not None:
         if not both:
+            what = "drive without gear geometry" if fit.given is None else "given flank model"
             raise NoAnswerError(
-                "one flank of a drive without gear geometry says nothing about the other; record"
-                " both directions.",
+                f"one flank of a {what} says nothing about the other; record both directions.",
                 where=fit.source,
             )
         model = _shifted(fit, constant_backlash_deg)
@@ -110,10 +113,13 @@ def shift_of_delay(fit: Fit) -> tuple[float, float] | None:
 def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
     """Return the fitted model with flank B shifted to the given constant backlash."""
     if constant_backlash_deg is None:
-        return fit.model
+        return fit.flank_model
     move = constant_backlash_deg - _constant(fit)
     offset = fit.model.offset + jnp.array([0.0, move * DEG])
-    return eqx.tree_at(lambda model: model.offset, fit.model, offset)
+    orders = eqx.tree_at(lambda model: model.offset, fit.model, offset)
+    if fit.given is None:
+        return orders
+    return eqx.tree_at(lambda model: model.orders, fit.given, orders)
 
 
 def _constant(fit: Fit) -> float:

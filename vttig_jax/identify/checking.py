@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.units import ARCSEC, DEG, REV
-from ..kinematics.harmonic import OrderModel
+from ..kinematics.flank_model import FlankModel
 from ..kinematics.te_curve import TECurve
 from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
@@ -49,7 +49,7 @@ def checks_of(
     lines: Sequence[Line],
     joined: bool,
     curves: tuple[TECurve, ...],
-    model: OrderModel,
+    model: FlankModel,
 ) -> Checks:
     """Return the checks of a fit."""
     needed = {
@@ -226,7 +226,7 @@ def _reversals(
     core: MixedFit,
     segments: Sequence[Segments],
     gap: CoveredGap,
-    model: OrderModel,
+    model: FlankModel,
     constant: float | None,
 ) -> tuple[Reversal, ...]:
     """Return the jumps at the reversals, from samples without delay."""

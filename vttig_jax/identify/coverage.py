@@ -11,10 +11,11 @@ from jaxtyping import Float
 
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_error import FlankError, errors_at, flank_error
-from ..kinematics.harmonic import OrderModel
+from ..kinematics.flank_model import FlankModel
 from ..kinematics.hunting_coverage import HuntingCoverage, hunting_coverage
 from ..kinematics.te_curve import TECurve
 from ..pair.gear_pair import Drive, Flank, GearPair
+from .given import FittedModel, StoredModel
 from .orders import Order, exceeds_noise, is_fractional
 from .records import LogRecord, LogStart
 
@@ -75,23 +76,27 @@ def _place(start: LogStart, pair: GearPair | Drive) -> float | None:
 
 
 def covered_errors(
-    model: OrderModel, orders: Sequence[Order], coverage: HuntingCoverage
+    model: FlankModel, orders: Sequence[Order], coverage: HuntingCoverage
 ) -> dict[Flank, FlankError]:
     """Return the size of the transmission error of each covered flank over the covered angles.
 
-    Fractional `orders` are added to `model`, with the phases of the first log.
+    Fractional `orders` are added to `model`, with the phases of the first log. A `StoredModel`
+    has the sizes that its fit has stored.
     """
+    if isinstance(model, StoredModel):
+        return dict(model.errors)
     highest = max([model.highest_order, *(float(one.order) for one in orders)])
     found: dict[Flank, FlankError] = {}
     for flank, spans in coverage.spans.items():
         own = [one for one in orders if one.flank == flank]
         size = flank_error(partial(_error, model, flank, own), spans, highest)
-        found[flank] = replace(size, significant=exceeds_noise(own))
+        significant = isinstance(model, FittedModel) or exceeds_noise(own)
+        found[flank] = replace(size, significant=significant)
     return found
 
 
 def _error(
-    model: OrderModel, flank: Flank, orders: Sequence[Order], driving: Float[np.ndarray, " n"]
+    model: FlankModel, flank: Flank, orders: Sequence[Order], driving: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """Return TE of `flank`, rad, with its fractional orders, at driving angles in rad."""
     error = errors_at(model, flank, driving)

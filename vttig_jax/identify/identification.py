@@ -38,6 +38,17 @@ from .checking import checks_of, curves_of, noise_of
 from .door import require_distinct, require_pair, stated_drive, usable
 from .findings import Case, Finding, contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
+from .given import (
+    GIVEN_INSTEAD,
+    GivenModel,
+    fitted_given,
+    fitted_model,
+    given_parameters,
+    given_quantities,
+    prepared,
+    searched,
+    solved_given,
+)
 from .orders import SIDES, order_model, order_table
 from .readings import compared, updated
 from .records import Outcome
@@ -54,6 +65,7 @@ def fit(
     settings: FitSettings | None = None,
     orders: HarmonicOrders | None = None,
     readings: BacklashReadings | None = None,
+    model: Any = None,
     **changes: Any,
 ) -> Fit:
     """Identify eccentricities, encoder errors and backlash from the logs of one rig.
@@ -80,10 +92,17 @@ def fit(
     - `orders`: harmonic orders to model; those of the pair by default.
     - `readings`: backlash read at single angles of the first log, to check the fit against, or to
       join it with `use_readings=True`.
+    - `model`: flank model of your own that takes the place of the exact relation: a pytree with
+      `transmission_error(angle, flank)`, rad of the driven gear, for driving angles in rad. Its
+      leaves that are arrays of floating-point numbers are parameters, with their values as the
+      start; they are found under "model" and their path, `fit.parameters["model.tilt"]`. Offset of
+      each log, constant backlash, delay and drift are fitted beside them, and `orders` are none by
+      default; those given are free on each flank.
 
     **Returns** a `Fit`.
 
-    **Raises** `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
+    **Raises** `UsageError` for a `model` that is no flank model, and for settings that contradict
+    it; `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
     logs that are too short to say anything, `ValueError` for wrong arguments and without 64-bit
     floats, `TypeError` for a keyword that is no setting.
 
@@ -108,8 +127,8 @@ def fit(
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
     require_distinct(logs)
     pair = stated_drive(logs[0]) if pair is None else pair
-    wanted = orders or pair.fit
-    found = identified(logs, pair, settings, wanted)
+    wanted = orders or (pair.fit if model is None else HarmonicOrders((), (), 0))
+    found = identified(logs, pair, settings, wanted, model)
     result = result_of(
         found.core,
         pair,
@@ -121,6 +140,7 @@ def fit(
         readings=readings,
         one_zero=found.one_zero,
         short=found.short,
+        given=found.given,
     )
     paths = tuple(one.path for one in logs)
     return replace(result, request=FitRequest(settings, wanted, _reading(logs), paths))
@@ -136,6 +156,7 @@ class Identified:
     ratios: list[SeenRatio]
     one_zero: bool
     short: tuple[str, ...]
+    given: GivenModel | None = None
 
 
 def identified(
@@ -143,6 +164,7 @@ def identified(
     pair: GearPair | Drive,
     settings: FitSettings,
     orders: HarmonicOrders,
+    model: Any = None,
 ) -> Identified:
     """Check logs at the door, and fit the mixed model: the way of one log and of each of many.
 
@@ -161,8 +183,11 @@ def identified(
     ]
     shafts, short = usable(shafts, waves_of(pair, orders), where)
     one_zero = len(logs) == 1 or have_one_zero(logs, settings)
-    core, lines = fitted(shafts, pair, orders, settings, one_zero=one_zero)
-    return Identified(core, lines, segments, ratios, one_zero, short)
+    given = None
+    if model is not None:
+        given = prepared(model, shafts, settings, one_zero=one_zero, where=where)
+    core, lines, given = fitted(shafts, pair, orders, settings, one_zero=one_zero, given=given)
+    return Identified(core, lines, segments, ratios, one_zero, short, given)
 
 
 def told_by(
@@ -217,23 +242,40 @@ def fitted(
     settings: FitSettings,
     *,
     one_zero: bool,
-) -> tuple[MixedFit, list[Line]]:
+    given: GivenModel | None = None,
+) -> tuple[MixedFit, list[Line], GivenModel | None]:
     """Fit the mixed model, and once more with the lines that the residual has."""
     assumed = assumptions_of(settings)
-    delay_s = float(settings.delay) if isinstance(settings.delay, (int, float)) else 0.0
-    core = mixed_fit(shafts, pair, orders, one_zero=one_zero, delay_s=delay_s, assumed=assumed)
+    fixed_s = float(settings.delay) if isinstance(settings.delay, (int, float)) else 0.0
+    drive = Drive(pair.ratio)  # a flank model takes the place of the gears
+    if given is not None:
+        assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)
+        given = searched(given, shafts, drive, orders, assumed)
+
+    def once(lines: Sequence[float], delay_s: float, given: GivenModel | None):
+        if given is not None:
+            return fitted_given(
+                given, shafts, drive, orders, lines=lines, delay_s=delay_s, assumed=assumed
+            )
+        return (
+            mixed_fit(
+                shafts,
+                pair,
+                orders,
+                one_zero=one_zero,
+                lines=lines,
+                delay_s=delay_s,
+                assumed=assumed,
+            ),
+            None,
+        )
+
+    core, given = once((), fixed_s, given)
     lines = found_lines(core)
     if lines and settings.lines == "join":
-        core = mixed_fit(
-            shafts,
-            pair,
-            orders,
-            one_zero=one_zero,
-            lines=[float(f"{one.cycles_per_rev:.7g}") for one in lines],
-            delay_s=core.delay_s,
-            assumed=assumed,
-        )
-    return core, lines
+        cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
+        core, given = once(cycles, core.delay_s, given)
+    return core, lines, given
 
 
 def result_of(
@@ -248,14 +290,20 @@ def result_of(
     readings: BacklashReadings | None,
     one_zero: bool,
     short: Sequence[str],
+    given: GivenModel | None = None,
 ) -> Fit:
     """Return the result of a fit of the mixed model."""
     source = ", ".join(one.source for one in logs)
     compared_with = None if readings is None else compared(core, readings, settings)
     if readings is not None and settings.use_readings:
         core = updated(core, readings)
-    told, parameters = told_by(core, pair, settings, source)
-    model = order_model(core)
+    told, parameters = told_by(core, pair if given is None else Drive(pair.ratio), settings, source)
+    model, whole = order_model(core), None
+    if given is not None:
+        told = given_quantities(core, told, given)
+        parameters = given_parameters(parameters, told, pair, given)
+        given = solved_given(told, given)
+        whole = fitted_model(given, model)
     curves, residuals = curves_of(core)
     checks = checks_of(
         core,
@@ -267,7 +315,7 @@ def result_of(
         lines=lines,
         joined=settings.lines == "join",
         curves=curves,
-        model=model,
+        model=model if whole is None else whole,
     )
     checks = type(checks)(**{**_fields(checks), "readings": compared_with})
     if parameters["constant_backlash_deg"].determined:
@@ -298,7 +346,7 @@ def result_of(
         samples={key: sum(one.samples[key] for one in records) for key in records[0].samples},
         zero=logs[0].zero,
         zero_readings=records[0].zero_readings,
-        conditional_on=conditions_of(core, pair, settings, parameters),
+        conditional_on=conditions_of(core, pair, settings, parameters, given=given is not None),
         parameters=parameters,
         orders=order_table(core),
         model=model,
@@ -314,6 +362,7 @@ def result_of(
         regressors=regressors,
         logs=records,
         core=core,
+        given=whole,
     )
 
 
@@ -377,7 +426,7 @@ def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
         p
         for p in parameters.values()
         if p.name not in ("delay_s", "backlash_plus_delay_deg", "gap_over_angles_covered")
-        and p.reason not in LEFT_OUT
+        and p.reason not in (*LEFT_OUT, GIVEN_INSTEAD)
     ]
     if not any(p.determined for p in asked):
         return "not_determined"
@@ -389,11 +438,15 @@ def conditions_of(
     pair: GearPair | Drive,
     settings: FitSettings,
     parameters: Mapping[str, Parameter],
+    *,
+    given: bool = False,
 ) -> tuple[str, ...]:
     """Return the names of the assumptions under which the numbers of the fit are valid."""
     conditions: tuple[str, ...] = ()
     both = len(core.scope.flanks) == 2
-    if settings.perfect_gears:
+    if given:
+        conditions = ("flank_model",)
+    elif settings.perfect_gears:
         conditions = ("perfect_gears",)
     elif isinstance(pair, GearPair) and (settings.perfect_encoders or not both):
         conditions = ("perfect_encoders",)

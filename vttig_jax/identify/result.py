@@ -15,6 +15,7 @@ from ..base.files.text_tables import decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG
 from ..kinematics.flank_error import FlankError
+from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.hunting_coverage import HuntingCoverage
 from ..kinematics.te_curve import TECurve
@@ -26,6 +27,7 @@ from ..pair.schema import HarmonicOrders
 from .coverage import covered_errors, log_coverage
 from .findings import Finding
 from .fit_settings import FitSettings
+from .given import FittedModel, StoredModel
 from .orders import Order
 from .records import Checks, LogRecord, Noise, Outcome
 
@@ -63,6 +65,8 @@ class Fit(PlottedResult):
     - `findings`: everything that the fit has to say, a record each, warnings first.
     - `regressors`: coefficient of the torque, and ratio of a drive.
     - `logs`: file, digest, zero and samples of every log.
+    - `given`: in a fit with `model=`, the sum of that model with its fitted parameters,
+      `given.fitted`, and of `model`, which then holds offsets and free orders; otherwise None.
     - `core`: the fitted mixed model, from which sampling goes on; without its rows and samples in a
       fit from `read_fit`.
     - `request`: settings and orders of the fit; None for a fit from `read_fit`.
@@ -93,6 +97,12 @@ class Fit(PlottedResult):
     regressors: tuple[Parameter, ...] = ()
     logs: tuple[LogRecord, ...] = ()
     request: FitRequest | None = None
+    given: FittedModel | StoredModel | None = None
+
+    @property
+    def flank_model(self) -> FlankModel:
+        """The whole flank model of the fit: `given`, or `model` of a fit of the exact relation."""
+        return self.model if self.given is None else self.given
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -115,7 +125,7 @@ class Fit(PlottedResult):
 
         Fractional orders are part of it; drift and regressors are not.
         """
-        return covered_errors(self.model, self.orders, self.coverage)
+        return covered_errors(self.flank_model, self.orders, self.coverage)
 
     def value(self, name: str) -> float:
         """Return the value of a parameter; NaN if it has none.
@@ -139,7 +149,10 @@ class Fit(PlottedResult):
         """Return the fitted rig; an undetermined eccentricity counts as zero.
 
         `constant_backlash_deg` replaces the fitted value.
+
+        **Raises** `NoAnswerError` for a fit of a given flank model, which has no eccentricities.
         """
+        _require_relation(self)
         cartesian = dict(zip(self.covariance_names, self.values, strict=True))
         driving, driven = (
             complex(cartesian[f"{shaft}_x"], cartesian[f"{shaft}_y"])
@@ -169,6 +182,7 @@ class Fit(PlottedResult):
             "source": self.source,
             "sha256": self.sha256,
             "pair": self.pair.name,
+            **({} if self.given is None else {"flank_model": self.given.name}),
             "flanks": list(self.flanks),
             "samples": self.samples,
             "zero": self.zero,
@@ -196,11 +210,23 @@ class Fit(PlottedResult):
         return fit_text(self)
 
 
+def _require_relation(fit: Fit) -> None:
+    """Raise `NoAnswerError` for a fit of a given flank model, which fits no eccentricities."""
+    if fit.given is not None:
+        raise NoAnswerError(
+            f"a fit of the flank model {fit.given.name} has no eccentricities; fit without"
+            " `model` for a rig.",
+            where=fit.source,
+        )
+
+
 def require_rig(fit: Fit) -> None:
     """Raise `NoAnswerError` if a fit does not determine a rig that can be simulated.
 
-    This is the case for a drive without gears, and without a determined constant backlash.
+    This is the case for a drive without gears, for a given flank model, and without a determined
+    constant backlash.
     """
+    _require_relation(fit)
     if isinstance(fit.pair, Drive):
         raise NoAnswerError(
             "a drive without gear geometry has no eccentricities to simulate; give [pair].",
@@ -235,6 +261,7 @@ def fit_text(fit: Fit) -> str:
             *(("log", one.source) for one in fit.logs[1:] and fit.logs),
             *([] if fit.logs[1:] else [("log", fit.source)]),
             ("outcome", fit.outcome.replace("_", " ")),
+            *([] if fit.given is None else [("flank model", fit.given.name)]),
             ("flanks", " and ".join(fit.flanks)),
             (
                 "samples",

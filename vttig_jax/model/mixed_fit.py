@@ -17,7 +17,7 @@ from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Rows, Shafts, Wave, rows_of
+from .rows import BENDS, Extra, Rows, Shafts, Wave, rows_of
 from .scope import Scope, scope_of
 
 MOST_PASSES, MOMENTS = 7, 2
@@ -85,13 +85,17 @@ class Design:
     shape: Shape
     row_s: float
     bends: Float[np.ndarray, " bends"]
+    given: Extra | None = None
 
     def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
         """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""
         ratio = any(column.name == ("ratio",) for column in self.columns)
-        return tuple(
+        found = tuple(
             rows_of(one, self.waves, self.row_s, delay_s, self.bends, ratio=ratio) for one in shafts
         )
+        if self.given is None:
+            return found
+        return tuple(self.given.joined(*both, delay_s) for both in zip(shafts, found, strict=True))
 
     def scales(self, noise: float) -> dict[str, float]:
         """Return the usual width τ of every group, where a row has this noise, rad."""
@@ -112,6 +116,7 @@ def design_of(
     one_zero: bool = True,
     lines: Sequence[float] = (),
     assumed: Assumptions = Assumptions(),
+    given: Extra | None = None,
 ) -> Design:
     """Return the design of logs; the arguments are those of `mixed_fit`."""
     ratio = float(pair.ratio)
@@ -125,10 +130,16 @@ def design_of(
         interval_s=max(one.interval_s for one in shafts),
         usual=usual_error(shafts),
     )
-    row_s = row_duration(shafts, max((wave.cycles(ratio) for wave in waves), default=1.0))
+    cycles = [wave.cycles(ratio) for wave in waves] + (
+        [] if given is None else [given.highest_order]
+    )
+    row_s = row_duration(shafts, max(cycles, default=1.0))
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
-    return Design(waves, tuple(columns_of(waves, shape, assumed)), shape, row_s, bends)
+    columns = list(columns_of(waves, shape, assumed))
+    if given is not None:
+        columns += [Column(("given", name), ("given", name)) for name in given.told]
+    return Design(waves, tuple(columns), shape, row_s, bends, given)
 
 
 def mixed_fit(
@@ -140,6 +151,7 @@ def mixed_fit(
     lines: Sequence[float] = (),
     delay_s: float = 0.0,
     assumed: Assumptions = Assumptions(),
+    given: Extra | None = None,
 ) -> MixedFit:
     """Fit the mixed model: rows at the delay of the last pass, until the delay stands still.
 
@@ -149,9 +161,12 @@ def mixed_fit(
     - `lines`: frequencies of further lines, cycles per driving turn.
     - `delay_s`: delay of the driven channel at which the first pass begins, or the known one.
     - `assumed`: what is assumed before the logs are read.
+    - `given`: flank model of the user, whose derivatives are further columns.
     """
     shafts = tuple(shafts)
-    design = design_of(shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed)
+    design = design_of(
+        shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed, given=given
+    )
     columns, shape = design.columns, design.shape
     free = any(column.name == ("delay",) for column in columns)
     within = assumed.delay_within_s or 0.5 * shape.interval_s

@@ -8,7 +8,7 @@ therefore a row has each column only once, and `columns.py` says how the model u
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -158,6 +158,27 @@ class Rows:
     def flank(self) -> Float[np.ndarray, " n"]:
         """s of every row: −½ on flank A, ½ on flank B."""
         return np.repeat(-0.5 * self.side, self.last - self.first + 1)
+
+
+class Extra(Protocol):
+    """Further columns of the rows: derivatives of a flank model, whose value leaves the readings.
+
+    The columns are ("given", name) for every name that is `told`.
+    """
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the parameters that have a column."""
+        ...
+
+    @property
+    def highest_order(self) -> float:
+        """Highest order of the flank model, cycles per driving turn."""
+        ...
+
+    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+        """Return the rows with the columns of the flank model, less its transmission error."""
+        ...
 
 
 def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:

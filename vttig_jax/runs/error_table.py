@@ -13,6 +13,7 @@ from ..base.files.text_tables import key_values
 from ..base.results import TextResult
 from ..base.units import DEG
 from ..identify.backlash import no_period, shift_of_delay
+from ..identify.given import StoredModel
 from ..identify.orders import exceeds_noise, is_fractional
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
@@ -256,6 +257,8 @@ def _flanks(fit: Fit) -> tuple[tuple[Flank, ...], tuple[Flank, ...]]:
 
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
     """
+    if isinstance(fit.given, StoredModel):
+        fit.given.refuse(fit.source)
     measured: tuple[Flank, ...] = tuple(one for one in get_args(Flank) if one in fit.flanks)
     has_gap = len(measured) == 2 and fit.parameters["constant_backlash_deg"].determined
     return measured, measured[:1] if has_gap else measured

@@ -112,6 +112,7 @@ def record_of(fit: "Fit") -> RunRecord:
         msgspec.structs.replace(spec_of(fit.pair), fit=fit.request.orders),
         options,
         tuple(log.sha256 for log in fit.logs),
+        flank_model="" if fit.given is None else fit.given.name,
     )
     if (readings := fit.checks.readings) is None:
         return record
