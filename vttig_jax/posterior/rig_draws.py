@@ -18,6 +18,7 @@ from ..model.parameters import Quantities, quantities_of
 from ..pair.gear_pair import GearPair
 from .target import FitTarget, Tie, batches
 
+
 @dataclass(frozen=True, eq=False)
 class RigDraws:
     """Draws of the quantities of a fit, and of the harmonics of both flanks.

@@ -49,9 +49,13 @@ class Target(Protocol):
     identity: dict
 
     @property
-    def around(self) -> Proposal: ...
+    def around(self) -> Proposal:
+        """Proposal with a pool of weighted draws."""
+        ...
 
-    def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]: ...
+    def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
+        """Return the log density of points."""
+        ...
 
 
 class Tie(eqx.Module):
@@ -183,9 +187,7 @@ class FitTarget:
     def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """Return the log density of points, −inf where the matrix of the log is not positive."""
         fill = jnp.asarray(self.posterior.theta)
-        found = [
-            _values(part, self.logs, fill, self.free, self.tie) for part in batches(points)
-        ]
+        found = [_values(part, self.logs, fill, self.free, self.tie) for part in batches(points)]
         values = np.concatenate(found)[: len(points)]
         return np.where(np.isnan(values), -np.inf, values)
 
