@@ -24,6 +24,7 @@ from ..model.columns import GROUPS
 from ..model.density import LAGS, Compressed, Normal, log_density, normal
 from ..model.functionals import Posterior
 from ..model.gears import Relation
+from ..model.parameters import Quantities
 from .proposal import Proposal
 
 NOISE = (*(f"atanh_partial_{k}" for k in range(1, LAGS + 1)), "log_innovation_std")
@@ -125,11 +126,12 @@ class FitTarget:
     """Density of a fit, see `Target`: θ of the groups in the model, then p of a `tie`.
 
     **Arguments**
-    - `posterior`: largest density of the fit and its Hessian. - `tie`: relation, or None.
-    - `data`: digest of the logs.
+    - `posterior`: largest density of the fit and its Hessian. - `told`: quantities of the fit.
+    - `data`: digest of the logs. - `tie`: relation whose parameters are sampled, or None.
     """
 
     posterior: Posterior
+    told: Quantities
     data: str
     tie: Tie | None = None
 
