@@ -202,10 +202,10 @@ class Normal(eqx.Module):
     half: Float[Array, " columns"]
     quadratic: Float[Array, ""]
 
-    def solved(self, half: Float[Array, "columns *k"]) -> Float[Array, "columns *k"]:
+    def solved(self, half: Float[Array, " columns"]) -> Float[Array, " columns"]:
         """Return S L⁻ᵀ `half`: β̂ for `half`, and a draw from N(0, M⁻¹) for standard normals."""
         back = jax.scipy.linalg.solve_triangular(self.factor, half, lower=True, trans="T")
-        return (self.scale * back.T).T
+        return self.scale * back
 
 
 def normal(theta: Float[Array, " p"], logs: Compressed) -> Normal:

@@ -45,10 +45,7 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
         raise ValueError("Argument `names` must hold at least one coordinate, but is empty.")
     units = [picture_unit(posterior, name) for name in names]
     draws = np.stack(
-        [
-            posterior.values(name) / size
-            for name, (_, size) in zip(names, units, strict=True)
-        ],
+        [posterior.values(name) / size for name, (_, size) in zip(names, units, strict=True)],
         axis=1,
     )
     stride = max(1, len(draws) // _MAX_DRAWS)

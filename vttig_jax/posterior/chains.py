@@ -11,7 +11,7 @@ import numpy as np
 from emcee.backends import Backend
 from jaxtyping import Float
 
-from ..base.errors import InputError, NoAnswerError, UsageError
+from ..base.errors import InputError, UsageError
 from .checkpoint import Checkpoint, Header, Record, read
 from .convergence import Diagnosis, after_burn_in, diagnose
 from .target import BATCH, Target
@@ -208,13 +208,15 @@ class _Run:
         for number, twister in enumerate(twisters[:-1]):
             backend = Backend()
             backend.reset(*shape)
-            state = emcee.State(starts[number :: header.ensembles], random_state=twister.get_state())
+            own = starts[number :: header.ensembles]
+            state = emcee.State(own, random_state=twister.get_state())
             if record is not None:
                 backend.chain, backend.log_prob = record.draws[number], record.log_density[number]
                 backend.accepted = record.accepted[number].astype(float)
                 backend.iteration = record.draws.shape[1]
-                twister_state = ("MT19937", record.keys[number], *record.rest[number].tolist())
-                backend.random_state = (*twister_state[:2], *map(int, twister_state[2:4]), twister_state[4])
+                position, has_gauss, gauss = record.rest[number].tolist()
+                key = record.keys[number]
+                backend.random_state = "MT19937", key, int(position), int(has_gauss), gauss
                 state = backend.get_last_sample()
             self.ensembles.append(
                 emcee.EnsembleSampler(

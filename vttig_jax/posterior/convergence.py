@@ -11,7 +11,7 @@ from scipy import special, stats
 from .until import BLOCK_STEPS, Until
 
 BURN_IN = 0.2
-"""Share of every chain that is discarded: the walkers start at weighted draws, not at exact ones."""
+"""Share of every chain that is discarded: the walkers start at weighted draws, not exact ones."""
 
 _WINDOW = 5.0
 """The sum of the autocorrelations ends at the first lag of at least this many τ (rule of Sokal)."""
@@ -42,7 +42,7 @@ def autocorrelation_time(
 
     ```
     """
-    steps, walkers, size = draws.shape
+    steps, _, size = draws.shape
     found = np.full(size, float(steps))
     for axis in range(size):
         series = draws[:, :, axis] - draws[:, :, axis].mean()

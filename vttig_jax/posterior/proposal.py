@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import gammaln
 
+from ..base.errors import NoAnswerError
+
 _HEAVY, _LIGHT = 5.0, 30.0
-"""Degrees of freedom of scales and of other coordinates; 3 and 8 were worse on five kinds of rig."""
+"""Degrees of freedom of scales and of other coordinates; 3 and 8 were worse on five rigs."""
 
 _POOL, _ROUNDS = 2048, 2
 """Weighted draws that improve the proposal, and how often; a third round changed nothing."""
@@ -66,11 +68,18 @@ class Proposal:
         """Return the proposal with the moments of a density, from weighted draws.
 
         The random numbers are fixed, so that a run that goes on has the same proposal.
+
+        **Raises** `NoAnswerError` for a density that is nowhere finite.
         """
         found, random = self, np.random.RandomState(0)
         for _ in range(_ROUNDS):
             pool = found.draw(_POOL, random)
             logs = log_density(pool) - found.log_density(pool)
+            if not np.isfinite(logs.max()):
+                raise NoAnswerError(
+                    "the posterior has no finite density near the fit, so that nothing can be"
+                    " sampled; fit fewer orders, or record more turns."
+                )
             weights = np.exp(logs - logs.max())
             most = np.sort(weights)[-_POOL // 50]  # a few draws must not decide the moments
             cut = np.minimum(weights, most) / np.minimum(weights, most).sum()

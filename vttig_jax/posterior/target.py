@@ -24,6 +24,7 @@ from ..model.columns import GROUPS
 from ..model.density import LAGS, Compressed, Normal, log_density, normal
 from ..model.functionals import Posterior
 from ..model.gears import Relation
+from ..model.parameters import Quantities
 from .proposal import Proposal
 
 NOISE = (*(f"atanh_partial_{k}" for k in range(1, LAGS + 1)), "log_innovation_std")
@@ -49,9 +50,13 @@ class Target(Protocol):
     identity: dict
 
     @property
-    def around(self) -> Proposal: ...
+    def around(self) -> Proposal:
+        """Proposal with a pool of weighted draws."""
+        ...
 
-    def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]: ...
+    def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
+        """Return the log density of points."""
+        ...
 
 
 class Tie(eqx.Module):
@@ -121,11 +126,12 @@ class FitTarget:
     """Density of a fit, see `Target`: θ of the groups in the model, then p of a `tie`.
 
     **Arguments**
-    - `posterior`: largest density of the fit and its Hessian. - `tie`: relation, or None.
-    - `data`: digest of the logs.
+    - `posterior`: largest density of the fit and its Hessian. - `told`: quantities of the fit.
+    - `data`: digest of the logs. - `tie`: relation whose parameters are sampled, or None.
     """
 
     posterior: Posterior
+    told: Quantities
     data: str
     tie: Tie | None = None
 
@@ -183,9 +189,7 @@ class FitTarget:
     def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """Return the log density of points, −inf where the matrix of the log is not positive."""
         fill = jnp.asarray(self.posterior.theta)
-        found = [
-            _values(part, self.logs, fill, self.free, self.tie) for part in batches(points)
-        ]
+        found = [_values(part, self.logs, fill, self.free, self.tie) for part in batches(points)]
         values = np.concatenate(found)[: len(points)]
         return np.where(np.isnan(values), -np.inf, values)
 

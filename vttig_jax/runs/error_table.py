@@ -200,7 +200,7 @@ def error_table(
             flanks[flank] = FlankColumns(error[::split] - level, size)
             continue
         mean, peaks = _means_and_peaks(draws, fine, flank)
-        level = mean if flank in zero_mean else level - draws.of_delay
+        level = mean if flank in zero_mean else level
         curves = (block - level for block in draws.chunks(angle, flank))
         band = streamed_band(curves, probability)
         flanks[flank] = FlankColumns(band.centre, size, band, peaks)

@@ -30,7 +30,7 @@ _FOLLOWING = (
     CHECKPOINT,
     "posterior.json",
     *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
-    *(f"figures/{name}.png" for name in ("corner", "trace", "band", "predictive")),
+    *(f"figures/{name}.png" for name in ("corner", "trace", "band")),
 )
 """Files of a run folder that are computed from the fit; they are removed when a new fit is written.
 """

@@ -96,7 +96,6 @@ def _report(rig: "SyntheticRig", found: "PosteriorReport", banded: "BandedMap") 
             ("outcome", result.outcome),
             ("residual", f"{result.residual_rms_deg:.5f}° rms"),
             ("sampler", str(found.posterior.diagnosis)),
-            ("fit, profile and draws", found.verdict),
         ],
         title="the paper's rig (Tables 1 and 2)",
     )

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ...base.files.text_tables import key_values
 from ...base.results import PlottedResult
 from ...base.units import DEG
+from ...identify.backlash import shift_of_delay, with_coverage
 from ...identify.orders import mounted_closed
 from ...kinematics.backlash_map import BacklashMap
 from ...pair.gear_pair import Drive, GearPair
@@ -240,7 +241,8 @@ def band_map(
         rig = posterior.eccentricities()
         gap_rad = float(rig.constant_backlash_deg) * DEG
         first = mounted_closed(pair, rig, fit.mounting(gap_rad))
-    grid = BacklashMap(draws.mean_model, first, pair, coverage=fit.coverage)
+    shift = shift_of_delay(fit)
+    grid = with_coverage(BacklashMap(draws.mean_model, first, pair, shift=shift), fit)
     bands = streamed_band(draws.chunks(angle), probability)
     return BandedMap(
         map=grid,

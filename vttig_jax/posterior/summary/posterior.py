@@ -208,8 +208,8 @@ def priors(fit: Fit) -> tuple[str, ...]:
         found.append(f"orders of {', '.join(sorted(known))} of a known size: zero ± {width:.3g}″")
     found.append(
         "further orders of each shaft, their difference between the flanks, drift, a delay that"
-        " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and has"
-        " a half-Cauchy prior"
+        " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"
+        " has a half-Cauchy prior"
     )
     return tuple(found)
 
@@ -286,7 +286,7 @@ def gap_draws(posterior: Posterior) -> "GapDraws":
             where=fit.source,
         )
     gap = fit.parameters["constant_backlash_deg"]
-    if not gap.determined:
+    if not (gap.determined or fit.checks.gap_over_angles_covered.determined):
         raise NoAnswerError(
             f"the constant backlash is undetermined ({gap.reason}); record more turns.",
             where=fit.source,
