@@ -10,7 +10,7 @@ import pytest
 from tests.posterior.made import made_posterior, quick_fit
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.identify.report.parameters import undetermined
+from vttig_jax.model.parameter import undetermined
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.posterior.summary.draws import SmallestGap, batches

@@ -12,7 +12,7 @@ from tests.posterior.made import made_posterior, quick_fit
 from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.report.parameters import Parameter, undetermined
+from vttig_jax.model.parameter import Parameter, undetermined
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.posterior.summary.draws import (
     parameters_of_draws,
