@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tests.posterior.made import made_posterior, quick_fit
+from tests.posterior.made import quick_posterior
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.plotting.corner_picture import _ellipse, picture_unit, plot_corner
 from vttig_jax.plotting.dispatch import plot
@@ -13,7 +13,7 @@ NAMES = ("constant_backlash", "driving_x", "driving_encoder_x")
 
 @pytest.fixture(scope="module")
 def posterior():
-    return made_posterior(quick_fit())
+    return quick_posterior()
 
 
 @pytest.fixture(scope="module")

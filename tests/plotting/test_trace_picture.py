@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.posterior.made import made_posterior, quick_fit
+from tests.posterior.made import quick_posterior
 from vttig_jax.plotting.corner_picture import picture_unit
 from vttig_jax.plotting.style import COLOURS
 from vttig_jax.plotting.trace_picture import plot_trace
@@ -11,7 +11,7 @@ from vttig_jax.plotting.trace_picture import plot_trace
 
 @pytest.fixture(scope="module")
 def posterior():
-    return made_posterior(quick_fit(), ensembles=3)
+    return quick_posterior()
 
 
 @pytest.fixture(scope="module")
