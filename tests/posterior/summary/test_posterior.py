@@ -133,9 +133,7 @@ def test_the_rig_of_the_mean_is_near_that_of_the_fit(posterior):
 
 
 def test_an_unknown_coordinate_is_refused(posterior):
-    with pytest.raises(
-        ValueError, match=r"`name` must be one of .*constant_backlash, .*'nonesuch'"
-    ):
+    with pytest.raises(ValueError, match="`name` must be one of .*nonesuch"):
         posterior.values("nonesuch")
 
 
