@@ -23,7 +23,7 @@ import numpy as np
 
 from vttig_jax.base.errors import VttigError
 from vttig_jax.base.runtime import enable_x64
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.pair.schema import HarmonicOrders

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.runtime import enable_x64
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.posterior.density.density import FitTarget, fit_target
 from vttig_jax.posterior.density.likelihood import Likelihood
 from vttig_jax.posterior.sampling.ensembles import run_ensembles

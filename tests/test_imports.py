@@ -362,7 +362,7 @@ def test_a_cycle_is_seen():
         ("vttig_jax.logs.read", "def f():\n    from ..rig.synthetic import SyntheticRig"),
         ("vttig_jax.rig.synthetic", "import vttig_jax"),
         ("vttig_jax.rig.synthetic", "from vttig_jax import fit"),
-        ("vttig_jax.control.plants.plant", "from ...identify.fitting import fit"),
+        ("vttig_jax.control.plants.plant", "from ...identify.identification import fit"),
         ("vttig_jax.control.plants.plant", "from ...posterior import summary"),
         ("vttig_jax.plotting.dispatch", "if True:\n    from ..cli.output import progress"),
         ("vttig_jax.control.motion.motion", "from ..plants.plant import Plant"),

@@ -11,8 +11,8 @@ from typing import Any
 
 import vttig_jax
 from vttig_jax.base.files.text_tables import text_table
-from vttig_jax.identify.fit_result import Fit
-from vttig_jax.identify.report.parameters import Parameter
+from vttig_jax.identify.result import Fit
+from vttig_jax.model.parameter import Parameter
 
 vttig_jax.enable_x64()
 

@@ -11,7 +11,7 @@ from tests.control.texts import RIG
 from vttig_jax import enable_x64
 from vttig_jax.cli.main import main
 from vttig_jax.control.simulation.metrics import METRICS
-from vttig_jax.identify.store import read_fit
+from vttig_jax.identify.archive import read_fit
 from vttig_jax.pair.load import pair_from_spec, pair_spec
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.posterior.sampler import read_posterior

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from vttig_jax.base.angles import difference_deg
-from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 from vttig_jax.rig.synthetic import SyntheticRig

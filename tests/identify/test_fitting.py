@@ -11,7 +11,7 @@ import pytest
 
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.pair.schema import HarmonicOrders

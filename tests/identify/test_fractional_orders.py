@@ -14,10 +14,10 @@ from vttig_jax.base.errors import UsageError
 from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.identify.fit_result import Fit
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.result import Fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.identify.model.harmonics import harmonic_of, plan_terms
-from vttig_jax.identify.store import fit_arrays, read_fit
+from vttig_jax.identify.archive import fit_arrays, read_fit
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.sampler import sample
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.motion import PassMotion
 

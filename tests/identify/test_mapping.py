@@ -10,7 +10,7 @@ import vttig_jax
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive

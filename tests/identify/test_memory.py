@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.load import pair_from_spec
 from vttig_jax.pair.pair_file import parse_pair_spec

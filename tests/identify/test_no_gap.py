@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import DEG
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import ERN180, paper_pair

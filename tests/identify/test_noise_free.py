@@ -7,7 +7,7 @@ import pytest
 
 from vttig_jax.base.errors import LogError
 from vttig_jax.base.units import DEG
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.imperfections import Noise
 from vttig_jax.rig.motion import PassMotion

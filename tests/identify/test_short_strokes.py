@@ -8,8 +8,8 @@ import pytest
 from tests.identify.drives import known
 from tests.logs.profiles import played
 from vttig_jax.base.errors import LogError, NoAnswerError
-from vttig_jax.identify.fit_result import Fit
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.result import Fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.identify.preliminary.delay import TOO_SHORT
 from vttig_jax.logs.checks.lost_motion import without_lost_motion
 from vttig_jax.logs.encoder_log import EncoderLog

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.fit_result import Fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.identify.noise.noise_model import NoiseModel
-from vttig_jax.identify.report.checks import Checks
-from vttig_jax.identify.report.order_table import Order
+from vttig_jax.identify.records import Checks
+from vttig_jax.identify.orders import Order
 from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.pair.gear_pair import Drive, Flank

@@ -5,7 +5,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.container import BarContainer
 from matplotlib.patches import Rectangle
 
-from vttig_jax.identify.report.order_table import Order
+from vttig_jax.identify.orders import Order
 from vttig_jax.plotting.order_spectrum import plot_orders
 
 pytestmark = pytest.mark.smoke

@@ -5,15 +5,21 @@ from typing import Any
 
 import numpy as np
 
+from vttig_jax.posterior.proposal import Proposal
+
 
 @dataclass
 class Gaussian:
-    """Normal of given mean and covariance; keeps the batch shapes it was asked for."""
+    """Normal of given mean and covariance; keeps the batch shapes it was asked for.
+
+    Its start, `around`, is `spread` times as wide and `off` away.
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
-    identity: dict[str, Any] = field(default_factory=lambda: {"data": "ab12", "prior": {"a": 1.5}})
+    identity: dict[str, Any] = field(default_factory=lambda: {"data": "ab12", "priors": [1.5]})
     spread: float = 1.0
+    off: float = 0.0
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     sizes: list[int] = field(default_factory=list)
@@ -22,19 +28,16 @@ class Gaussian:
         d = len(self.mean)
         self.names = self.names or tuple(f"x{index}" for index in range(d))
         self.units = self.units or ("mm",) * d
-        self._factor = np.linalg.cholesky(self.covariance)
-        self._whiten = np.linalg.inv(self._factor)
-
-    def whitened(self, points: np.ndarray) -> np.ndarray:
-        return (points - self.mean) @ self._whiten.T
+        self._whiten = np.linalg.inv(np.linalg.cholesky(self.covariance))
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         self.sizes.append(len(points))
-        return -0.5 * (self.whitened(points) ** 2).sum(axis=1)
+        return -0.5 * (((points - self.mean) @ self._whiten.T) ** 2).sum(axis=1)
 
-    def starts(self, count: int, generator: np.random.Generator) -> np.ndarray:
-        normal = generator.standard_normal((count, len(self.mean)))
-        return self.mean + self.spread * normal @ self._factor.T
+    def around(self) -> Proposal:
+        wide = self.spread**2 * self.covariance
+        start = Proposal.of(self.mean + self.off, wide, np.zeros(len(self.mean), bool))
+        return start.improved(lambda x: -0.5 * (((x - self.mean) @ self._whiten.T) ** 2).sum(1))
 
 
 def plain(d: int = 2, **options: Any) -> Gaussian:

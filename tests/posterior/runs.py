@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 
 from tests.posterior.densities import Gaussian, plain
-from vttig_jax.posterior.sampling.ensembles import Chains, run_ensembles
+from vttig_jax.posterior.chains import Chains, run_ensembles
 
 REPOSITORY = Path(__file__).parents[2]
 
 
 def sample(path: Path | None, target: Gaussian | None = None, **options: Any) -> Chains:
-    settings: dict[str, Any] = {"steps": 200, "walkers": 16} | options
+    settings: dict[str, Any] = {"steps": 100, "walkers": 16} | options
     return run_ensembles(target or plain(), checkpoint=path, **settings)
 
 
 def same(one: Chains, other: Chains) -> bool:
-    arrays = ("draws", "log_density", "acceptance")
-    return (one.steps, one.seed) == (other.steps, other.seed) and all(
-        np.array_equal(getattr(one, name), getattr(other, name)) for name in arrays
+    return one.header == other.header and all(
+        np.array_equal(getattr(one.record, name), getattr(other.record, name))
+        for name in ("draws", "log_density", "accepted")
     )
 
 

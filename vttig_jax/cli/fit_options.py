@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 import click
 
-from ..identify.settings import LONGEST_DELAY_S, Field, fields, members
+from ..base.errors import UsageError
+from ..identify.fit_settings import BATCH, LONGEST_DELAY_S, REMOVED, Field, fields, members
 from .options import POSITIVE
 
 _UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
@@ -72,26 +73,29 @@ def model_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add to a command one option for every field of `FitSettings`."""
     for field in reversed(fields()):
         function = _option(field)(function)
+    for name, (default, instead) in REMOVED.items():
+        function = _removed("--" + name.replace("_", "-"), instead, flag=default is False)(function)
     return function
+
+
+def _removed(option: str, instead: str, *, flag: bool) -> Callable[..., Any]:
+    """Return a hidden option of an older version, which says what takes its place."""
+
+    def refuse(ctx: click.Context, param: click.Parameter, value: Any) -> None:
+        if value:
+            raise UsageError(f"{option} is no option any more: {instead}; leave it out.")
+
+    return click.option(
+        option, is_flag=flag, multiple=not flag, hidden=True, expose_value=False, callback=refuse
+    )
 
 
 def batch_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add to a command one option for every setting in `BATCH_OPTIONS`, with the default there."""
+    """Add to a command one option for every setting of a fit of many logs."""
     for field in reversed(fields()):
-        if field.name in BATCH_OPTIONS:
-            own = field._replace(default=BATCH_OPTIONS[field.name])
-            function = _option(own)(function)
+        if field.name in BATCH:
+            function = _option(field)(function)
     return function
-
-
-BATCH_OPTIONS: dict[str, Any] = {
-    "flank": None,
-    "perfect_encoders": False,
-    "perfect_gears": False,
-    "delay": "off",
-    "drift_order": 0,
-}
-"""Settings for which `vttig fit-many` has an option → default of the option."""
 
 
 def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -118,7 +122,9 @@ def _kind(field: Field) -> dict[str, Any]:
         return {"type": MillisecondsParam()}
     if numbers:
         kind, bounds = get_args(numbers[0])
-        return {"type": POSITIVE if kind is float else click.IntRange(bounds.ge, bounds.le)}
+        assert kind is float
+        limits = bounds.gt is None
+        return {"type": click.FloatRange(bounds.ge, bounds.le) if limits else POSITIVE}
     if get_origin(kinds[0]) is tuple:
         return {"type": click.Choice(get_args(get_args(kinds[0])[0])), "multiple": True}
     return {"is_flag": True}

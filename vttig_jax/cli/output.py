@@ -23,7 +23,7 @@ from .words import explained
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from ..posterior.sampling.progress import Progress
+    from ..posterior.until import Progress
 
 
 @dataclass

@@ -45,13 +45,11 @@ WORDS: Mapping[str, tuple[str, str]] = {
         "time by which the driven channel is late",
     ),
     r"\bdrift\b": ("drift", "slow change over time that no gear makes, such as warming"),
-    r"\d τ\b": ("τ", "autocorrelation time: steps until a chain has forgotten where it was"),
-    r"\bR-hat\b": ("R-hat", "spread between independent chains over that within them; 1 is best"),
-    r"\bprofile\b": ("profile", "interval from the likelihood with all other parameters adapted"),
-    r"posterior predictive": (
-        "posterior predictive",
-        "logs drawn from the result, to see whether the real one looks like them",
+    r"effective draws": (
+        "effective draws",
+        "independent draws that would tell a mean as well as those of the chains do",
     ),
+    r"\bR-hat\b": ("R-hat", "spread between independent chains over that within them; 1 is best"),
 }
 """Regular expression that finds a word in a report → the word, and its explanation."""
 

@@ -15,9 +15,9 @@ from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_model import FlankModel, GridOrders
 from ..kinematics.harmonic import OrderModel
 from ..pair.gear_pair import Drive, Flank
-from .fit_result import Fit
-from .model.fitted_model import StoredModel
-from .model.mounting import mounted_closed, mounted_exact, mounting_of
+from .given import StoredModel
+from .orders import mounted_closed, mounted_exact
+from .result import Fit
 
 
 def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> BacklashMap:
@@ -75,7 +75,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
             )
     rig = fit.eccentricities(constant_backlash_deg)
     gap_rad = float(rig.constant_backlash_deg) * DEG
-    mounting = mounting_of(fit.covariance_names, fit.values, fit.flanks, gap_rad)
+    mounting = fit.mounting(gap_rad)
     first_order = mounted_closed(fit.pair, rig, mounting)
     model: FlankModel = mounted_exact(fit.pair, rig, mounting)
     if both:
@@ -85,7 +85,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
 
 def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
     gap = fit.parameters["constant_backlash_deg"]
-    if gap.determined or given:
+    if gap.determined or given or fit.checks.gap_over_angles_covered.determined:
         return
     cure = "record more turns."
     if len(fit.flanks) != 2:
@@ -99,24 +99,33 @@ def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
 
 
 def shift_of_delay(fit: Fit) -> tuple[float, float] | None:
-    """Return the 95 % interval of the shift of the map by a delay that is taken as zero, rad."""
-    gap = fit.parameters["constant_backlash_deg"]
-    if fit.checks.gap_of_delay is None or gap.low95 is None or gap.high95 is None:
+    """Return the 95 % interval of the shift of the map, rad, where the logs do not tell the delay.
+
+    The interval of the gap is then that of the assumed delay.
+    """
+    gap = fit.checks.gap_over_angles_covered
+    open_delay = any(one.slug == "delay-open" for one in fit.findings)
+    if not open_delay or gap.value is None or gap.low95 is None or gap.high95 is None:
         return None
-    fitted = fit.value("constant_backlash_deg")
-    return (gap.low95 - fitted) * DEG, (gap.high95 - fitted) * DEG
+    return (gap.low95 - gap.value) * DEG, (gap.high95 - gap.value) * DEG
 
 
 def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
     """Return the fitted model with flank B shifted to the given constant backlash."""
     if constant_backlash_deg is None:
         return fit.flank_model
-    move = constant_backlash_deg - fit.value("constant_backlash_deg")
+    move = constant_backlash_deg - _constant(fit)
     offset = fit.model.offset + jnp.array([0.0, move * DEG])
     orders = eqx.tree_at(lambda model: model.offset, fit.model, offset)
     if fit.given is None:
         return orders
     return eqx.tree_at(lambda model: model.orders, fit.given, orders)
+
+
+def _constant(fit: Fit) -> float:
+    """Return the constant backlash, °, also where the log tells only the gap of some angles."""
+    cartesian = dict(zip(fit.covariance_names, fit.values, strict=True))
+    return float(cartesian["constant_backlash"]) / DEG
 
 
 class Contact(FlankModel):

@@ -9,7 +9,7 @@ times these (their difference), and has a prior:
 | delay | N(−d₀, max(Δt/2, |d₀|)²): half a sampling interval, or what it showed before |
 | ratio of a drive | N(0, (3·10⁻³ i)²): a ratio is misstated by a rounded number of teeth |
 | first orders, tooth mesh, lines | N(0, (3 u)²), u: robust deviation of the transmission error |
-| further orders of each shaft, their difference between the flanks | N(0, τ²), one τ each |
+| order k > 1 of each shaft, difference between the flanks | N(0, (τ/k)²), one τ each |
 | drift: a random walk of each log in K ramps | N(0, τ²/K) |
 | delay of a part of a log; bends of the gap over the speed | N(0, τ²) |
 """
@@ -104,9 +104,9 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
     for log in [None] if shape.one_zero or shape.logs == 1 else range(shape.logs):
         for wave in waves:
             for differs in (False, True) if shape.both else (False,):
-                prior, width = ("difference" if differs else wave.shaft), 1.0
+                prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
                 if wave.shaft == "both" or (shape.ratio is None and wave.is_first):
-                    prior = FLAT
+                    prior, width = FLAT, 1.0
                 elif wave.is_first or wave.shaft not in GROUPS:
                     prior, width = KNOWN, assumed.orders * shape.usual
                 for part in ("cos", "sin"):

@@ -14,7 +14,7 @@ does not depend on the length of the logs. With D = diag(prior precision), M = G
                  + rᵀ G r + (β̂ + c)ᵀ D (β̂ + c)
 
 with r = (β̂, −1), N rows and R runs. θ holds the partial autocorrelations as atanh π_k, ln σ and the
-ln τ of every group. Prior of θ: atanh π_k ~ N(0, 2.5²), N(0, 0.7²) for k = 2, 3, N(0, 0.4²) beyond;
+ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 1 down to 0.2;
 τ is half-Cauchy around its usual scale, as a density of ln τ.
 """
 
@@ -32,7 +32,7 @@ LAGS = 8
 FIRST, SECOND = np.triu_indices(LAGS + 1)
 """Lags (i, j) of every window, i ≤ j."""
 
-_WIDTHS = np.array([2.5, 0.7, 0.7] + [0.4] * (LAGS - 3))
+_WIDTHS = np.array([2.5, 0.5, 0.4, 0.3] + [0.2] * (LAGS - 4))
 _LAG = np.arange(1.0, LAGS + 1)
 _FLIPS = np.stack([np.pad(np.eye(k + 2)[::-1], (0, LAGS - k - 1)) for k in range(LAGS)])
 _JITTER = 1e-11
@@ -139,7 +139,7 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     prior = logs.precision + logs.member @ weight[pairs:]
     whole = gram[:-1, :-1] + jnp.diag(prior)
     scale = 1 / jnp.sqrt(jnp.diag(whole))
-    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(size - 1))
+    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale[None] + _JITTER * jnp.eye(size - 1))
     inverse = jax.scipy.linalg.solve_triangular(factor, jnp.diag(scale), lower=True)
     spread = inverse.T @ inverse
     right = gram[:-1, -1] - prior * logs.centre
@@ -156,9 +156,9 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     # derivatives of M by θ: windows for the noise, diagonals for the groups
     noise = LAGS + 1
     bends = (slope[:pairs, :noise].T @ flat).reshape(noise, size, size)
-    diagonals = logs.member * jnp.diag(slope[pairs:, noise:])
+    diagonals = logs.member * jnp.diag(slope[pairs:, noise:])[None]
     slopes = jnp.concatenate([(bends @ residual)[:, :-1], (diagonals * at[:, None]).T]).T
-    moved = jnp.concatenate([spread @ bends[:, :-1, :-1], spread * diagonals.T[:, None, :]])
+    moved = jnp.concatenate([spread @ bends[:, :-1, :-1], spread[None] * diagonals.T[:, None, :]])
     traces = jnp.einsum("sij,tji->st", moved, moved)
     curve = jax.hessian(rest)(theta) - traces - 2 * slopes.T @ spread @ slopes
     return Solved(
@@ -193,16 +193,45 @@ def _moments(
     return jnp.concatenate([jnp.arctanh(partial), -jnp.log(inverse[-1:, -1]), tau])
 
 
-def log_density(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
-    """Return the log density of θ with all coefficients integrated out, up to a constant."""
+class Normal(eqx.Module):
+    """Normal equations M β̂ = b at θ, with their factor.
+
+    - `factor`: lower L with S M S = L Lᵀ, S = diag(`scale`); `half`: L⁻¹ S b.
+    - `quadratic`: yᵀ Σ⁻¹ y + cᵀ D c, of which β̂ explains `half`².
+    """
+
+    scale: Float[Array, " columns"]
+    factor: Float[Array, "columns columns"]
+    half: Float[Array, " columns"]
+    quadratic: Float[Array, ""]
+
+    def solved(self, half: Float[Array, " columns"]) -> Float[Array, " columns"]:
+        """Return S L⁻ᵀ `half`: β̂ for `half`, and a draw from N(0, M⁻¹) for standard normals."""
+        back = jax.scipy.linalg.solve_triangular(self.factor, half, lower=True, trans="T")
+        return self.scale * back
+
+
+def normal(theta: Float[Array, " p"], logs: Compressed) -> Normal:
+    """Return the normal equations of the coefficients given θ."""
     gram = jnp.tensordot(weights(theta, logs.on)[: len(FIRST)], logs.windows, 1)
     prior = logs.precision + logs.member @ (logs.on * jnp.exp(-2 * theta[LAGS + 1 :]))
     whole = gram[:-1, :-1] + jnp.diag(prior)
     scale = 1 / jnp.sqrt(jnp.diag(whole))
     size = len(prior)
-    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale + _JITTER * jnp.eye(size))
+    factor = jnp.linalg.cholesky(whole * scale[:, None] * scale[None] + _JITTER * jnp.eye(size))
     right = scale * (gram[:-1, -1] - prior * logs.centre)
     half = jax.scipy.linalg.solve_triangular(factor, right, lower=True)
-    logdet = 2 * jnp.sum(jnp.log(jnp.diag(factor))) - 2 * jnp.sum(jnp.log(scale))
-    quadratic = gram[-1, -1] + prior @ jnp.asarray(logs.centre) ** 2 - half @ half
-    return -0.5 * (_explicit(theta, logs) + _penalty(theta, logs) + logdet + quadratic)
+    return Normal(scale, factor, half, gram[-1, -1] + prior @ jnp.asarray(logs.centre) ** 2)
+
+
+def log_density(
+    theta: Float[Array, " p"], logs: Compressed, given: Normal | None = None
+) -> Float[Array, ""]:
+    """Return the log density of θ with all coefficients integrated out, up to a constant.
+
+    `given`: the normal equations at θ, if they are known.
+    """
+    one = normal(theta, logs) if given is None else given
+    logdet = 2 * jnp.sum(jnp.log(jnp.diag(one.factor))) - 2 * jnp.sum(jnp.log(one.scale))
+    explicit = _explicit(theta, logs) + _penalty(theta, logs)
+    return -0.5 * (explicit + logdet + one.quadratic - one.half @ one.half)

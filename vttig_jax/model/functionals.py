@@ -6,14 +6,14 @@ Student's t with ν = 2/(gᵀ A g) degrees of freedom, g = ∂ ln var(C β)/∂�
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import stdtrit
 
-from .density import FIRST, LAGS, Compressed, Solved, weights
+from .density import FIRST, LAGS, Solved, weights
 from .problem import Problem
 
 _LEAST_FREEDOM, _MOST_FREEDOM = 4.0, 1e4
@@ -55,6 +55,13 @@ class Posterior:
         beta = np.asarray(self.at.beta)[: len(problem.columns)]
         return problem.natural @ (problem.unit * beta + problem.start)
 
+    @property
+    def moved(self) -> Float[np.ndarray, " columns"]:
+        """Coefficients of the columns that are orthogonal to their fixed part."""
+        problem = self.problem
+        beta = np.asarray(self.at.beta)[: len(problem.columns)]
+        return np.diag(problem.natural) * (problem.unit * beta + problem.start)
+
     def told(
         self, rows: Float[np.ndarray, "f columns"], *, moved: bool = False
     ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f f"], Float[np.ndarray, " f"]]:
@@ -71,7 +78,7 @@ class Posterior:
         held = spread @ functionals.T
         by_theta = -held.T @ slopes
         variance = np.einsum("fq,qf->f", functionals, held)
-        bend = _log_slopes(self.theta, problem.compressed, held) / (variance + 1e-300)
+        bend = self._slopes_of_variance(held) / (variance + 1e-300)
         cov_theta = self.theta_spread
         covariance = functionals @ held + by_theta @ cov_theta @ by_theta.T
         freedom = 2 / np.maximum(np.einsum("pf,pq,qf->f", bend, cov_theta, bend), 1e-6)
@@ -80,6 +87,23 @@ class Posterior:
             covariance * problem.unit**2,
             np.clip(freedom, _LEAST_FREEDOM, _MOST_FREEDOM),
         )
+
+    @cached_property
+    def _by_theta(self) -> tuple[Float[np.ndarray, "noise q q"], Float[np.ndarray, "columns g"]]:
+        """∂M/∂θ: matrices for the noise, diagonals for the groups."""
+        logs = self.problem.compressed
+        slope = np.asarray(_weight_slopes(self.theta, logs.on))
+        pairs, noise = len(FIRST), LAGS + 1
+        windows = np.asarray(logs.windows)
+        size = windows.shape[-1]
+        bends = (slope[:pairs, :noise].T @ windows.reshape(pairs, -1)).reshape(noise, size, size)
+        return bends[:, :-1, :-1], np.asarray(logs.member) * np.diag(slope[pairs:, noise:])
+
+    def _slopes_of_variance(self, held: Float[np.ndarray, "columns f"]) -> Float[np.ndarray, "p f"]:
+        """Return ∂ var/∂θ of functionals c, with `held` = M⁻¹ c: −cᵀ M⁻¹ (∂M/∂θ) M⁻¹ c."""
+        bends, member = self._by_theta
+        by_noise = np.sum(held * (bends @ held), axis=1)
+        return -np.concatenate([by_noise, member.T @ held**2])
 
     def one(self, row: Float[np.ndarray, " columns"], *, moved: bool = False) -> Estimate:
         """Return the estimate of one functional; see `told`."""
@@ -91,20 +115,6 @@ class Posterior:
         row = np.zeros(len(self.problem.columns))
         row[self.problem.index[name]] = value
         return row
-
-
-def _log_slopes(
-    theta: Float[np.ndarray, " p"], logs: Compressed, held: Float[np.ndarray, "columns f"]
-) -> Float[np.ndarray, "p f"]:
-    """Return −∂ var/∂θ of functionals c, with `held` = M⁻¹ c: cᵀ M⁻¹ (∂M/∂θ) M⁻¹ c."""
-    slope = np.asarray(_weight_slopes(jnp.asarray(theta), logs.on))
-    pairs, noise = len(FIRST), LAGS + 1
-    windows = np.asarray(logs.windows)[:, :-1, :-1]
-    size = windows.shape[-1]
-    bends = (slope[:pairs, :noise].T @ windows.reshape(pairs, -1)).reshape(noise, size, size)
-    by_noise = np.einsum("qf,sqr,rf->sf", held, bends, held, optimize=True)
-    member = np.asarray(logs.member) * np.diag(slope[pairs:, noise:])
-    return -np.concatenate([by_noise, member.T @ held**2])
 
 
 @jax.jit

@@ -7,9 +7,8 @@ i E₁ sin(φ₁ + ε₁) on both flanks. With flat priors the coefficients of t
 so that the physical parameters p minimise (h(p) − b̂)ᵀ V⁻¹ (h(p) − b̂).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import equinox as eqx
 import jax
@@ -52,6 +51,20 @@ class Relation(eqx.Module):
     centre_distance: Float[Array, ""]
     base_sum: Float[Array, "2"]
 
+    @property
+    def sizes(self) -> Float[np.ndarray, " p"]:
+        """Usual sizes of the parameters relative to each other."""
+        return np.array([1.0 if name in GEARS else 1e-3 for name in self.names])
+
+    def places(self, index: Mapping[tuple, int]) -> list[int]:
+        """Return the places of the tied coefficients in a model, in the order of `coefficients`."""
+        return [
+            index[(*wave, part, differs, 0)]
+            for wave in self.waves
+            for differs in ((False, True) if self.both else (False,))
+            for part in ("cos", "sin")
+        ]
+
     def coefficients(self, parameters: Float[Array, " p"]) -> Float[Array, " c"]:
         """Return mean (cos, sin) and difference (cos, sin) of every wave, then the constants.
 
@@ -61,7 +74,8 @@ class Relation(eqx.Module):
         value = dict(zip(self.names, parameters, strict=True))
         gears = [value.get(name, jnp.zeros(())) for name in GEARS]
         angles = 2 * np.pi * np.arange(POINTS) / POINTS
-        driving, driven = (x.ravel() for x in np.meshgrid(angles, angles, indexing="ij"))
+        grid = np.meshgrid(angles, angles, indexing="ij")
+        driving, driven = (jnp.asarray(x.ravel()) for x in grid)
         model = ExactModel(
             ratio=self.ratio,
             centre_distance=self.centre_distance,
@@ -82,8 +96,8 @@ class Relation(eqx.Module):
             n1, n2 = _TERMS[wave]
             phase = n1 * driving + n2 * driven
             for place, curve in enumerate(kinds):
-                cosine = 2 * jnp.mean(curve * np.cos(phase))
-                sine = 2 * jnp.mean(curve * np.sin(phase))
+                cosine = 2 * jnp.mean(curve * jnp.cos(phase))
+                sine = 2 * jnp.mean(curve * jnp.sin(phase))
                 if place == 0 and wave[1] == 1 and wave[0] != "both":
                     gain = -self.ratio if wave[0] == "driving" else 1.0
                     sine = sine + gain * value.get(f"{wave[0]}_encoder_x", 0.0)
@@ -97,18 +111,46 @@ class Gears:
     """Fitted eccentricities and encoder errors.
 
     `values` are those of `relation.names`, and change with the coefficients of the model by
-    `rows`, shape (parameters, columns).
+    `rows`, shape (parameters, columns). `constants` are the mean and the difference of the
+    transmission error that the gears cause, rad.
     """
 
     relation: Relation
     values: Float[np.ndarray, " p"]
     rows: Float[np.ndarray, "p columns"]
+    constants: Float[np.ndarray, " c"]
 
-    @cached_property
-    def constants(self) -> Float[np.ndarray, " c"]:
-        """Mean and difference of the transmission error that the gears cause, rad."""
-        count = 2 if self.relation.both else 1
-        return np.asarray(self.relation.coefficients(jnp.asarray(self.values)))[-count:]
+
+def relation_of(
+    pair: GearPair,
+    waves: Sequence[Wave],
+    *,
+    both: bool,
+    side: int,
+    encoders: bool = True,
+    gears: bool = True,
+) -> Relation | None:
+    """Return the relation of a model with these waves, or None if no first order is among them.
+
+    A shaft whose first order is not in the model has no parameters. With one flank, or without
+    `encoders`, the encoders are perfect; without `gears` the gears are.
+    """
+    present = [(w.shaft, int(w.order)) for w in waves if (w.shaft, w.order) in _TERMS]
+    shafts = [shaft for shaft in ("driving", "driven") if (shaft, 1) in present]
+    if not shafts:
+        return None
+    names = [f"{s}_{a}" for s in shafts for a in "xy"] if gears else []
+    if encoders and (both or not gears):
+        names += [f"{s}_encoder_{a}" for s in shafts for a in "xy"]
+    return Relation(
+        tuple(names),
+        tuple(present),
+        both,
+        side,
+        jnp.asarray(float(pair.ratio)),
+        jnp.asarray(float(pair.centre_distance_mm)),
+        jnp.asarray(pair.base_radii.sum(axis=0)),
+    )
 
 
 def fitted_gears(
@@ -121,55 +163,34 @@ def fitted_gears(
     encoders: bool = True,
     gears: bool = True,
 ) -> Gears | None:
-    """Return the parameters of the gears and encoders, or None if no first order is in the model.
-
-    A shaft whose first order is not in the model has no parameters. With one flank, or without
-    `encoders`, the encoders are perfect; without `gears` the gears are.
-    """
-    present = [(w.shaft, int(w.order)) for w in waves if (w.shaft, w.order) in _TERMS]
-    shafts = [shaft for shaft in ("driving", "driven") if (shaft, 1) in present]
-    if not shafts:
+    """Return the parameters of the gears and encoders; the arguments are those of `relation_of`."""
+    relation = relation_of(pair, waves, both=both, side=side, encoders=encoders, gears=gears)
+    if relation is None:
         return None
-    names = [f"{s}_{a}" for s in shafts for a in "xy"] if gears else []
-    if encoders and (both or not gears):
-        names += [f"{s}_encoder_{a}" for s in shafts for a in "xy"]
-    relation = Relation(
-        tuple(names),
-        tuple(present),
-        both,
-        side,
-        jnp.asarray(float(pair.ratio)),
-        jnp.asarray(float(pair.centre_distance_mm)),
-        jnp.asarray(pair.base_radii.sum(axis=0)),
-    )
     index = posterior.problem.index
-    places = [
-        index[(*wave, part, differs, 0)]
-        for wave in present
-        for differs in ((False, True) if both else (False,))
-        for part in ("cos", "sin")
-    ]
-    rows = np.eye(len(index))[places]
+    rows = np.eye(len(index))[relation.places(index)]
     mean, covariance, _ = posterior.told(rows, moved=True)
-    found = _least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance))
-    value, slope = np.asarray(found[0]), np.asarray(found[1])
+    start = 1e-6 * jnp.asarray(relation.sizes)
+    found = least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance), start)
+    value, slope, constants = (np.asarray(part) for part in found)
     scale = np.sqrt(np.diag(covariance))
     weight = np.linalg.solve(covariance / scale / scale[:, None], slope / scale[:, None])
     gain = np.linalg.solve((slope / scale[:, None]).T @ weight, weight.T) / scale
-    return Gears(relation, value, gain @ rows)
+    return Gears(relation, value, gain @ rows, constants)
 
 
 @eqx.filter_jit
-def _least_squares(
+def least_squares(
     relation: Relation,
     mean: Float[Array, " c"],
     covariance: Float[Array, "c c"],
-) -> tuple[Float[Array, " p"], Float[Array, "c p"]]:
-    """Return the parameters and the slopes of the coefficients, by Levenberg and Marquardt."""
+    start: Float[Array, " p"],
+) -> tuple[Float[Array, " p"], Float[Array, "c p"], Float[Array, " constants"]]:
+    """Return parameters, slopes of the coefficients, and constants (Levenberg and Marquardt)."""
     count = len(mean)
     scale = jnp.sqrt(jnp.diag(covariance))
-    factor = jnp.linalg.cholesky(covariance / scale / scale[:, None] + 1e-12 * jnp.eye(count))
-    unit = jnp.array([1.0 if name in GEARS else 1e-3 for name in relation.names])
+    factor = jnp.linalg.cholesky(covariance / scale[None] / scale[:, None] + 1e-12 * jnp.eye(count))
+    unit = relation.sizes
 
     def residual(scaled: Float[Array, " p"], _: None) -> Float[Array, " c"]:
         off = (relation.coefficients(unit * scaled)[:count] - mean) / scale
@@ -178,9 +199,10 @@ def _least_squares(
     found = optx.least_squares(
         residual,
         optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10),
-        jnp.full(len(unit), 1e-6),
+        start / unit,
         max_steps=64,
         throw=False,
     )
     value = unit * found.value
-    return value, jax.jacfwd(relation.coefficients)(value)[:count]
+    slopes = jax.jacfwd(relation.coefficients)(value)[:count]
+    return value, slopes, relation.coefficients(value)[count:]

@@ -3,14 +3,14 @@
 import numpy as np
 
 from ..logs.lines.rows import Stretch, highest_resolved
-from ..logs.lines.search import find_lines
+from ..logs.lines.search import Line, find_lines
 from .mixed_fit import MixedFit
 
 _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
 
 
-def found_lines(fit: MixedFit) -> list[float]:
-    """Return the frequencies of lines, cycles per driving turn."""
+def found_lines(fit: MixedFit) -> list[Line]:
+    """Return lines of the residual that are no order of the model."""
     left = fit.residual
     good = np.ones(len(left), bool) if fit.weights is None else np.concatenate(fit.weights) > 0.5
     runs, first = [], 0
@@ -26,10 +26,10 @@ def found_lines(fit: MixedFit) -> list[float]:
     highest = min(_HIGHEST, highest_resolved(runs, 3.0))
     if highest < 1:
         return []
-    known = [wave.cycles(fit.shafts[0].ratio) for wave in fit.waves]
+    known = [wave.cycles(fit.scope.ratio) for wave in fit.waves]
     lines = find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
     return [
-        line.cycles_per_rev
+        line
         for line in lines
         if all(abs(line.cycles_per_rev - k) > _APART * line.cycles_std for k in known)
     ]

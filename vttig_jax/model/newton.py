@@ -74,7 +74,7 @@ class Newton(optx.AbstractMinimiser):
             pick(told.hessian, state.hessian),
         )
         scale = 1 / jnp.sqrt(jnp.maximum(jnp.abs(jnp.diag(hessian)), _FLOOR))
-        curvature, axes = jnp.linalg.eigh(hessian * scale[:, None] * scale)
+        curvature, axes = jnp.linalg.eigh(hessian * scale[:, None] * scale[None])
         along, size = axes.T @ (gradient * scale), jnp.maximum(jnp.abs(curvature), _LEAST)
         step = -scale * (axes @ (along / (size + damping)))
         step = step / jnp.maximum(1.0, jnp.max(jnp.abs(step) / options["far"]))

@@ -1,83 +1,138 @@
-"""Parameters of a fit as linear functionals of its coefficients."""
+"""Parameters of a fit as functionals of its coefficients.
+
+Every number of a fit is a functional c b + a of the coefficients b. `quantities_of` lists them in
+Cartesian form, and `parameters_of` says them as amplitudes, phases, gap and delay, or why the logs
+do not tell one.
+"""
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
 
 from ..base.numerics.polar_spread import polar_spread, upper_limit
-from ..base.units import ARCSEC, DEG, REV
+from ..base.units import ARCSEC, DEG
 from ..pair.gear_pair import Drive, GearPair
 from .columns import KNOWN
 from .gears import Gears, fitted_gears
 from .mixed_fit import MixedFit
 from .parameter import BELOW, LARGEST, OPEN, Parameter, undetermined
-from .rows import Shafts
+from .rows import Wave
 
 FULL_TURN = 0.99
 SHAFTS = ("driving", "driven")
 SIGNIFICANT = 3.0
+TOLD = 0.5
+"""Largest standard deviation of a number that the logs tell, in those of its prior."""
 
 Row = Float[np.ndarray, " columns"]
+Angles = Float[np.ndarray, " k"]
 
 
-class Reader:
-    """Reader of many functionals of one fit: they are asked first and told together."""
+@dataclass(frozen=True, eq=False)
+class Quantities:
+    """Numbers of a fit: `rows` @ coefficients + `shift`, where the rows act on moved coefficients.
 
-    def __init__(self, fit: MixedFit) -> None:
-        self.fit = fit
-        self.rows: list[Row] = []
+    **Arguments**
+    - `names`: such as "driving_x", "driving_encoder_y", "constant_backlash", "delay", "offset",
+      "gap_over_angles_covered"; mm for eccentricities of gears, s for the delay, else rad.
+    - `mean`, `covariance`, `freedom`: mean, covariance and Student degrees of freedom.
+    - `gears`: eccentricities that the first orders follow from; None for a drive.
+    """
 
-    def ask(self, row: Row) -> int:
-        """Return the number of a functional."""
-        self.rows.append(row)
-        return len(self.rows) - 1
+    names: tuple[str, ...]
+    rows: Float[np.ndarray, "n columns"]
+    shift: Float[np.ndarray, " n"]
+    mean: Float[np.ndarray, " n"]
+    covariance: Float[np.ndarray, "n n"]
+    freedom: Float[np.ndarray, " n"]
+    gears: Gears | None
 
-    def tell(self) -> None:
-        """Compute all functionals."""
-        told = self.fit.posterior.told(np.stack(self.rows), moved=True)
-        self.mean, self.covariance, self.freedom = told
+    def at(self, *names: str) -> list[int]:
+        """Return the places of names."""
+        return [self.names.index(name) for name in names]
 
-
-def covered_angles(shafts: Sequence[Shafts]) -> Float[np.ndarray, " cells"]:
-    """Return the middle of every degree of φ₁ that both flanks of all logs covered, rad."""
-    found: dict[int, set[int]] = {1: set(), -1: set()}
-    for one in shafts:
-        for start, stop, side in one.runs:
-            cells = np.unique(np.floor(one.driving[start:stop] / DEG).astype(int))
-            found[side].update(cells.tolist())
-    return (np.array(sorted(found[1] & found[-1]), float) + 0.5) * DEG
+    def std(self, name: str) -> float:
+        """Return the standard deviation of a number."""
+        return math.sqrt(max(float(self.covariance[*self.at(name, name)]), 0.0))
 
 
-def gap_row(fit: MixedFit, angles: Float[np.ndarray, " k"]) -> Row:
-    """Return the functional of the gap TE_B − TE_A, averaged over driving angles."""
+def mean_waves(waves: Sequence[Wave], angles: Angles, nominal: tuple[float, float]) -> np.ndarray:
+    """Return the mean of exp(j phase) of every wave over driving angles."""
+    slope, level = nominal
+    phases = [w.driving * angles + w.driven * (slope * angles + level) for w in waves]
+    return np.array([np.mean(np.exp(1j * phase)) for phase in phases])
+
+
+def gap_row(fit: MixedFit, angles: Angles) -> Row:
+    """Return the functional of the gap TE_B − TE_A, averaged over angles of the first log."""
     posterior = fit.posterior
     row, index = posterior.row(("gap",)), posterior.problem.index
-    slope, level = fit.shafts[0].nominal
-    for wave in fit.waves:
-        phase = wave.driving * angles + wave.driven * (slope * angles + level)
-        for part, value in (("cos", np.cos(phase)), ("sin", np.sin(phase))):
+    for wave, mean in zip(fit.waves, mean_waves(fit.waves, angles, fit.scope.nominal), strict=True):
+        for part, value in (("cos", mean.real), ("sin", mean.imag)):
             name = (wave.shaft, wave.order, part, True, 0)
             if name in index:
-                row[index[name]] = value.mean()
+                row[index[name]] = value
     return row
 
 
-def shaft_turns(fit: MixedFit) -> dict[str, float]:
-    """Return the turns of each shaft on the flank that covers less, of the best log."""
-    sides = {run[2] for one in fit.shafts for run in one.runs}
-    found = 0.0
-    for one in fit.shafts:
-        travel = [
-            np.ptp(np.concatenate([one.driving[a:b] for a, b, s in one.runs if s == side]))
-            for side in sides
-            if any(s == side for _, _, s in one.runs)
-        ]
-        found = max(found, min(travel, default=0.0) / REV)
-    return {"driving": found, "driven": found * abs(float(fit.shafts[0].ratio))}
+def quantities_of(
+    fit: MixedFit, pair: GearPair | Drive, *, encoders: bool = True, gears: bool = True
+) -> Quantities:
+    """Return the numbers of a fit; without `encoders` or `gears` these are taken as perfect."""
+    posterior, index, scope = fit.posterior, fit.posterior.problem.index, fit.scope
+    both = ("gap",) in index
+    names: list[str] = []
+    rows: list[Row] = []
+    shift: list[float] = []
+
+    def add(name: str, row: Row, by: float = 0.0) -> None:
+        names.append(name)
+        rows.append(row)
+        shift.append(by)
+
+    found = None
+    if isinstance(pair, GearPair):
+        side = 0 if 1 in scope.flanks else 1
+        found = fitted_gears(
+            pair, posterior, fit.waves, both=both, side=side, encoders=encoders, gears=gears
+        )
+    if found is not None:
+        for name, value, row in zip(found.relation.names, found.values, found.rows, strict=True):
+            add(name, row, float(value - row @ posterior.moved))
+    elif isinstance(pair, Drive):
+        for shaft in SHAFTS:
+            for axis, part in (("x", "sin"), ("y", "cos")):
+                if (name := (shaft, 1, part, False, 0)) in index:
+                    add(f"{shaft}_{axis}", posterior.row(name))
+    late = posterior.row(("delay",)) if ("delay",) in index else None
+    if both:
+        constant = 0.0 if found is None else float(found.constants[-1])
+        add("constant_backlash", posterior.row(("gap",)), -constant)
+        if len(scope.covered):
+            covered = gap_row(fit, scope.covered)
+            add("gap_over_angles_covered", covered)
+            if late is not None:
+                gain = abs(scope.ratio) * sum(scope.speeds)
+                add("backlash_plus_delay", covered + gain * late, gain * fit.delay_s)
+    if late is not None:
+        add("delay", late, fit.delay_s)
+    for kind in ("torque", "ratio"):
+        if (kind,) in index:
+            add(kind, posterior.row((kind,)), scope.ratio if kind == "ratio" else 0.0)
+    mean, covariance, freedom = posterior.told(np.stack(rows), moved=True)
+    return Quantities(
+        tuple(names),
+        np.stack(rows),
+        np.array(shift),
+        mean + np.array(shift),
+        covariance,
+        freedom,
+        found,
+    )
 
 
 def scalar(
@@ -134,33 +189,24 @@ def polar(
     )  # pyright: ignore[reportReturnType]
 
 
-def parameters_of(fit: MixedFit, pair: GearPair | Drive) -> dict[str, Parameter]:
+ONE_DIRECTION = "one direction: encoder and gear eccentricity are one number"
+PERFECT = "not fitted: the encoders are taken to be perfect"
+PERFECT_GEARS = "not fitted: the gears are taken to be perfect"
+NO_GEOMETRY = "a drive has no gear geometry that could tell encoder from gear"
+LEFT_OUT = (PERFECT, PERFECT_GEARS, NO_GEOMETRY)
+"""Reasons of parameters that the settings or the pair exclude."""
+
+
+def parameters_of(
+    fit: MixedFit,
+    pair: GearPair | Drive,
+    told: Quantities | None = None,
+    *,
+    encoders: bool = True,
+    gears: bool = True,
+) -> dict[str, Parameter]:
     """Return all parameters of a fit by name, and the gap over the angles covered."""
-    posterior, index = fit.posterior, fit.posterior.problem.index
-    both = ("gap",) in index
-    turns = shaft_turns(fit)
-    side = 0 if any(run[2] > 0 for one in fit.shafts for run in one.runs) else 1
-    gears = None
-    if isinstance(pair, GearPair):
-        gears = fitted_gears(pair, posterior, fit.waves, both=both, side=side)
-    reader = Reader(fit)
-    delay = reader.ask(posterior.row(("delay",)))
-    gap = covered = None
-    if both:
-        angles = covered_angles(fit.shafts)
-        gap = reader.ask(posterior.row(("gap",)))
-        covered = reader.ask(gap_row(fit, angles)) if len(angles) else None
-    polars: dict[str, list[int]] = {}
-    if gears is None:
-        for shaft in SHAFTS:
-            names = [(shaft, 1, part, False, 0) for part in ("sin", "cos")]
-            if names[0] in index:
-                polars[shaft] = [reader.ask(posterior.row(name)) for name in names]
-    else:
-        for place in range(0, len(gears.values), 2):
-            source = gears.relation.names[place].removesuffix("_x")
-            polars[source] = [reader.ask(gears.rows[place + k]) for k in (0, 1)]
-    reader.tell()
+    told = quantities_of(fit, pair, encoders=encoders, gears=gears) if told is None else told
     drive = isinstance(pair, Drive)
     largest = LARGEST if drive else LARGEST | {"mm": float(pair.centre_distance_mm)}
     found: list[Parameter] = []
@@ -168,77 +214,95 @@ def parameters_of(fit: MixedFit, pair: GearPair | Drive) -> dict[str, Parameter]
         for shaft in SHAFTS:
             source = f"{shaft}{kind}"
             name, unit, scale = f"{source}_arcsec", "arcsec", ARCSEC
-            if not kind:
-                name, unit, scale = (
-                    (f"{shaft}_amplitude_arcsec", "arcsec", ARCSEC)
-                    if drive
-                    else (f"{shaft}_eccentricity_mm", "mm", 1.0)
-                )
+            if not kind and drive:
+                name = f"{shaft}_amplitude_arcsec"
+            elif not kind:
+                name, unit, scale = f"{shaft}_eccentricity_mm", "mm", 1.0
             names = (name, f"{source}_phase_deg")
-            reason = None
-            if source not in polars:
-                reason = "not in the model of this log"
-            elif turns[shaft] < FULL_TURN:
-                reason = f"the {shaft} shaft turned only {turns[shaft]:.2g} times"
+            reason = _reason(fit, told, source, drive=drive, encoders=encoders, gears=gears)
             if reason is None:
-                at = polars[source]
-                mean = reader.mean[at] if gears is None else gears.values[_places(gears, source)]
-                spread = reader.covariance[np.ix_(at, at)]
-                column = posterior.problem.columns[index[shaft, 1, "cos", False, 0]]
-                if drive and column.prior == KNOWN and np.sqrt(spread.max()) > 0.5 * column.width:
-                    reason = OPEN
-                else:
-                    freedom = float(min(reader.freedom[at]))
-                    one, two = polar(names, unit, scale, mean, spread, freedom)
-                    if (one.high95 or 0.0) <= largest[unit]:
-                        found += [one, two]
-                        continue
-                    reason = OPEN
+                at = told.at(f"{source}_x", f"{source}_y")
+                spread, freedom = told.covariance[np.ix_(at, at)], float(min(told.freedom[at]))
+                one, two = polar(names, unit, scale, told.mean[at], spread, freedom)
+                if (one.high95 or 0.0) <= largest[unit]:
+                    found += [one, two]
+                    continue
+                reason = OPEN
             found += [undetermined(names[0], unit, reason), undetermined(names[1], "deg", reason)]
         if not kind:
-            found.append(_backlash(reader, gap, gears, turns))
-    found.append(_delay(fit, reader, delay))
-    if covered is not None:
-        one = scalar(
-            "gap_over_angles_covered",
-            "deg",
-            DEG,
-            float(reader.mean[covered]),
-            float(reader.covariance[covered, covered]),
-            float(reader.freedom[covered]),
-        )
-        found.append(one)
+            found.append(_backlash(fit, told))
+    found.append(_delay(fit, told))
+    if "gap_over_angles_covered" in told.names:
+        found.append(_scalar(told, "gap_over_angles_covered", "deg", DEG))
+        if "backlash_plus_delay" in told.names and not found[-2].determined:
+            found.append(
+                replace(
+                    _scalar(told, "backlash_plus_delay", "deg", DEG), name="backlash_plus_delay_deg"
+                )
+            )
     return {parameter.name: parameter for parameter in found}
 
 
-def _places(gears: Gears, source: str) -> list[int]:
-    return [gears.relation.names.index(f"{source}_{axis}") for axis in "xy"]
+def _scalar(told: Quantities, name: str, unit: str, scale: float) -> Parameter:
+    (at,) = told.at(name)
+    return scalar(
+        name,
+        unit,
+        scale,
+        float(told.mean[at]),
+        float(told.covariance[at, at]),
+        float(told.freedom[at]),
+    )
 
 
-def _backlash(
-    reader: Reader, gap: int | None, gears: Gears | None, turns: dict[str, float]
-) -> Parameter:
+def _reason(
+    fit: MixedFit, told: Quantities, source: str, *, drive: bool, encoders: bool, gears: bool
+) -> str | None:
+    """Return why the first order of a shaft or of its encoder is no parameter, or None."""
+    shaft = source.removesuffix("_encoder")
+    index = fit.posterior.problem.index
+    if source == shaft:
+        if not gears:
+            return PERFECT_GEARS
+    elif drive:
+        return NO_GEOMETRY
+    elif not encoders:
+        return PERFECT
+    elif gears and ("gap",) not in index:
+        return ONE_DIRECTION
+    if (shaft, 1, "cos", False, 0) not in index:
+        return f"the first order of the {shaft} shaft is not in the model of this log"
+    if (turns := fit.scope.turns[shaft]) < FULL_TURN:
+        return f"the {shaft} shaft turned only {turns:.2g} times"
+    if f"{source}_x" not in told.names:
+        return OPEN
+    column = fit.posterior.problem.columns[index[shaft, 1, "cos", False, 0]]
+    at = told.at(f"{source}_x", f"{source}_y")
+    std = float(np.sqrt(np.diag(told.covariance)[at].max()))
+    if drive and column.prior == KNOWN and std > TOLD * column.width:
+        return f"the log does not tell it: within ± {column.width / ARCSEC:.3g}″ as assumed"
+    return None
+
+
+def _backlash(fit: MixedFit, told: Quantities) -> Parameter:
     name = "constant_backlash_deg"
-    if gap is None:
+    if "constant_backlash" not in told.names:
         return undetermined(name, "deg", "one direction: one flank alone shows no gap")
-    if short := [shaft for shaft in SHAFTS if turns[shaft] < FULL_TURN]:
+    if short := [shaft for shaft in SHAFTS if fit.scope.turns[shaft] < FULL_TURN]:
         reason = (
             f"the {' and the '.join(short)} shaft turned too little to tell its variable backlash"
             " from the constant one"
         )
         return undetermined(name, "deg", reason)
-    moved = 0.0 if gears is None else float(gears.constants[-1])
-    mean, variance = reader.mean[gap] - moved, reader.covariance[gap, gap]
-    return scalar(name, "deg", DEG, float(mean), float(variance), float(reader.freedom[gap]))
+    return replace(_scalar(told, "constant_backlash", "deg", DEG), name=name)
 
 
-def _delay(fit: MixedFit, reader: Reader, place: int) -> Parameter:
+def _delay(fit: MixedFit, told: Quantities) -> Parameter:
+    if "delay" not in told.names:
+        reason = f"not fitted: {1e3 * fit.delay_s:.4g} ms, as stated"
+        return undetermined("delay_s", "s", reason)
     column = fit.posterior.problem.columns[fit.posterior.problem.index["delay",]]
-    mean, variance = float(reader.mean[place]), float(reader.covariance[place, place])
-    if math.sqrt(variance) > 0.5 * column.width:
+    if told.std("delay") > TOLD * column.width:
         reason = f"the log does not tell it: within ± {1e3 * column.width:.3g} ms as assumed"
         return undetermined("delay_s", "s", reason)
-    one = scalar("delay_s", "s", 1.0, mean, variance, float(reader.freedom[place]))
-    one = one.moved(fit.delay_s)
-    significant = abs(one.value or 0.0) >= SIGNIFICANT * (one.std or 0.0)
-    return replace(one, significant=significant, reason=None if significant else BELOW)
+    return replace(_scalar(told, "delay", "s", 1.0), name="delay_s")

@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from .columns import FLAT, GROUPS, KNOWN, Column, embedding
-from .density import FIRST, LAGS, Compressed
+from .density import FIRST, LAGS, SECOND, Compressed
 from .rows import Name, Rows
 from .windows import windows
 
@@ -42,6 +41,7 @@ def problem_of(
     *,
     centres: Mapping[Name, float],
     usual: Mapping[str, float],
+    noise: Float[np.ndarray, " taps"] | None = None,
 ) -> Problem:
     """Compress the rows of all logs.
 
@@ -49,20 +49,24 @@ def problem_of(
     - `weights`: weight of every row of each log, for logs with outliers.
     - `centres`: value at which a column is linearised; its prior is centred at zero.
     - `usual`: usual width τ of every group, in the unit of its coefficients.
+    - `noise`: autocovariance of the rows at 0 … `LAGS` lags, rad², of a noise that the readings do
+      not contain. Its expected products are added: a planned log.
 
     The parts of the delay and the bends of the gap are made orthogonal to their fixed part, which
-    so stays the mean of the log.
+    so stays the mean of the log. Neutral columns are added, so that few shapes are compiled.
     """
     parts = [
-        (number, side, table, embedding(columns, rows.names, number, side))
+        (table, *_sparse(embedding(columns, rows.names, number, side)))
         for number, rows in enumerate(logs)
         for side, table in _sides(rows, None if weights is None else weights[number])
     ]
-    gram = sum(link.T @ (table[0].T @ table[0]) @ link for _, _, table, link in parts)
-    assert not isinstance(gram, int)
     place = {column.name: k for k, column in enumerate(columns)}
     size = len(columns)
+    gram = np.zeros((size + 1, size + 1))
+    for (table, *_), at, factor in parts:
+        gram += (table.T @ table)[np.ix_(at, at)] * factor[:, None] * factor
     natural = np.eye(size)
+    moves: list[tuple[list[int], list[int], np.ndarray]] = []
     for kind, onto in (("part", [("delay",)]), ("bend", [("gap",), ("delay",)])):
         fixed = [place[name] for name in onto if name in place]
         moving = [k for name, k in place.items() if name[0] == kind]
@@ -70,6 +74,7 @@ def problem_of(
             block = gram[np.ix_(fixed, fixed)]
             share = np.linalg.lstsq(block, gram[np.ix_(fixed, moving)], rcond=1e-9)[0]
             natural[np.ix_(fixed, moving)] -= share
+            moves.append((fixed, moving, share))
     gram[:size, :size] = natural.T @ gram[:size, :size] @ natural
     gram[:size, -1] = natural.T @ gram[:size, -1]
     norm = np.sqrt(np.maximum(np.diag(gram)[:size], 0.0))
@@ -81,43 +86,76 @@ def problem_of(
     few = np.ix_(steady, steady)
     scaled = gram[:size, :size] / norm / norm[:, None]
     ridge = scaled[few] + 1e-6 * np.eye(steady.sum())
-    start, total = np.zeros(size), sum(len(table[0]) for *_, table, _ in parts)
+    start, total = np.zeros(size), sum(len(table) for (table, *_), *_ in parts)
+
+    def left(table: np.ndarray, at: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        row = np.zeros(table.shape[1])
+        np.add.at(row, at, factor * np.append(-(natural @ start), 1.0))
+        return table @ row
+
     for _ in range(2):
-        left = np.zeros(size)
-        for _, _, (table, *_), link in parts:
-            residual = table @ (link @ np.append(-(natural @ start), 1.0))
-            left += natural.T @ (link[:, :-1].T @ (table.T @ residual))
-        start[steady] += np.linalg.solve(ridge, left[steady])
-    whole = np.zeros((len(FIRST), size + 1, size + 1))
+        right = np.zeros(size)
+        for (table, *_), at, factor in parts:
+            found = table.T @ left(table, at, factor)
+            right += natural.T @ (factor * found[at])[:-1]
+        start[steady] += np.linalg.solve(ridge, right[steady])
+    wide = size + 1 + -(size + 1) % _RUNG
+    kept = np.append(np.arange(size), wide - 1)
+    whole = np.zeros((len(FIRST), wide, wide))
     square = 0.0
-    for _, _, (table, first, last), link in parts:
+    for (table, first, last), at, factor in parts:
         centred = table.copy()
-        centred[:, -1] = table @ (link @ np.append(-(natural @ start), 1.0))
+        centred[:, -1] = left(table, at, factor)
         square += float(centred[:, -1] @ centred[:, -1])
-        link = link.copy()
-        link[:, :-1] = link[:, :-1] @ natural
-        whole += link.T @ windows(centred, first, last) @ link
+        source, gain = np.zeros(wide, int), np.zeros(wide)
+        source[kept], gain[kept] = at, factor
+        elements = source[:, None] * table.shape[1] + source
+        gain = gain[:, None] * gain
+        for pair, product in zip(whole, windows(centred, first, last), strict=True):
+            pair += gain * product.take(elements)
+        if noise is not None:
+            counts = (last - first + 1)[:, None] - FIRST - SECOND
+            expected = counts.sum(0) * noise[SECOND - FIRST] * np.where(FIRST < SECOND, 2.0, 1.0)
+            whole[:, -1, -1] += expected
+            square += float(expected[0])
+    for fixed, moving, share in moves:
+        whole[:, :, moving] -= whole[:, :, fixed] @ share
+        whole[:, moving] -= share.T @ whole[:, fixed]
+    scale = np.ones(wide)
+    scale[:size] = 1 / norm
+    whole *= scale[:, None] * scale
     unit = max(np.sqrt(square / total), 1e-15)
     whole[:, :, -1] /= unit
     whole[:, -1, :] /= unit
     width = np.array([c.width for c in columns]) * norm
     group = np.array([c.prior for c in columns])
     known = (group == KNOWN) & ~dead
-    member = np.stack([(group == g) & ~dead for g in GROUPS], axis=1) / width[:, None] ** 2
-    precision = np.where(known, (unit / width) ** 2, 0.0)
+    member = np.zeros((wide - 1, len(GROUPS)))
+    member[:size] = np.stack([(group == g) & ~dead for g in GROUPS], 1) / width[:, None] ** 2
+    precision, centre = np.ones(wide - 1), np.zeros(wide - 1)
+    precision[:size] = np.where(known, (unit / width) ** 2, dead)
     shift = np.array([centres.get(c.name, 0.0) for c in columns])
+    centre[:size] = np.where(dead, 0.0, start + shift * norm) / unit
     compressed = Compressed(
         windows=whole,
-        rows=float(total) if weights is None else float(sum(np.sum(w) for w in weights)),
-        runs=float(sum(len(first) for *_, (_, first, _), _ in parts)),
+        rows=np.asarray(float(total if weights is None else sum(np.sum(w) for w in weights))),
+        runs=np.asarray(float(sum(len(first) for (_, first, _), *_ in parts))),
         member=member,
-        precision=np.where(dead, 1.0, precision),
-        centre=(np.where(dead, 0.0, start + shift * norm)) / unit,
+        precision=precision,
+        centre=centre,
         usual=np.array([usual[g] for g in GROUPS]) / unit,
         on=(member > 0).any(axis=0).astype(float),
-        constant=float(2 * np.sum(np.log(width[np.isin(group, GROUPS) & ~dead]))),
+        constant=np.asarray(2 * np.sum(np.log(width[np.isin(group, GROUPS) & ~dead]))),
     )
-    return Problem(columns, padded(compressed), natural, start, unit)
+    return Problem(columns, compressed, natural, start, unit)
+
+
+def _sparse(
+    link: Float[np.ndarray, "names q"],
+) -> tuple[Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
+    """Return of every column of an embedding the place of its only element, and the element."""
+    at = np.abs(link).argmax(axis=0)
+    return at, link[at, np.arange(link.shape[1])]
 
 
 def _sides(rows: Rows, weight: Float[np.ndarray, " n"] | None):
@@ -155,28 +193,6 @@ def bridged(rows: Rows, weight: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n
                 bridge = (1 - share) * rows.table[ends[0]] + share * rows.table[ends[-1]]
                 table[row] = weight[row] * rows.table[row] + (1 - weight[row]) * bridge
     return table
-
-
-def padded(logs: Compressed) -> Compressed:
-    """Return the same density with neutral columns, so that few shapes are compiled."""
-    size = len(logs.precision)
-    more = -(size + 1) % _RUNG
-    windows = np.asarray(logs.windows)
-    place = np.append(np.arange(size), size + more)
-    wide = np.zeros((len(windows), size + more + 1, size + more + 1))
-    wide[:, place[:, None], place] = windows
-    pad = lambda values, value: np.append(values, np.full(more, value))  # noqa: E731
-    return Compressed(
-        windows=jnp.asarray(wide),
-        rows=jnp.asarray(logs.rows),
-        runs=jnp.asarray(logs.runs),
-        member=jnp.asarray(np.vstack([logs.member, np.zeros((more, len(GROUPS)))])),
-        precision=jnp.asarray(pad(logs.precision, 1.0)),
-        centre=jnp.asarray(pad(logs.centre, 0.0)),
-        usual=jnp.asarray(logs.usual),
-        on=jnp.asarray(logs.on),
-        constant=jnp.asarray(logs.constant),
-    )
 
 
 def first_theta(logs: Compressed) -> Float[np.ndarray, " p"]:

@@ -8,7 +8,7 @@ therefore a row has each column only once, and `columns.py` says how the model u
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -119,6 +119,11 @@ class Shafts:
             torque,
         )
 
+    @property
+    def level(self) -> float:
+        """Whole degrees near the transmission error, which readings of the rows leave out, rad."""
+        return float(np.rint(np.median(self.error) / DEG) * DEG)
+
     def without(self, outliers: Int[np.ndarray, " k"]) -> "Shafts":
         """Return the log with these samples left out of the interpolation and of the speed."""
         good = np.ones(len(self.time), bool)
@@ -172,6 +177,27 @@ class Rows:
     def flank(self) -> Float[np.ndarray, " n"]:
         """s of every row: −½ on flank A, ½ on flank B."""
         return np.repeat(-0.5 * self.side, self.last - self.first + 1)
+
+
+class Extra(Protocol):
+    """Further columns of the rows: derivatives of a flank model, whose value leaves the readings.
+
+    The columns are ("given", name) for every name that is `told`.
+    """
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the parameters that have a column."""
+        ...
+
+    @property
+    def highest_order(self) -> float:
+        """Highest order of the flank model, cycles per driving turn."""
+        ...
+
+    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+        """Return the rows with the columns of the flank model, less its transmission error."""
+        ...
 
 
 def joined(runs: Sequence[Run]) -> tuple[Run, ...]:
@@ -233,7 +259,7 @@ def rows_of(
     moved = shafts.delayed(delay_s)
     span = shafts.time[-1] - shafts.time[0]
     centre = moved[samples].mean() if len(samples) else 0.0
-    level = np.rint(np.median(shafts.error) / DEG) * DEG
+    level = shafts.level
     kinds = [names.get((kind,)) for kind in ("ratio", "torque")]
     waved = names[waves[0].shaft, waves[0].order, "cos"] if waves else 0
     drift, bend = names["drift", 0], names["bend", 0]

@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from ..base.units import DEG
+from ..posterior.summary.draws import GAPS
 from ..posterior.summary.posterior import Posterior
 from .style import COLOURS, MODEL_COLOUR, heading, new_figure
 
@@ -44,10 +45,7 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
         raise ValueError("Argument `names` must hold at least one coordinate, but is empty.")
     units = [picture_unit(posterior, name) for name in names]
     draws = np.stack(
-        [
-            (posterior.values(name) + offset_of(posterior, name)) / size
-            for name, (_, size) in zip(names, units, strict=True)
-        ],
+        [posterior.values(name) / size for name, (_, size) in zip(names, units, strict=True)],
         axis=1,
     )
     stride = max(1, len(draws) // _MAX_DRAWS)
@@ -110,15 +108,10 @@ def _place_labels(ax: Axes, figure: Figure, *, below_in: float) -> None:
 def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
     """Return the unit of a coordinate in pictures, and the size of this unit in internal units."""
     unit = posterior.units[posterior.place(name)]
-    if name == "constant_backlash":
+    if name in GAPS:
         return "°", DEG
     display = {"mm": ("µm", 1e-3), "rad": ("″", DEG / 3600), "s": ("µs", 1e-6)}
     return display.get(unit, ("" if unit in ("1", "log rad") else unit, 1.0))
-
-
-def offset_of(posterior: Posterior, name: str) -> float:
-    """Return what is added to a coordinate in pictures: the delay that the fit removed before."""
-    return posterior.delay_offset_s if name == "delay" else 0.0
 
 
 def _label(name: str, unit: str) -> str:
@@ -135,7 +128,7 @@ def _laplace(posterior: Posterior, name: str, size: float) -> tuple[float, float
     if name not in fit.covariance_names:
         return None
     index = fit.covariance_names.index(name)
-    value = float(fit.values[index]) + offset_of(posterior, name)
+    value = float(fit.values[index])
     return value / size, float(np.sqrt(fit.covariance[index, index])) / size
 
 

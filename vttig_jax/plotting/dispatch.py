@@ -10,18 +10,16 @@ from ..control.sweeps.table import SweepTable
 from ..geometry.contact.deviations import Deviations
 from ..geometry.contact.report import Contacts
 from ..geometry.tooth.tooth import Tooth
-from ..identify.fit_result import Fit
+from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
 from ..posterior.summary.bands import BandedMap
 from ..posterior.summary.posterior import Posterior
-from ..posterior.summary.predictive import Predictive
 from .backlash_map import plot_band_map, plot_map
 from .contact import plot_contact
 from .corner_picture import plot_corner
 from .deviations import plot_deviations
 from .fit import plot_fit, plot_te
-from .predictive import plot_predictive
 from .simulation import plot_simulation
 from .sweep import plot_sweep
 from .tooth import plot_tooth
@@ -38,7 +36,6 @@ def plot(obj: object, **options: Any) -> Figure:
     - `BacklashMap`: backlash over the hunting period; `ax`, `turns`.
     - `Posterior`: every pair of coordinates (`plot_trace` draws them step by step); `names`.
     - `BandedMap`: backlash with its bands; `ax`, `turns`.
-    - `Predictive`: a log with its posterior predictive intervals; `unit`, `turns`.
     - `Simulation` with a trace: the whole run, and its reversal enlarged; `unit`, `span_s`.
     - `SweepTable`: residual backlash and interference over one of its axes; `axis`, `by`.
     - `Tooth`: sections at both ends and in the middle, and thickness along the face; `name`.
@@ -46,7 +43,7 @@ def plot(obj: object, **options: Any) -> Figure:
     - `Deviations`: profile, helix and pitch of measured flanks; `pair`.
 
     The options are those of `plot_te`, `plot_fit`, `plot_map`, `plot_corner`, `plot_band_map`,
-    `plot_predictive`, `plot_simulation`, `plot_sweep`, `plot_tooth`, `plot_contact` and
+    `plot_simulation`, `plot_sweep`, `plot_tooth`, `plot_contact` and
     `plot_deviations`.
 
     **Raises** `ValueError` for an object without a picture.
@@ -64,7 +61,7 @@ def plot(obj: object, **options: Any) -> Figure:
     ```
     """
     raise ValueError(
-        "Argument `obj` must be a TECurve, Fit, BacklashMap, Posterior, BandedMap, Predictive,"
+        "Argument `obj` must be a TECurve, Fit, BacklashMap, Posterior, BandedMap,"
         f" Simulation, SweepTable, Tooth, Contacts or Deviations, but is {type(obj).__name__}."
     )
 
@@ -74,7 +71,6 @@ plot.register(Fit, plot_fit)
 plot.register(BacklashMap, plot_map)
 plot.register(Posterior, plot_corner)
 plot.register(BandedMap, plot_band_map)
-plot.register(Predictive, plot_predictive)
 plot.register(Simulation, plot_simulation)
 plot.register(SweepTable, plot_sweep)
 plot.register(Tooth, plot_tooth)

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from ..base.numerics.quantiles import NORMAL_95
 from ..base.units import ARCSEC, DEG
-from ..identify.fit_result import Fit
+from ..identify.result import Fit
 from ..kinematics.te_curve import TECurve
 from .style import (
     FLANK_COLOURS,

@@ -4,8 +4,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from ..identify.fit_result import Fit
-from ..identify.report.order_table import Order
+from ..identify.orders import Order
+from ..identify.result import Fit
 from .style import FLANK_COLOURS, grid, heading, new_figure
 
 _SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}

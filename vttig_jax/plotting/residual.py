@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..base.units import ARCSEC, DEG, REV
-from ..identify.fit_result import Fit
-from ..identify.report.checks import ResidualLine
+from ..identify.records import FoundLine
+from ..identify.result import Fit
 from ..logs.lines.search import Line
 from .style import (
     COLOURS,
@@ -41,19 +41,18 @@ def plot_residual(fit: Fit) -> Figure:
     """
     angles = [curve.driving_angle for curve in fit.curves]
     turns = [max(float(np.ptp(angle)) / REV, 1e-9) for angle in angles]
-    noises = [fit.noise.at(curve.mean_speed) for curve in fit.curves]
     rows = min(len(angle) / span for angle, span in zip(angles, turns, strict=True))
     return residual_picture(
         angles,
         fit.residuals,
         highest=float(np.clip(rows / 3, 1.5, 20.0)),
         whitened=[
-            noise.whitened(residual, curve.time)
-            for residual, curve, noise in zip(fit.residuals, fit.curves, noises, strict=True)
-            if len(residual) > len(noise.coefficients)
+            fit.noise.whitened(residual)
+            for residual in fit.residuals
+            if len(residual) > len(fit.noise.coefficients)
         ],
-        order=max(len(noise.coefficients) for noise in noises),
-        lines=fit.checks.lines,
+        order=len(fit.noise.coefficients),
+        lines=[one for one in fit.checks.lines if not one.joined],
         labels=[curve.flank for curve in fit.curves],
         name=fit.pair.name,
         source=PurePath(fit.source.split(", ")[0]).name,
@@ -67,7 +66,7 @@ def residual_picture(
     highest: float,
     whitened: Runs,
     order: int,
-    lines: Sequence[Line | ResidualLine] = (),
+    lines: Sequence[Line | FoundLine] = (),
     labels: Sequence[str] | None = None,
     name: str = "",
     source: str = "",
@@ -142,7 +141,7 @@ def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
 
 
 def _draw_spectrum(
-    ax: Axes, angles: Runs, residuals: Runs, highest: float, lines: Sequence[Line | ResidualLine]
+    ax: Axes, angles: Runs, residuals: Runs, highest: float, lines: Sequence[Line | FoundLine]
 ) -> None:
     cycles, amplitude = amplitude_spectrum(angles, residuals, highest)
     ax.plot(*thinned(cycles, amplitude / ARCSEC), color=FLANK_COLOURS["A"], linewidth=0.8)

@@ -5,16 +5,14 @@ from io import BytesIO
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..identify.fit_result import Fit
+from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..posterior.summary.bands import BandedMap
 from ..posterior.summary.posterior import Posterior
-from ..posterior.summary.predictive import Predictive
 from .backlash_map import plot_band_map, plot_map
 from .corner_picture import plot_corner
 from .fit import plot_fit
 from .order_spectrum import plot_orders
-from .predictive import plot_predictive
 from .residual import plot_residual
 from .trace_picture import plot_trace
 
@@ -63,17 +61,16 @@ def figures(fit: Fit, grid: BacklashMap | None, *, run: str = "") -> dict[str, b
 
 
 def posterior_figures(
-    posterior: Posterior, predicted: Predictive, banded: BandedMap | None, *, run: str = ""
+    posterior: Posterior, banded: BandedMap | None, *, run: str = ""
 ) -> dict[str, bytes]:
     """Return the PNG data of every picture of a posterior by file name.
 
-    The names are `corner.png`, `trace.png`, `predictive.png`, and `band.png` with a map. `run` is
-    the digest of the run, for the metadata of the pictures.
+    The names are `corner.png`, `trace.png`, and `band.png` with a map. `run` is the digest of the
+    run, for the metadata of the pictures.
     """
     drawn = {
         "corner.png": plot_corner(posterior),
         "trace.png": plot_trace(posterior),
-        "predictive.png": plot_predictive(predicted),
     }
     if banded is not None:
         drawn["band.png"] = plot_band_map(banded)

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.typing import ColorType
 
 from ..posterior.summary.posterior import Posterior
-from .corner_picture import offset_of, picture_unit
+from .corner_picture import picture_unit
 from .style import COLOURS, grid, heading, new_figure
 
 _MAX_STEPS = 1000  # steps drawn; a chosen value
@@ -33,25 +33,30 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
 
     **Arguments**
     - `posterior`: the draws.
-    - `names`: coordinates to show; by default all, including the noise parameters.
+    - `names`: coordinates of emcee to show; by default all.
     """
-    names = posterior.names if names is None else tuple(names)
+    chains = posterior.chains
+    names = chains.header.names if names is None else tuple(names)
+    if unknown := sorted(set(names) - set(chains.header.names)):
+        raise ValueError(
+            f"Argument `names` must hold coordinates of emcee, {', '.join(chains.header.names)},"
+            f" but has {', '.join(unknown)}."
+        )
     rows = [(*picture_unit(posterior, name), name) for name in names]
     panels = -(-(len(rows) + 1) // 2)
     figure, axes = _panels(panels, min(posterior.draws.shape[0], len(COLOURS)))
     for ax, (unit, size, name) in zip(axes, rows, strict=False):
-        values = posterior.values(name) + offset_of(posterior, name)
-        _draw(ax, values.reshape(posterior.draws.shape[:3]) / size)
+        _draw(ax, chains.draws[..., chains.header.names.index(name)] / size)
         words = name.replace("_", " ")
         _name(ax, f"{words} [{unit}]" if unit else words)
-    _draw(axes[len(rows)], posterior.log_density)
+    _draw(axes[len(rows)], chains.log_density)
     _name(axes[len(rows)], "log density")
     for ax in axes[len(rows) + 1 :]:
         ax.set_axis_off()
     for column in (axes[:panels], axes[panels : len(rows) + 1]):
         if len(column):
             column[-1].tick_params(labelbottom=True)
-    axes[panels - 1].set_xlabel("kept step after burn-in", fontsize="small")
+    axes[panels - 1].set_xlabel("stored step after burn-in", fontsize="small")
     heading(figure, "draws", posterior.fit.pair.name, PurePath(posterior.fit.source).name)
     _add_legend(figure, posterior.draws.shape[0])
     return figure

@@ -13,9 +13,9 @@ from ..base.files.text_tables import key_values
 from ..base.results import TextResult
 from ..base.units import DEG
 from ..identify.backlash import no_period, shift_of_delay
-from ..identify.fit_result import Fit
-from ..identify.model.fitted_model import StoredModel
-from ..identify.report.order_table import exceeds_noise, is_fractional
+from ..identify.given import StoredModel
+from ..identify.orders import exceeds_noise, is_fractional
+from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_error import POINTS_PER_PERIOD, FlankError, errors_at, size_of
 from ..kinematics.flank_model import flank_index
@@ -200,7 +200,7 @@ def error_table(
             flanks[flank] = FlankColumns(error[::split] - level, size)
             continue
         mean, peaks = _means_and_peaks(draws, fine, flank)
-        level = mean if flank in zero_mean else level - draws.of_delay
+        level = mean if flank in zero_mean else level
         curves = (block - level for block in draws.chunks(angle, flank))
         band = streamed_band(curves, probability)
         flanks[flank] = FlankColumns(band.centre, size, band, peaks)

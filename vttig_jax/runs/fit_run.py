@@ -20,7 +20,7 @@ from .stated_drive import stated_spec
 
 if TYPE_CHECKING:
     from ..base.files.run_folder import RunFolder
-    from ..identify.fit_result import Fit
+    from ..identify.result import Fit
 
 logger = logging.getLogger("vttig_jax")
 
@@ -30,7 +30,7 @@ _FOLLOWING = (
     CHECKPOINT,
     "posterior.json",
     *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
-    *(f"figures/{name}.png" for name in ("corner", "trace", "band", "predictive")),
+    *(f"figures/{name}.png" for name in ("corner", "trace", "band")),
 )
 """Files of a run folder that are computed from the fit; they are removed when a new fit is written.
 """
@@ -66,7 +66,7 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     **Raises** `UsageError` if two logs have the same content.
     """
     from ..base.runtime import enable_x64
-    from ..identify.fitting import fit
+    from ..identify.identification import fit
     from ..logs.read import read_log
     from ..logs.readers.backlash_readings import read_backlash_readings
     from ..pair.load import pair_from_spec
@@ -74,8 +74,6 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     enable_x64()
     pair = pair_from_spec(record.spec)
     logs = [read_log(path, pair, **record.options.reading.keywords()) for path in record.logs]
-    for log in logs:
-        record.options.check_drift(log)
     readings = None
     if record.readings is not None:
         readings = read_backlash_readings(record.readings, decimal=record.options.reading.decimal)
@@ -180,7 +178,7 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
     import numpy as np
 
     from ..base.files.json_io import dumps
-    from ..identify.store import arrays_digest, fit_arrays
+    from ..identify.archive import arrays_digest, fit_arrays
 
     for name in (*_FOLLOWING, *_unused_kept_logs(writer.path, record)):
         writer.discard(name)

@@ -6,7 +6,6 @@ The table is written block by block, so that an interrupted computation can be c
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,10 +21,9 @@ from ..base.threads import usable_cores
 from ..control.sweeps.cluster import run_blocks
 from ..control.sweeps.local_processes import run_in_processes
 from ..control.sweeps.store import FolderNames, Memory, SweepFolder, read_table
-from ..identify.many.batches import Shapes
+from ..identify.fit_settings import FitSettings
 from ..identify.many.fit_many import Unread, fit_columns, settings_table
 from ..identify.many.table import Columns, FitTable
-from ..identify.settings import FitSettings
 from ..logs.encoder_log import EncoderLog
 from ..logs.read import read_log
 from ..logs.recognition.recognise import recognise
@@ -142,19 +140,22 @@ class ManyFits:
         }
 
     def columns(
-        self, block: int, shapes: Shapes, progress: Callable[[int], None] = lambda logs: None
+        self,
+        block: int,
+        threads: int | None = None,
+        progress: Callable[[int], None] = lambda logs: None,
     ) -> Columns:
         """Read and fit the logs of block number `block`; return the columns with one row per log.
 
-        `shapes` collects the array shapes of the compiled programs. `progress` is called with the
-        number of further logs that are done.
+        `threads` fit logs at the same time, by default one for each core. `progress` is called with
+        the number of further logs that are done.
         """
         return fit_columns(
             self._read(self.logs_of(block)),
             self.pair,
             self.settings,
             orders=self.pair.fit,
-            shapes=shapes,
+            threads=threads,
             progress=progress,
         )
 
@@ -218,7 +219,6 @@ def fit_files(
         progress(len(task.logs))
         return done
     store = Memory() if out is None else SweepFolder(out, header, resume, overwrite, NAMES)
-    shapes = Shapes()
     with store:
         todo = [number for number in range(task.blocks) if number not in store.done]
         progress(len(task.logs) - sum(len(task.logs_of(number)) for number in todo))
@@ -231,7 +231,7 @@ def fit_files(
             run_in_processes(processes, _in_process, shared, todo, **follow)
         else:
             for number in todo:
-                store.write(number, task.columns(number, shapes, progress))
+                store.write(number, task.columns(number, progress=progress))
         columns = store.finish(task.blocks)
     return _table(task, columns, None if out is None else out / NAMES.table)
 
@@ -273,13 +273,7 @@ def _in_process(number: int, shared: _Shared) -> tuple[int, int, Columns]:
     enable_x64()
     task = shared.task
     with most_memory(shared.most_memory_bytes):
-        return number, len(task.logs_of(number)), task.columns(number, _shapes_of_process())
-
-
-@cache
-def _shapes_of_process() -> Shapes:
-    """Return the array shapes for which this process has compiled programs."""
-    return Shapes()
+        return number, len(task.logs_of(number)), task.columns(number, threads=1)
 
 
 def _table(task: ManyFits, columns: Columns, path: Path | None) -> FitTable:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..identify.fit_result import Fit
+    from ..identify.result import Fit
     from ..kinematics.backlash_map import BacklashMap, Extreme
     from ..pair.gear_pair import Drive, GearPair
     from ..posterior.summary.bands import BandedMap

@@ -76,17 +76,11 @@ def opened_maps(
 
 def _run_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel":
     """Return both flanks of a run folder: the mean of the draws, or else the fit."""
-    from dataclasses import replace
-
-    import numpy as np
-
     from ..identify.backlash import contact_map
     from ..pair.gear_pair import Drive
 
     if constant_backlash_deg is None and (run.folder / CHECKPOINT).exists():
-        draws = _gap_draws(run)
-        model = draws.mean_model
-        return replace(model, offset=model.offset + np.array([0.0, np.mean(draws.of_delay)]))
+        return _gap_draws(run).mean_model
     if isinstance(run.pair, Drive):
         return _orders_model(run, constant_backlash_deg)
     return contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)[1]
@@ -147,14 +141,8 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
 
 
 def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
-    """Return the flank models of posterior draws, stacked along a first axis, and their number.
-
-    The gap that an unknown delay adds to a draw is part of its flank B.
-    """
-    import jax
+    """Return the flank models of posterior draws, stacked along a first axis, and their number."""
     import numpy as np
-
-    from ..kinematics.harmonic import OrderModel
 
     assert spec.rig is not None
     if not (run.folder / CHECKPOINT).exists():
@@ -174,14 +162,7 @@ def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
             " fewer, or sample longer."
         )
     chosen = np.sort(np.random.default_rng(seed).choice(len(draws.offset), count, replace=False))
-    of_delay = np.broadcast_to(draws.of_delay, len(draws.offset))[chosen]
-    offset = draws.offset[chosen] + np.stack([np.zeros(count), of_delay], axis=1)
-    ratio = np.full(count, float(draws.pair.ratio))
-
-    def one(ratio, offset, cosine, sine):
-        return OrderModel(ratio, draws.terms, offset, cosine, sine)
-
-    return jax.vmap(one)(ratio, offset, draws.cosine[chosen], draws.sine[chosen]), count
+    return run.posterior.model(chosen), count
 
 
 def _gap_draws(run: Run) -> "GapDraws":
@@ -265,7 +246,7 @@ def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
 
     **Raises** `InputError` if the gears of the run differ from those in the pair file.
     """
-    from ..identify.fit_result import require_rig
+    from ..identify.result import require_rig
     from ..pair.load import load_pair
 
     run = Run(folder)
@@ -275,9 +256,10 @@ def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
     if (folder / CHECKPOINT).exists():
         from ..posterior.sampler import read_posterior
 
-        posterior = read_posterior(folder / CHECKPOINT, fit, model_draws=0)
+        require_rig(fit)
+        posterior = read_posterior(folder / CHECKPOINT, fit)
         _warn_of_convergence(posterior)
-        fit = posterior.centred_fit
+        return posterior.eccentricities()
     require_rig(fit)
     return fit.eccentricities()
 

@@ -1,21 +1,14 @@
 """Options of one call of `vttig fit` as stored in `run.toml`: for reading logs, and for the fit."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
 
 from ..base.errors import UsageError
-from ..identify.settings import FitSettings, Positive, fields
+from ..identify.fit_settings import REMOVED, FitSettings, Positive, fields
 from ..logs.readers.column_roles import ROLES
-
-if TYPE_CHECKING:
-    from ..logs.encoder_log import EncoderLog
-
-MOST_PIECES = 300
-"""Largest number of pieces of the drift spline over one log (chosen). A spline with more pieces
-would follow the transmission error of the gears."""
 
 _OPTION = {field.name: field.option.split("/")[0] for field in fields()}
 
@@ -53,28 +46,11 @@ class RunOptions(msgspec.Struct, frozen=True):
         """
         roles_of(self.reading.columns)
         settings = self.settings
-        if "speed" in settings.regressors and settings.delay not in ("auto", "off"):
-            raise UsageError(
-                "--regressor speed and --delay are the same term, as a delay shifts by its seconds"
-                " times the speed; give one of them."
-            )
         if settings.use_readings and not readings:
             raise UsageError("--use-readings needs --backlash-readings FILE.")
         if settings.same_zero is not None and logs == 1:
             name = "--same-zero" if settings.same_zero else "--own-zero"
             raise UsageError(f"{name} compares several logs, but there is one; leave it out.")
-
-    def check_drift(self, log: "EncoderLog") -> None:
-        """Raise `UsageError` if the drift spline has more than `MOST_PIECES` pieces over a log."""
-        knots_s = self.settings.drift_knots_s
-        duration_s = float(log.time[-1] - log.time[0])
-        if knots_s is not None and duration_s > MOST_PIECES * knots_s:
-            raise UsageError(
-                f"--drift-knots {knots_s:g} cuts its {duration_s:.4g} s into more than"
-                f" {MOST_PIECES} pieces, no longer a drift; give"
-                f" {duration_s / MOST_PIECES:.2g} or more.",
-                where=log.source,
-            )
 
     def table(self) -> dict[str, Any]:
         """Return the table `[options]` of `run.toml`, without the options that have no value."""
@@ -89,13 +65,18 @@ class RunOptions(msgspec.Struct, frozen=True):
 def options_from(table: dict[str, Any]) -> RunOptions:
     """Return the options in the table `[options]` of `run.toml`; missing options have defaults.
 
-    **Raises** `msgspec.ValidationError` or `TypeError` for a damaged table.
+    **Raises** `msgspec.ValidationError` or `TypeError` for a damaged table, and `ValueError` for an
+    option of an older version that has no counterpart.
     """
     if not isinstance(table, dict):
         raise TypeError("options")
     names = ReadingOptions.__struct_fields__
     reading = {name: value for name, value in table.items() if name in names}
     settings = {name: value for name, value in table.items() if name not in names}
+    for name, (default, instead) in REMOVED.items():
+        usual = list(default) if isinstance(default, tuple) else default
+        if name in settings and settings.pop(name) != usual:
+            raise ValueError(f"`{name}` is no option any more: {instead}; take it out of run.toml")
     return RunOptions(
         msgspec.convert(reading, ReadingOptions), msgspec.convert(settings, FitSettings)
     )

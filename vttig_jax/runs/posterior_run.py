@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..base.errors import UsageError
+from ..base.errors import NoAnswerError, UsageError
 from ..base.files.commit import settle_if_free
 from .map_table import banded_record, csv_text
 from .run_file import CHECKPOINT
@@ -13,67 +13,35 @@ from .run_file import CHECKPOINT
 if TYPE_CHECKING:
     from ..posterior.summary.bands import BandedMap
     from ..posterior.summary.posterior import Posterior
-    from ..posterior.summary.predictive import Predictive
-    from ..posterior.summary.route_agreement import Agreement
 
 REPORT = "posterior.json"
-FIGURES = tuple(f"figures/{name}.png" for name in ("corner", "trace", "predictive", "band"))
+FIGURES = tuple(f"figures/{name}.png" for name in ("corner", "trace", "band"))
 """Pictures of the posterior draws in a run folder."""
 
 
 @dataclass(frozen=True)
 class PosteriorReport:
-    """Posterior and the results computed from it.
-
-    - `predicted`: posterior predictive check. - `routes`: comparison of fit, profile likelihood and
-      draws; None if the draws have not converged. - `banded`: backlash map with bands; None if the
-      log does not determine the constant backlash.
-    """
+    """Posterior with its backlash map with bands; None if the logs do not determine the gap."""
 
     posterior: "Posterior"
-    predicted: "Predictive"
-    routes: "Agreement | None"
     banded: "BandedMap | None"
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of schema `vttig.posterior/1`."""
-        return self.posterior.to_json() | {
-            "agreement": self.routes.to_json() if self.routes else None,
-            "predictive": self.predicted.to_json(),
-        }
+        return self.posterior.to_json()
 
     def __str__(self) -> str:
-        routes = self.routes or f"fit, profile and draws: {self.verdict}"
-        return f"{self.posterior}\n\n{self.predicted}\n\n{routes}"
-
-    @property
-    def verdict(self) -> str:
-        """Text that says whether fit, profile likelihood and draws agree."""
-        if self.routes is None:
-            return "not compared, because the draws have not converged"
-        return " ".join(self.routes.sentences) or "agree"
+        return str(self.posterior)
 
 
 def report_on(posterior: "Posterior") -> PosteriorReport:
-    """Return the report on a posterior: predictive check, comparison with the fit, and map.
-
-    The comparison with fit and profile likelihood is made only if the draws have converged, the map
-    only if the log determines the constant backlash.
-    """
-    from ..posterior.density.prior import Prior
+    """Return the report on a posterior, with the map if the logs determine the gap."""
     from ..posterior.summary.bands import band_map
-    from ..posterior.summary.predictive import predictive
-    from ..posterior.summary.route_agreement import agreement
 
-    assert posterior.chains is not None  # only tests make a posterior without chains
-    converged = posterior.diagnosis.converged
-    determined = posterior.fit.parameters["constant_backlash_deg"].determined
-    return PosteriorReport(
-        posterior,
-        predictive(posterior),
-        agreement(posterior, Prior(**posterior.chains.identity["prior"])) if converged else None,
-        band_map(posterior) if determined else None,
-    )
+    try:
+        return PosteriorReport(posterior, band_map(posterior))
+    except NoAnswerError:
+        return PosteriorReport(posterior, None)
 
 
 def save_posterior(
@@ -111,7 +79,6 @@ def save_posterior(
                 where=str(folder),
             )
         save_fit(posterior.fit, folder, overwrite=overwrite, figures=figures)
-    assert posterior.chains is not None  # only tests make a posterior without chains
     place = folder / CHECKPOINT
     longer = not overwrite and not _is_reported(folder, posterior)
     longer = longer and place.exists() and posterior.chains.continues(place)
@@ -165,7 +132,7 @@ def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True)
         for name in outdated:
             writer.discard(name)
         if figures:
-            drawn = posterior_figures(report.posterior, report.predicted, banded, run=run)
+            drawn = posterior_figures(report.posterior, banded, run=run)
             for name, data in drawn.items():
                 writer.write_bytes(f"figures/{name}", data)
         if banded is not None:

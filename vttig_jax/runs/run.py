@@ -14,7 +14,7 @@ from .run_file import CHECKPOINT, RunRecord, read_run
 
 if TYPE_CHECKING:
     from ..control.sweeps.table import SweepTable
-    from ..identify.fit_result import Fit
+    from ..identify.result import Fit
     from ..kinematics.backlash_map import BacklashMap
     from ..pair.gear_pair import Drive, GearPair
     from ..posterior.summary.bands import BandedMap
@@ -56,8 +56,8 @@ class Run(TextResult):
     @cached_property
     def fit(self) -> "Fit":
         """The fit, together with its settings."""
-        from ..identify.fit_result import FitRequest
-        from ..identify.store import read_fit
+        from ..identify.archive import read_fit
+        from ..identify.result import FitRequest
 
         record, options = self.record, self.record.options
         paths = tuple(

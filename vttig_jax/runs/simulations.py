@@ -183,7 +183,7 @@ def _opened(
 ) -> "tuple[GearPair | Drive, Maps]":
     """Return the gears, and the flank models of all maps; see `opened_maps`."""
     from ..identify.backlash import contact_map
-    from ..identify.fit_result import Fit
+    from ..identify.result import Fit
     from ..kinematics.flank_table import as_flank_model
 
     given = {}

@@ -13,7 +13,7 @@ from .options import roles_of
 from .run_file import RunRecord
 
 if TYPE_CHECKING:
-    from ..identify.fit_result import Fit
+    from ..identify.result import Fit
 
 SHAFTS = ("driving", "driven")
 

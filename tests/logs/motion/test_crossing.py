@@ -5,7 +5,7 @@ import pytest
 
 from tests.logs.profiles import drive, played
 from vttig_jax.base.units import DEG
-from vttig_jax.identify.fitting import fit
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.crossing import crossed_gap
 from vttig_jax.logs.motion.flank_assignment import assigned_segments, find_ramps

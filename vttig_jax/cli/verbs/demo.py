@@ -14,7 +14,7 @@ from ..output import Output, sampling_bar
 from .sample import refuse_existing
 
 if TYPE_CHECKING:
-    from ...identify.fit_result import Fit
+    from ...identify.result import Fit
     from ...logs.encoder_log import EncoderLog
     from ...posterior.summary.bands import BandedMap
     from ...rig.synthetic import SyntheticRig
@@ -47,7 +47,7 @@ def command(
     """
     import vttig_jax
 
-    from ...identify.fitting import fit
+    from ...identify.identification import fit
     from ...posterior.sampler import sample
     from ...rig.paper import paper_rig
 
@@ -96,7 +96,6 @@ def _report(rig: "SyntheticRig", found: "PosteriorReport", banded: "BandedMap") 
             ("outcome", result.outcome),
             ("residual", f"{result.residual_rms_deg:.5f}° rms"),
             ("sampler", str(found.posterior.diagnosis)),
-            ("fit, profile and draws", found.verdict),
         ],
         title="the paper's rig (Tables 1 and 2)",
     )
@@ -182,7 +181,7 @@ def _write_fit(
     import hashlib
 
     from ...base.files.run_folder import RunFolder
-    from ...identify.settings import FitSettings
+    from ...identify.fit_settings import FitSettings
     from ...pair.load import pair_spec
     from ...pair.pair_file import stated_table
     from ...runs.options import RunOptions

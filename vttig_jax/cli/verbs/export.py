@@ -20,7 +20,7 @@ from .map import MOST_ROWS, QuantityName, drawn
 if TYPE_CHECKING:
     from ...control.compensation.c_header import HeaderOrigin
     from ...control.compensation.compensation import Compensation
-    from ...identify.fit_result import Fit
+    from ...identify.result import Fit
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.flank_model import FlankModel
 
@@ -216,10 +216,8 @@ def _require_delay(fit: "Fit") -> None:
 
     **Raises** `UsageError` for a log at one speed if the user gave neither a delay nor its limit.
     """
-    from ...identify.preliminary.delay import WITHIN_ONE_INTERVAL
-
-    # Run folders of older versions call the same condition no_delay.
-    if not {WITHIN_ONE_INTERVAL, "no_delay"} & set(fit.conditional_on):
+    is_open = any(one.slug == "delay-open" for one in fit.findings)
+    if not is_open or (fit.request and fit.request.settings.delay_within_ms is not None):
         return
     raise UsageError(
         "a controller would take this map for the backlash, but the log has one speed, at which a"

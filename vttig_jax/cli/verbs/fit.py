@@ -8,7 +8,7 @@ import click
 
 from ...base.errors import NoAnswerError, UsageError
 from ...base.logger import LOGGER
-from ...identify.settings import fields
+from ...identify.fit_settings import fields
 from ...logs.readers.stdin_log import with_standard_input
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, resolve, save_fit
@@ -20,9 +20,9 @@ from ..options import given, log_options, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...identify.fit_result import Fit
-    from ...identify.report.checks import CoveredGap
-    from ...identify.report.parameters import Parameter
+    from ...identify.records import CoveredGap
+    from ...identify.result import Fit
+    from ...model.parameter import Parameter
 
 
 @verb(
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 vttig fit log.csv --ratio 64:23
 vttig fit log.csv --teeth 45/80 --counts 90000,90000 --column driving=enc1 --column driven=enc2
 vttig fit log.csv --pair pair.toml --out run --require constant_backlash_deg
-vttig fit monday.csv friday.csv --pair pair.toml --loss bisquare --regressor torque
+vttig fit monday.csv friday.csv --pair pair.toml --delay-within 0.2ms
 vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-rate 250
 vttig fit --run run/run.toml
 xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
@@ -140,14 +140,6 @@ _FAILURES = {
     "not_determined": "the log determines no parameter; the reasons are listed above.",
 }
 
-ON_REQUEST = {
-    "torque_arcsec_per_unit": "--regressor torque",
-    "acceleration_arcsec_s2_per_rad": "--regressor acceleration",
-    "speed_s": "--regressor speed",
-    "ratio": "--free-ratio",
-}
-"""Parameter or regressor → the option that makes the fit include it."""
-
 
 @dataclass(frozen=True)
 class _Answer:
@@ -176,8 +168,6 @@ def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:
 
 def _check_names(result: "Fit", names: tuple[str, ...]) -> None:
     for name in names:
-        if name in ON_REQUEST and name not in _named(result):
-            raise UsageError(f"--require {name}: it was not fitted; add {ON_REQUEST[name]}.")
         if name not in _named(result):
             known = ", ".join(_named(result))
             raise UsageError(f"--require {name}: no such parameter; there are {known}.")
@@ -202,7 +192,7 @@ def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
 
 def _doubt(parameter: "Parameter") -> str:
     """Return in words why a value is not significant, with the rule that judges it."""
-    from ...identify.report.check_sentences import doubt
+    from ...identify.result import doubt
 
     p = parameter
     return doubt(p.value, p.low95, p.high95, p.reason).strip(" ()")

@@ -8,10 +8,11 @@ import click
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.standard_input import STDIN
 from ...base.logger import LOGGER
+from ...identify.fit_settings import BATCH, FitSettings
 from ...logs.readers.stdin_log import with_standard_input
 from ...runs.options import ReadingOptions, in_options
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
-from ..fit_options import BATCH_OPTIONS, batch_options
+from ..fit_options import batch_options
 from ..options import given, log_options, verb
 from ..output import Output
 
@@ -22,12 +23,12 @@ from ..output import Output
 vttig fit-many rigs/*.csv --ratio 64:23 --out fitted
 vttig fit-many rigs/*.csv --pair pair.toml --out fitted
 vttig fit-many rigs/*.csv --pair pair.toml --out fitted --resume
-vttig fit-many rigs/*.csv --pair pair.toml --drift-order 1 --csv fits.csv
+vttig fit-many rigs/*.csv --pair pair.toml --delay off --csv fits.csv
 """,
     groups={
         **GROUPS,
         "The result": ("out", "resume", "overwrite", "csv_file", "jobs", "dask"),
-        "The model": tuple(BATCH_OPTIONS),
+        "The model": BATCH,
     },
 )
 @click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -66,9 +67,8 @@ def command(
     """Identify the parameters of many logs, each of a rig of its own, in one table.
 
     All rigs are built to one pair file, or have the same ratio and columns that are read alike.
-    Every log has the parameters of `vttig fit` with the same options; the delay, the drift and the
-    loss are not selected for each log but hold for all. A log that cannot be read or fitted has a
-    code and a reason in its row, and the others are fitted.
+    Every log has the parameters of `vttig fit` with the same options. A log that cannot be read or
+    fitted has a code and a reason in its row, and the others are fitted.
     Blocks of logs are written as they are done: after Ctrl-C or a kill --resume goes on and ends
     with the same table. A command with --resume may be repeated: it starts, goes on, or only prints
     the table that is complete. One LOG may be - for stdin, which --resume needs again.
@@ -76,14 +76,13 @@ def command(
     _refuse_contradictions(out, csv_file, may_replace=overwrite or resume)
     import vttig_jax
 
-    from ...identify.many.preparation import batch_settings
     from ...runs.many_fits import ManyFits, fit_files
 
     vttig_jax.enable_x64()
-    reading = {name: value for name, value in options.items() if name not in BATCH_OPTIONS}
-    changes = {name: value for name, value in options.items() if name in BATCH_OPTIONS}
+    reading = {name: value for name, value in options.items() if name not in BATCH}
+    changes = {name: value for name, value in options.items() if name in BATCH}
     try:
-        settings = batch_settings(changes)
+        settings = FitSettings(**changes)
     except ValueError as error:
         raise UsageError(in_options(str(error))) from None
     if STDIN in logs:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import click
 
 from ...base.errors import NoAnswerError, UsageError
-from ...identify.settings import Flank
+from ...identify.fit_settings import Flank
 from ...runs.run import Run
 from ...runs.run_file import RunRecord
 from ...runs.zeros import SHAFTS, shaft_readings
@@ -16,7 +16,7 @@ from ..options import POSITIVE, Finite, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...identify.fit_result import Fit
+    from ...identify.result import Fit
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.turn_location import Located
     from ...pair.encoder_reading import ShaftReading

@@ -96,11 +96,10 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
 @click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
 @click.option(
     "--delay",
-    type=DelayParam(("auto", "free", "off")),
-    metavar="auto|free|off|SECONDS",
+    type=DelayParam(("auto", "off")),
+    metavar="auto|off|SECONDS",
     default="auto",
-    help="As in `vttig fit`: fitted where the motion tells it (auto, the default) unless --assume"
-    " delay_s is too small to be found; fitted in any case; taken as zero; or known in seconds.",
+    help="As in `vttig fit`: fitted (auto, the default), taken as zero, or known in seconds.",
 )
 @click.option(
     "--want",
@@ -120,8 +119,8 @@ def command(
 ) -> None:
     """Say how well a fit of a run would know every parameter, before the run is made.
 
-    The standard errors follow from the motion, the sampling and the noise assumed: those of the
-    best unbiased fit, which `vttig fit` comes close to. With --want the shortest run is looked for.
+    The standard errors follow from the motion, the sampling and the noise that are assumed, by the
+    model of `vttig fit`. With --want the shortest run is looked for.
     """
     import vttig_jax
 

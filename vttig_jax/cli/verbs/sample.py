@@ -5,14 +5,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
 from ...base.files.run_folder import data_sha256
 from ...base.logger import LOGGER
-from ...identify.settings import fields
+from ...identify.fit_settings import fields
 from ...logs.readers.stdin_log import with_standard_input
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
@@ -25,10 +25,9 @@ from ..options import POSITIVE, given, log_options, verb
 from ..output import Output, sampling_bar
 
 if TYPE_CHECKING:
-    from ...identify.fit_result import Fit
-    from ...posterior.density.prior import Prior
-    from ...posterior.sampling.stop_rule import Until
+    from ...identify.result import Fit
     from ...posterior.summary.posterior import Posterior
+    from ...posterior.until import Until
 
 
 @verb(
@@ -36,20 +35,13 @@ if TYPE_CHECKING:
     example="""
 vttig sample log.csv --ratio 64:23 --out run
 vttig sample log.csv --pair pair.toml --out run --resume
-vttig sample run --resume --until 100
+vttig sample run --resume --until 5000
 vttig fit log.csv --pair pair.toml --out run && vttig sample run --steps 5000 --seed 1
 """,
     groups={
         **GROUPS,
         "The result": ("out", "resume", "overwrite", "no_figures", "readings"),
         "The sampler": ("seed", "steps", "until", "ensembles", "walkers"),
-        "The prior": (
-            "prior",
-            "eccentricity_mm",
-            "amplitude_arcsec",
-            "backlash_deg",
-            "encoder_arcsec",
-        ),
         "The model": tuple(field.name for field in fields()),
     },
 )
@@ -68,61 +60,24 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample run --steps 5000 --
 @click.option("--overwrite", is_flag=True, help="Replace the fit and the draws that are in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
-    "--method",
-    type=click.Choice(["emcee", "importance"]),
-    default="emcee",
-    show_default=True,
-    help="Ensembles of emcee, or importance sampling alone: weighted draws around the fit in a"
-    " second, converged if the posterior is nearly normal (Pareto k̂ at most 0.7).",
-)
-@click.option(
     "--seed", type=click.IntRange(0, 2**63 - 1), help="Of the sampler; 0, or that of the draws."
 )
 @click.option(
     "--steps",
     type=click.IntRange(40, 1_000_000_000),
-    help="Make this many steps in all; with --method importance, draws.",
+    help="Make this many steps in all.",
 )
 @click.option(
     "--until",
     type=POSITIVE,
-    help="Sample until every chain is this many autocorrelation times long (50 by default) and the"
-    " ensembles agree (R-hat 1.01), 50 000 steps at most.",
+    help="Sample until there are this many effective draws of every coordinate (1000 by default)"
+    " and the ensembles agree (R-hat 1.01), 20 000 steps at most.",
 )
 @click.option("--ensembles", type=click.IntRange(4, 1000), help="Independent ones; 4 by default.")
 @click.option(
     "--walkers",
     type=click.IntRange(4, 1_000_000),
-    help="Of each ensemble, even and at least twice the coordinates; 64 by default.",
-)
-@click.option(
-    "--prior",
-    type=click.Choice(["plane", "amplitude"]),
-    help="Eccentricities: flat in the plane (∝ e in the amplitude; the default), or flat in the"
-    " amplitude.",
-)
-@click.option(
-    "--largest-eccentricity-mm",
-    "eccentricity_mm",
-    type=POSITIVE,
-    help="Bound of the prior; half the module.",
-)
-@click.option(
-    "--largest-amplitude-arcsec",
-    "amplitude_arcsec",
-    type=POSITIVE,
-    help="Bound of the first orders of a drive, and of encoders without an accuracy; 3600.",
-)
-@click.option(
-    "--largest-backlash-deg",
-    "backlash_deg",
-    type=POSITIVE,
-    help="Bound of the size of the constant backlash; 5.",
-)
-@click.option(
-    "--encoder-arcsec",
-    type=POSITIVE,
-    help="Std of both components of an encoder's error; accuracy_arcsec of the pair by default.",
+    help="Of each ensemble, even and at least twice the coordinates; 32 or more by default.",
 )
 @click.option(
     "--backlash-readings",
@@ -141,33 +96,26 @@ def command(
     resume: bool,
     overwrite: bool,
     no_figures: bool,
-    method: Literal["emcee", "importance"],
     seed: int | None,
     steps: int | None,
     until: float | None,
     ensembles: int | None,
     walkers: int | None,
-    prior: Literal["plane", "amplitude"] | None,
-    eccentricity_mm: float | None,
-    amplitude_arcsec: float | None,
-    backlash_deg: float | None,
-    encoder_arcsec: float | None,
     readings: Path | None,
     drive: DriveOptions,
     **options: Any,
 ) -> None:
     """Sample the posterior of the fit of LOG, or of the fit in a run folder.
 
-    LOG may be - for stdin; it is then kept in --out. Several independent ensembles run until their
-    chains are long enough and agree. The draws are brought up to date in posterior.h5 every 5 s:
-    after an interrupt or a kill, --resume goes on and ends with the same draws as a run that was
-    never stopped; seed, walkers, ensembles and prior are then those of the draws unless given. A
+    LOG may be - for stdin; it is then kept in --out. Several independent ensembles run until they
+    have enough effective draws and agree. The draws are brought up to date in posterior.h5 every
+    5 s: after an interrupt or a kill, --resume goes on and ends with the same draws as a run that
+    was never stopped; seed, walkers and ensembles are then those of the draws unless given. A
     command with --resume may be repeated. The exit code is 5 if the sampler has not converged.
     """
     logs, out = _logs_and_folder(logs, out)
     _exclude_each_other({"--resume": resume, "--overwrite": overwrite})
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
-    _refuse_options_of_chains(method, resume or until is not None or walkers is not None)
     import vttig_jax
 
     from ...posterior.sampler import sample
@@ -183,19 +131,12 @@ def command(
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
         fit = _fit_in(out, [*options, *NAMES, "pair", "readings"])
-    beliefs = {
-        "eccentricity_mm": eccentricity_mm,
-        "flat_in": prior,
-        "amplitude_arcsec": amplitude_arcsec,
-        "encoder_arcsec": encoder_arcsec,
-        "backlash_deg": backlash_deg,
-    }
     asked = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
-    settings = _settings(out / CHECKPOINT if resume else None, asked, beliefs, fit)
+    settings = _settings(out / CHECKPOINT if resume else None, asked)
     length = {"steps": steps, "until": _stop_rule(until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
     with sampling_bar(output) as follow, _walkers_in_words():
-        posterior = sample(fit, **settings, **length, **files, method=method, progress=follow)
+        posterior = sample(fit, **settings, **length, **files, progress=follow)
     _finish(output, out, posterior, figures=not no_figures)
 
 
@@ -219,22 +160,11 @@ def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Pa
     return logs, out
 
 
-def _stop_rule(autocorrelation_times: float | None) -> "Until | None":
+def _stop_rule(effective: float | None) -> "Until | None":
     """Return the stop rule of --until; None without the option, for the default rule."""
-    from ...posterior.sampling.stop_rule import Until
+    from ...posterior.until import Until
 
-    if autocorrelation_times is None:
-        return None
-    return Until(autocorrelation_times=autocorrelation_times)
-
-
-def _refuse_options_of_chains(method: str, given: bool) -> None:
-    """Raise `UsageError` if an option of chains is given to a method without chains."""
-    if given and method == "importance":
-        raise UsageError(
-            "--resume, --until and --walkers belong to chains, and --method importance has none;"
-            " leave them out."
-        )
+    return None if effective is None else Until(effective=effective)
 
 
 def _exclude_each_other(options: dict[str, bool]) -> None:
@@ -260,38 +190,16 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
         )
 
 
-def _settings(
-    resumed: Path | None, asked: dict[str, Any], beliefs: dict[str, Any], fit: "Fit"
-) -> dict[str, Any]:
+def _settings(resumed: Path | None, asked: dict[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments of `sample`.
 
-    The options `asked` and those of the prior, `beliefs`, have priority over the settings of the
-    checkpoint `resumed`. An option that is None was not given.
+    The options `asked` have priority over the settings of the checkpoint `resumed`. An option that
+    is None was not given.
     """
-    from ...posterior.density.prior import Prior
     from ...posterior.sampler import settings_of
 
     known = {} if resumed is None or not resumed.exists() else settings_of(resumed)
-    believed = {name: value for name, value in beliefs.items() if value is not None}
-    known["prior"] = replace(known.get("prior", Prior()), **believed)
-    _require_effect(fit, known["prior"], list(believed))
     return known | {name: value for name, value in asked.items() if value is not None}
-
-
-def _require_effect(fit: "Fit", prior: "Prior", given: list[str]) -> None:
-    """Raise `UsageError` for an option of the prior that no sampled coordinate of the fit uses."""
-    from ...posterior.density.density import sampled_names
-    from ...posterior.density.prior import OPTIONS, state_prior
-
-    used = state_prior(prior, fit.pair, sampled_names(fit), 0.0).fields
-    for name in given:
-        if name not in used:
-            others = [option for field, option in OPTIONS.items() if field in used]
-            raise UsageError(
-                f"{OPTIONS[name]} has no effect, because no parameter that is sampled here has"
-                f" this prior; leave it out (those with an effect: {', '.join(others) or 'none'}).",
-                where=fit.source,
-            )
 
 
 @contextmanager

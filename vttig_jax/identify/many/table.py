@@ -14,8 +14,8 @@ from ...base.files.atomic_write import os_errors_as_input_errors, replace_file
 from ...base.files.text_tables import key_values, text_table
 from ...base.results import TextResult
 from ...base.shown_text import csv_cell
-from .codes import Code
 
+Row = dict[str, Any]
 Columns = dict[str, np.ndarray]
 """Name of a column → its values, one per log; a missing number is NaN."""
 
@@ -28,7 +28,7 @@ NUMBERS = ("samples_used", "noise_order", "noise_std_deg")
 PARTS = ("", "_std", "_low95", "_high95")
 """Endings of the names of the four columns of a parameter: value, std, bounds of the interval."""
 
-OK = Code.OK.name.lower()
+OK = "ok"
 """Code of a log that was fitted."""
 
 _QUOTED = 5

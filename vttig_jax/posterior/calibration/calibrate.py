@@ -1,282 +1,287 @@
-"""Calibration: random rigs are fitted, and the intervals that contain the true value are counted.
-
-The share of these intervals is then compared with their nominal probability.
-"""
+"""Calibration of a fit: how often its intervals hold the truth of rigs like this one."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import stats
 
-from ...base.files.text_tables import text_table
+from ...base.errors import NoAnswerError
+from ...base.files.text_tables import key_values, text_table
+from ...base.results import TextResult
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
-from ...base.units import ARCSEC
-from .batched_fit import BatchEstimate
-from .case_result import CaseResult, Ranks
-from .coverage import Cell, CoverageDisc, amplitude_ranks, normal_ranks, rejected
-from .program import Batch, Program
-from .rigs import LARGEST_ECCENTRICITY_MM
-from .sampled_subset import sampled_coverage
-from .scenarios import Scenario, judged_parameters
+from ...identify.fit_settings import FitSettings
+from ...identify.identification import told_by
+from ...model.parameter import Parameter
+from .drawn import LikeRigs
 
-_HEADERS = (
-    "scenario",
-    ("rate", "Hz"),
-    "turns",
-    "N",
-    "rigs",
-    ("68 %", "%"),
-    ("95 %", "%"),
-    ("95 % white", "%"),
-    "AR order",
-    "verdict",
-)
+if TYPE_CHECKING:
+    from ...identify.result import Fit
+
+TOLERATED = 0.925
+"""Smallest true coverage of 95 % intervals that counts as calibrated (chosen)."""
+
+FAMILY_WISE = 0.01
+"""Probability of a false alarm in the whole table (chosen)."""
 
 
-def calibration_text(result: "Calibration") -> str:
-    """Return the report: a table with the range of coverages in every case, and the verdict.
+@dataclass(frozen=True)
+class Coverage:
+    """Number `hits` of 95 % intervals that hold the truth, out of `rigs`.
 
-    The range goes from the parameter with the lowest coverage to that with the highest.
+    `low` and `high` are the 95 % Clopper–Pearson bounds of the true share.
     """
-    rows = [_row(result, case) for case in result.cases]
-    parts = [text_table(rows, _HEADERS, align="lrrrrrrrrl")]
-    parts += [_sampled_row(case) for case in result.cases if case.sampled is not None]
-    parts.append(
-        "Coverage of nominal 68 % and 95 % intervals, lowest to highest of the parameters; N"
-        " samples in all directions, turns of the driving shaft in each. White: the same logs,"
-        " every sample counted as independent."
-    )
-    for cell in result.failed:
-        parts.append(f"{cell.case}: {cell.name}, {cell.what}: p = {cell.probability:.1e}")
-    parts += [f"{case}: its intervals hold although its model is wrong" for case in result.unseen]
-    kinds = {case.scenario.holds for case in result.cases}
-    words = {True: "right models hold", False: "wrong ones are seen to fail"}
-    verdict = "yes; " + ", ".join(words[kind] for kind in (True, False) if kind in kinds)
-    parts.append(f"calibrated: {verdict if result.is_calibrated else f'NO; {result.sentence}'}")
-    return "\n\n".join(parts)
+
+    hits: int
+    rigs: int
+    low: float
+    high: float
+
+    @property
+    def share(self) -> float:
+        """Share of the intervals that hold the truth."""
+        return self.hits / self.rigs
+
+    @property
+    def probability(self) -> float:
+        """Probability of so few hits, or fewer, if the true share is the smallest tolerated one."""
+        return float(stats.binom.cdf(self.hits, self.rigs, TOLERATED))
 
 
-def _row(result: "Calibration", case: CaseResult) -> list[str]:
-    s = case.scenario
-    return [
-        s.case,
-        f"{s.rate_hz:g}",
-        f"{s.turns:.2f}",
-        str(case.samples),
-        str(len(case.ranks)),
-        _range(case, case.ranks, 0.68),
-        _range(case, case.ranks, 0.95),
-        _range(case, case.white_samples, 0.95),
-        f"{case.orders.min()}–{case.orders.max()}",
-        result.verdict(case),
-    ]
+def coverage(hits: int, rigs: int) -> Coverage:
+    """Return a coverage with its binomial bounds.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.posterior import coverage
+    >>> result = coverage(950, 1000)
+    >>> round(result.share, 3), round(result.low, 3), round(result.high, 3)
+    (0.95, 0.935, 0.963)
+
+    ```
+    """
+    low = stats.beta.ppf(0.025, hits, rigs - hits + 1) if hits else 0.0
+    high = stats.beta.ppf(0.975, hits + 1, rigs - hits) if hits < rigs else 1.0
+    return Coverage(hits, rigs, float(low), float(high))
 
 
-def _range(case: CaseResult, ranks: Ranks, level: float) -> str:
-    low, high = (100 * share for share in case.range_of(ranks, level))
-    return f"{low:.1f}–{high:.1f}"
+@dataclass(frozen=True)
+class Judged:
+    """Intervals of one parameter over all rigs.
+
+    **Arguments**
+    - `coverage`: of the rigs that told the parameter. - `told`: share of these rigs.
+    - `rms`: rms of (value − truth)/std; 1 if the standard errors are right.
+    - `std`: mean standard error in `unit`. - `holds`: False if the intervals are too narrow.
+    """
+
+    name: str
+    unit: str
+    coverage: Coverage
+    told: float
+    rms: float
+    std: float
+    holds: bool
+
+    def to_json(self) -> dict:
+        """Return the JSON object of the parameter."""
+        return {
+            "unit": self.unit,
+            "rigs": self.coverage.rigs,
+            "share": self.coverage.share,
+            "low95": self.coverage.low,
+            "high95": self.coverage.high,
+            "told": self.told,
+            "rms_of_errors": self.rms,
+            "mean_std": self.std,
+            "holds": self.holds,
+        }
 
 
-def _sampled_row(case: CaseResult) -> str:
-    assert case.sampled is not None  # checked by the caller
-    ranks = case.sampled.ranks
-    return (
-        f"{case.scenario.case}: {len(ranks)} rigs sampled, 68 % {_range(case, ranks, 0.68)} %,"
-        f" 95 % {_range(case, ranks, 0.95)} %, longest autocorrelation"
-        f" {case.sampled.tau.max():.0f} of {case.sampled.steps} steps"
-    )
+@dataclass(frozen=True)
+class Calibration(TextResult):
+    """Coverage of the intervals of a fit on rigs like its own.
 
+    **Arguments**
+    - `source`: logs of the fit. - `parameters`: name → intervals of this parameter.
+    - `rigs`, `seed`: number of rigs, and seed of the draws. - `seconds`: time of the computation.
+    """
 
-Progress = Callable[[str, int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Results of all cases in the order of the scenarios; `seed` is the random seed of the rigs."""
-
-    cases: tuple[CaseResult, ...]
+    source: str
+    parameters: Mapping[str, Judged]
+    rigs: int
     seed: int
+    seconds: float
 
-    @cached_property
-    def failed(self) -> tuple[Cell, ...]:
-        """Tested numbers that the test rejects although the fit of their scenario is right.
-
-        The coverages, the coverages of the sampled rigs and the rank histograms of amplitudes are
-        tested as three families. Each family has a false rejection with a probability of 1 %.
-        """
-        right = [case for case in self.cases if case.scenario.holds]
-        families = (CaseResult.cells, CaseResult.sampled_cells, CaseResult.amplitude_cells)
-        return tuple(
-            cell for of in families for cell in rejected([c for case in right for c in of(case)])
-        )
-
-    @cached_property
-    def unseen(self) -> tuple[str, ...]:
-        """Scenarios with a wrong model in which the test rejects no coverage."""
-        wrong = [case for case in self.cases if not case.scenario.holds]
-        return tuple(case.scenario.case for case in wrong if not rejected(case.cells()))
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Parameters whose intervals are too narrow."""
+        return tuple(name for name, one in self.parameters.items() if not one.holds)
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the calibration is passed.
-
-        In every scenario whose fit has the right model (`Scenario.holds`), the intervals must
-        contain the true values as often as they claim. In every scenario with a wrong model, the
-        test must reject at least one coverage.
-        """
-        return not (self.failed or self.unseen)
-
-    @property
-    def sentence(self) -> str:
-        """Sentence that names the scenarios that did not pass; "" if all passed."""
-        wrong = []
-        if self.failed:
-            cases = ", ".join(dict.fromkeys(cell.case for cell in self.failed))
-            wrong.append(f"intervals do not hold in {cases}")
-        if self.unseen:
-            wrong.append(f"wrong models pass unseen in {', '.join(self.unseen)}")
-        return f"{'; '.join(wrong)}." if wrong else ""
-
-    def verdict(self, case: CaseResult) -> str:
-        """Return the verdict on a case, which depends on the model of its fit.
-
-        It is "holds" or "FAILS" for the right model, and "seen to fail" or "NOT SEEN" for a wrong
-        one.
-        """
-        if not case.scenario.holds:
-            return "NOT SEEN" if case.scenario.case in self.unseen else "seen to fail"
-        return "FAILS" if any(c.case == case.scenario.case for c in self.failed) else "holds"
+        """Whether all intervals hold as often as they claim."""
+        return not self.failed
 
     def to_json(self) -> dict:
-        """Return the object of schema `vttig.calibrate/1`."""
+        """Return the object of schema `vttig.calibrate/2`."""
         return {
-            "schema": "vttig.calibrate/1",
+            "schema": "vttig.calibrate/2",
+            "source": self.source,
             "calibrated": self.is_calibrated,
+            "rigs": self.rigs,
             "seed": self.seed,
-            "failed": [
-                {"case": c.case, "name": c.name, "what": c.what, "probability": c.probability}
-                for c in self.failed
-            ],
-            "unseen": list(self.unseen),
-            "cases": [case.to_json() | {"verdict": self.verdict(case)} for case in self.cases],
+            "seconds": self.seconds,
+            "failed": list(self.failed),
+            "parameters": {name: one.to_json() for name, one in self.parameters.items()},
         }
 
     def __str__(self) -> str:
-        return calibration_text(self)
+        head = key_values(
+            [("rigs like this one", self.rigs), ("seed", self.seed)], title=self.source
+        )
+        rows = [
+            (
+                name,
+                f"{100 * one.coverage.share:.1f}",
+                f"{100 * one.coverage.low:.1f}–{100 * one.coverage.high:.1f}",
+                f"{100 * one.told:.0f}",
+                f"{one.rms:.2f}",
+                f"{one.std:.2g}",
+                one.unit,
+                "holds" if one.holds else "TOO NARROW",
+            )
+            for name, one in self.parameters.items()
+        ]
+        titles = (
+            "parameter",
+            ("95 % interval holds", "%"),
+            ("binomial", "%"),
+            ("told", "%"),
+            "rms error/std",
+            "mean std",
+            "unit",
+            "",
+        )
+        verdict = "yes" if self.is_calibrated else f"NO; too narrow: {', '.join(self.failed)}"
+        table = text_table(rows, titles, align="lrrrrrll")
+        return "\n\n".join([head, table, f"calibrated: {verdict}"])
 
 
 @one_blas_thread
 def calibrate(
-    scenarios: Sequence[Scenario],
+    fit: "Fit",
     *,
-    rigs: int = 2000,
+    rigs: int = 400,
     seed: int = 0,
-    posterior: int = 0,
-    progress: Progress = lambda case, rigs: None,
+    progress: Callable[[int], None] = lambda rigs: None,
 ) -> Calibration:
-    """Return the coverage of the intervals of `vttig_jax.fit` in every scenario.
+    """Return how often the intervals of a fit hold the truth on rigs like this one.
+
+    Every rig has the motion, the noise and the columns of the fit, and its coefficients are drawn
+    from the posterior of the fit; its new rows are fitted by the same model. Outliers, the search
+    for lines and the assignment of flanks are not repeated.
 
     **Arguments**
-    - `scenarios`: values of `SCENARIOS`, at the wanted length (`Scenario.of_length`).
-    - `rigs`: number of rigs that are drawn and fitted in each scenario.
-    - `seed`: seed of the rigs.
-    - `posterior`: number of these rigs that are sampled too.
-    - `progress`: called with the case and the number of rigs that were drawn, fitted or sampled.
+    - `fit`: a fit of logs; one from `read_fit` has no rows and is refused.
+    - `rigs`: number of rigs. - `seed`: seed of the draws.
+    - `progress`: called with the number of further rigs that are done.
 
-    **Raises** `ValueError` for wrong arguments and without 64-bit floats.
+    **Raises** `NoAnswerError` for a fit without a determined parameter, `ValueError` for wrong
+    arguments and without 64-bit floats.
 
     **Example**
     ```python
     >>> import vttig_jax
     >>> from vttig_jax.posterior import calibrate
-    >>> from vttig_jax.posterior import SCENARIOS
+    >>> from vttig_jax.rig import PassMotion, paper_rig
     >>> vttig_jax.enable_x64()
-    >>> result = calibrate([SCENARIOS["encoders_left_out"].of_length("short")], rigs=50)
-    >>> result.is_calibrated, result.verdict(result.cases[0])
-    (True, 'seen to fail')
+    >>> rig = paper_rig(motion=PassMotion(speed_rpm=240.0, reversal_deg=3600.0))
+    >>> result = calibrate(vttig_jax.fit(rig.log(), rig.pair), rigs=40)
+    >>> result.is_calibrated, result.parameters["driving_eccentricity_mm"].coverage.rigs
+    (True, 40)
 
     ```
     """
     require_x64("calibrate")
     if rigs < 1:
         raise ValueError(f"Argument `rigs` must be at least 1, but is {rigs!r}.")
-    if not 0 <= posterior <= rigs:
-        raise ValueError(f"Argument `posterior` must be 0 … {rigs} (rigs), but is {posterior!r}.")
-    cases = [run_case(Program(scenario), rigs, seed, posterior, progress) for scenario in scenarios]
-    return Calibration(tuple(cases), seed)
+    if not fit.core.rows:
+        raise ValueError(
+            "Argument `fit` must be a fit of logs, but is one from a folder, which keeps no rows;"
+            " fit the logs again, or use `vttig calibrate RUN`."
+        )
+    start = time.perf_counter()
+    settings = FitSettings() if fit.request is None else fit.request.settings
+
+    def read(core) -> dict[str, Parameter]:
+        return told_by(core, fit.pair, settings, fit.source)[1]
+
+    like = LikeRigs(
+        fit.core,
+        fit.pair,
+        encoders=not settings.perfect_encoders,
+        gears=not settings.perfect_gears,
+    )
+    seen: dict[str, list[tuple[float, bool, float]]] = {}
+    units: dict[str, str] = {}
+    for number in range(rigs):
+        generator = np.random.default_rng([seed, number])
+        beta = like.drawn(generator)
+        truths, found = read(like.truth(beta)), read(like.refitted(beta, generator))
+        for name, one in found.items():
+            true = truths[name].value if name in truths else None
+            if true is not None and (judged := _judged(one, true)) is not None:
+                seen.setdefault(name, []).append(judged)
+                units[name] = one.unit
+        progress(1)
+    if not seen:
+        raise NoAnswerError("the fit tells no parameter whose intervals could be judged.")
+    return Calibration(
+        fit.source, _table(seen, units, rigs), rigs, seed, time.perf_counter() - start
+    )
 
 
-def run_case(
-    program: Program, rigs: int, seed: int, posterior: int, progress: Progress
-) -> CaseResult:
-    """Draw and fit `rigs` rigs of one case, and return the ranks of their true values.
+def _judged(found: Parameter, true: float) -> tuple[float, bool, float] | None:
+    """Return error in standard errors, whether the interval holds the truth, and standard error.
 
-    The posteriors of the first `posterior` rigs are sampled too.
+    None for a parameter that the rig does not tell. An amplitude that is not significant has an
+    upper limit, which is no equal-tailed interval and is left out, as is its phase.
     """
-    start, scenario = time.perf_counter(), program.scenario
-    batches: list[Batch] = []
-    for step in program.batches(rigs, seed):
-        if isinstance(step, int):
-            progress(scenario.case, step)
-        else:
-            batches.append(step)
-    names = program.relation.names
-    judged = list(judged_parameters(names))
-    truth, orders = _joined([b.truth for b in batches]), _joined([b.fitted.order for b in batches])
-    modelled = _estimates([b.fitted.modelled for b in batches])
-    ranks = {
-        "ranks": _ranks(truth, modelled)[:, judged],
-        "white_rows": _ranks(truth, _estimates([b.fitted.white_rows for b in batches]))[:, judged],
-        "white_samples": _ranks(truth, _estimates([b.fitted.white_samples for b in batches]))[
-            :, judged
-        ],
+    if found.value is None or found.upper95 is not None:
+        return None
+    value, std, low, high = found.value, found.std, found.low95, found.high95
+    assert std is not None and low is not None and high is not None  # all are given with a value
+    if found.name.endswith("_phase_deg"):
+        true = value + (true - value + 180.0) % 360.0 - 180.0
+    return (value - true) / std, low <= true <= high, std
+
+
+def _table(
+    seen: Mapping[str, list[tuple[float, bool, float]]], units: Mapping[str, str], rigs: int
+) -> dict[str, Judged]:
+    """Return the table; Holm's method judges all parameters together."""
+    coverages = {
+        name: coverage(sum(held for _, held, _ in rows), len(rows)) for name, rows in seen.items()
     }
-    amplitudes = amplitude_ranks(
-        truth,
-        np.asarray(modelled.values),
-        np.asarray(modelled.covariance),
-        _discs(scenario, names),
-        seed,
-    )
-    sampled = None
-    if posterior:
-        sampled = sampled_coverage(program, batches, posterior, seed, progress)
-    return CaseResult(
-        scenario=scenario,
-        names=tuple(names[k] for k in judged),
-        rows=program.rows * len(scenario.flanks),
-        row_s=program.size / scenario.rate_hz,
-        **ranks,
-        amplitudes=amplitudes,
-        orders=orders,
-        std=np.sqrt(np.diagonal(modelled.covariance, axis1=1, axis2=2)).mean(axis=0)[judged],
-        seconds=time.perf_counter() - start,
-        sampled=sampled,
-    )
-
-
-def _joined(parts: list) -> np.ndarray:
-    return np.concatenate([np.asarray(part) for part in parts])
-
-
-def _estimates(parts: list[BatchEstimate]) -> BatchEstimate:
-    return BatchEstimate(*(_joined(list(pieces)) for pieces in zip(*parts, strict=True)))
-
-
-def _ranks(truth: np.ndarray, estimate: BatchEstimate) -> np.ndarray:
-    std = np.sqrt(np.diagonal(np.asarray(estimate.covariance), axis1=1, axis2=2))
-    return normal_ranks(truth, np.asarray(estimate.values), std)
-
-
-def _discs(scenario: Scenario, names: tuple[str, ...]) -> list[CoverageDisc]:
-    """Return the fitted vectors (x, y) of a rig that are drawn with uniform density in a disc."""
-    radii = {"driving": LARGEST_ECCENTRICITY_MM, "driven": LARGEST_ECCENTRICITY_MM}
-    if scenario.encoders == "disc" and scenario.encoder_terms:
-        radii |= {f"{shaft}_encoder": scenario.encoder_arcsec * ARCSEC for shaft in list(radii)}
-    return [
-        CoverageDisc(name, names.index(f"{name}_x"), names.index(f"{name}_y"), radius)
-        for name, radius in radii.items()
-    ]
+    narrow = set()
+    ordered = sorted(coverages, key=lambda name: coverages[name].probability)
+    for remaining, name in zip(range(len(ordered), 0, -1), ordered, strict=True):
+        if coverages[name].probability > FAMILY_WISE / remaining:
+            break
+        narrow.add(name)
+    return {
+        name: Judged(
+            name,
+            units[name],
+            coverages[name],
+            len(rows) / rigs,
+            float(np.sqrt(np.mean([error**2 for error, *_ in rows]))),
+            float(np.mean([std for *_, std in rows])),
+            name not in narrow,
+        )
+        for name, rows in seen.items()
+    }

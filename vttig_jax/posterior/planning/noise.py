@@ -1,4 +1,4 @@
-"""Noise that a plan assumes: autoregressive noise of block means, and quantisation by counting."""
+"""Noise that a plan assumes: correlated and white noise of samples, and counting."""
 
 import math
 from collections.abc import Sequence
@@ -7,15 +7,9 @@ from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cholesky, solve_toeplitz, solve_triangular, toeplitz
-from scipy.signal import lfilter
 
 from ...base.units import DEG, REV
 from ...pair.gear_pair import Drive, GearPair
-
-_HIGHEST_ORDER = 512  # highest order of an autoregression (chosen)
-_SETTLED = 1e-10
-"""Relative decrease of the innovation variance below which the order is high enough (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +31,10 @@ class PlannedNoise:
     **Example**
     ```python
     >>> from vttig_jax.posterior import PlannedNoise
-    >>> blocks = PlannedNoise(std_deg=0.002, correlation_s=0.00475).of_blocks(11, 2000.0)
-    >>> round(blocks.std / blocks.innovation_std, 2), len(blocks.filter) - 1
-    (1.16, 8)
+    >>> noise = PlannedNoise(std_deg=0.002, correlation_s=0.00475)
+    >>> covariance = noise.autocovariance(11, 2000.0, 2)
+    >>> (covariance / covariance[0]).round(2).tolist()
+    [1.0, 0.46, 0.14]
 
     ```
     """
@@ -78,80 +73,6 @@ class PlannedNoise:
         correlated = (self.std_deg * DEG / size) ** 2 * np.concatenate([[first], later])
         correlated[0] += ((self.white_std_deg * DEG) ** 2 + counting_rad**2) / size
         return correlated
-
-    def of_blocks(
-        self,
-        size: int,
-        rate_hz: float,
-        counting_rad: float = 0.0,
-        most: int = _HIGHEST_ORDER,
-        order: int | None = None,
-    ) -> "BlockNoise":
-        """Return the autoregressive noise of block means over `size` samples at the rate `rate_hz`.
-
-        **Arguments**
-        - `counting_rad`: standard deviation of the counting error of one sample.
-        - `most`: highest order. The order is doubled, from 1 on, until the innovation variance
-          changes by less than 1e-10 of its value.
-        - `order`: fixed order, which replaces this search.
-        """
-        lags = order if order is not None else min(most, _HIGHEST_ORDER)
-        covariance = self.autocovariance(size, rate_hz, max(lags, 1), counting_rad)
-        filter_, variance = _predictor(covariance, lags if order is not None else 0)
-        higher = 1
-        while order is None and higher <= lags:
-            longer, lower = _predictor(covariance, higher)
-            if variance - lower <= _SETTLED * variance:
-                break
-            filter_, variance, higher = longer, lower, 2 * higher
-        return BlockNoise(covariance[: len(filter_)], filter_, math.sqrt(variance), size / rate_hz)
-
-
-@dataclass(frozen=True)
-class BlockNoise:
-    """Autoregressive noise of order p of block means, with known parameters.
-
-    **Arguments**
-    - `autocovariance`: autocovariance at the lags 0 … p blocks, rad².
-    - `filter`: whitening filter (1, −a₁, …, −a_p).
-    - `innovation_std`: standard deviation of the innovations, rad. - `block_s`: duration of a
-      block, s.
-    """
-
-    autocovariance: Float[np.ndarray, " taps"]
-    filter: Float[np.ndarray, " taps"]
-    innovation_std: float
-    block_s: float
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of a block mean, rad."""
-        return math.sqrt(float(self.autocovariance[0]))
-
-    def whitened(self, rows: Float[np.ndarray, "n q"]) -> Float[np.ndarray, "n q"]:
-        """Return the whitened rows of one run, in units of the innovation standard deviation.
-
-        The first p rows are multiplied by the inverse Cholesky factor of their covariance, and the
-        remaining rows are filtered. Together this gives the exact likelihood of a stationary
-        autoregression.
-        """
-        order = min(len(self.filter) - 1, len(rows))
-        white = np.asarray(lfilter(self.filter, [1.0], rows, axis=0)) / self.innovation_std
-        if order:
-            factor = cholesky(toeplitz(self.autocovariance[:order]), lower=True)
-            white[:order] = solve_triangular(factor, rows[:order], lower=True)
-        return white
-
-
-def _predictor(
-    autocovariance: Float[np.ndarray, " lags"], order: int
-) -> tuple[Float[np.ndarray, " taps"], float]:
-    """Return the whitening filter of this order and its residual variance (Yule–Walker)."""
-    if order == 0:
-        return np.ones(1), float(autocovariance[0])
-    known = autocovariance[: order + 1]
-    coefficients = solve_toeplitz(known[:-1], known[1:])
-    return np.append(1.0, -coefficients), float(known[0] - coefficients @ known[1:])
 
 
 _FEW_PHASES = 4

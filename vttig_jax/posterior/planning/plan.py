@@ -1,32 +1,29 @@
-"""Expected standard errors of a run that is not yet recorded, from its Fisher information."""
+"""Expected standard errors of a run that is not yet recorded, from its expected information."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
+from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...base.units import DEG
-from ...identify.model.forward_model import drive_relation, pair_relation
-from ...identify.preliminary.delay import NEGLECTED, SIGNIFICANT, Delay
-from ...identify.report.gap_of_delay import allowing_for, gap_of_delay
-from ...identify.report.parameters import outcome_of, parameters_of
-from ...identify.settings import FitSettings
-from ...identify.solve.least_squares import Solution, solve
+from ...model.parameters import FULL_TURN, parameters_of, shaft_turns
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
-from .assumptions import assumed_values, cartesian
+from .assumptions import DELAY, LONGEST_DELAY_S, assumed_values
+from .expected import expected_fit
 from .noise import PlannedNoise, counting_std
-from .result import Plan, conditions, delay_notes, notes, planned_parameter
-from .rows import DELAY, PlannedRows, columns_of, planned_rows, whitened_flanks
+from .result import Plan, conditions, notes, outcome_of, planned_parameter
 from .run import Directions, PlannedRun
 
-DelayChoice = Literal["auto", "free", "off"] | float
-"""Values of the setting `delay` of a fit: "auto", "free", "off", or a number of seconds."""
+DelayChoice = Literal["auto", "off"] | float
+"""Values of the setting `delay` of a fit: "auto", "off", or a number of seconds."""
+
+BESIDE = ("gap_over_angles_covered", "backlash_plus_delay_deg")
+"""Parameters of a fit that depend on the angles of its log; a plan leaves them out."""
 
 
 @dataclass(frozen=True)
@@ -45,16 +42,17 @@ class Assumptions:
     delay: DelayChoice
 
     def __post_init__(self):
-        if self.settings.delay not in ("auto", "free") and "delay_s" in self.values:
+        is_known = isinstance(self.delay, float | int)
+        if not (self.delay in ("auto", "off") or (is_known and abs(self.delay) <= LONGEST_DELAY_S)):
             raise ValueError(
-                'Argument `assumed` must hold a delay_s only if `delay` is "auto" or "free", but'
+                'Argument `delay` must be "auto", "off" or a number of seconds within'
+                f" ±{LONGEST_DELAY_S:g} s, but is {self.delay!r}."
+            )
+        if self.delay != "auto" and DELAY in self.values:
+            raise ValueError(
+                'Argument `assumed` must hold a delay_s only if `delay` is "auto", but'
                 f" `delay` is {self.delay!r}, so that no delay is fitted."
             )
-
-    @property
-    def settings(self) -> FitSettings:
-        """Settings of the fit for which the run is planned."""
-        return FitSettings(perfect_encoders=self.perfect_encoders, delay=self.delay)
 
 
 @one_blas_thread
@@ -77,14 +75,10 @@ def plan(
 ) -> Plan:
     """Return the expected standard errors of all parameters that a fit of this run will report.
 
-    The block rows X are computed from the noise-free motion as in `identify.fit`. With the
-    covariance C of the noise of these block means, and the Jacobian J of the tied coefficients with
-    respect to the parameters,
-
-        covariance = (Jᵀ XᵀC⁻¹X J)⁻¹.
-
-    The free orders of every flank are eliminated. No unbiased method has smaller standard errors
-    (Cramér–Rao bound). Those of the fit are a few percent larger, because it also estimates C.
+    The rows of the planned motion go through the model of `vttig_jax.fit`. Its density is taken at
+    the expected products of their columns and readings, and the standard errors are those of its
+    posterior there: the expected information. Drift, a delay that changes and a gap that changes
+    with the speed are part of the model as in a fit, at the smallest size that such a log allows.
 
     **Arguments**
     - `pair`: gear pair, or a drive without geometry.
@@ -102,9 +96,8 @@ def plan(
       "driving_encoder_arcsec".
     - `orders`: harmonic orders to model; those of the pair by default.
     - `perfect_encoders`: fit no encoder eccentricity.
-    - `delay`: as in the fit. "auto" fits a delay if several speeds, or else the ramps, separate it
-      from the constant backlash; it is not fitted if the assumed `delay_s` is below 4 standard
-      errors. "free" always fits a delay, "off" never, and a number of seconds is a known delay.
+    - `delay`: as in the fit. "auto" fits a delay, which half a sampling interval bounds unless
+      several speeds or the ramps tell it; "off" fits none, and a number of seconds is a known one.
 
     **Returns** a `Plan`.
 
@@ -149,102 +142,51 @@ def plan_of_run(
     wanted: Mapping[str, float],
 ) -> Plan:
     """Return the plan of a run; the report compares the expected standard errors with `wanted`."""
-    rows = planned_rows(run, pair, assumptions.orders, assumptions.noise)
-    settings = assumptions.settings
-    split = not settings.perfect_encoders and len(rows.identifiable.flanks) == 2
-    solution, delay = _solved(pair, rows, assumptions, split=split)
-    fitted = allowing_for(
-        gap_of_delay(delay, rows.identifiable),
-        parameters_of(pair, rows.identifiable, solution, settings, delay),
+    noise, counting = assumptions.noise, counting_std(pair)
+    if not (noise.std_deg or noise.white_std_deg or counting):
+        raise ValueError(
+            "Argument `noise` must not be zero if the pair file gives no counts of the encoders,"
+            " but it is: every standard error would be zero."
+        )
+    encoders = not assumptions.perfect_encoders
+    fit, passes = expected_fit(
+        run,
+        pair,
+        assumptions.orders,
+        noise,
+        assumptions.values,
+        encoders=encoders,
+        delay_is_fitted=assumptions.delay == "auto",
     )
+    fitted = parameters_of(fit, pair, encoders=encoders)
+    fitted = {name: p for name, p in fitted.items() if name not in BESIDE}
     parameters = {
         name: planned_parameter(parameter, assumptions.values.get(name), wanted.get(name))
         for name, parameter in fitted.items()
     }
-    counting = counting_std(pair)
+    turns = shaft_turns(fit)
+    short = tuple(shaft for shaft, number in turns.items() if number < FULL_TURN)
+    if not any(parameter.determined for parameter in fitted.values()):
+        raise NoAnswerError(
+            f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns;"
+            " plan more turns.",
+            where="planned run",
+        )
+    (rows,) = fit.rows
+    flanks = tuple(flank for flank, side in (("A", 1), ("B", -1)) if (rows.side == side).any())
+    size = rows.samples.shape[1]
     return Plan(
         pair=pair,
         parameters=parameters,
         run=run,
-        used=rows.used,
-        noise=assumptions.noise,
+        used=rows.samples.size,
+        noise=noise,
         counting_std_deg=counting / DEG,
-        blocks=rows.noise,
-        flanks=rows.identifiable.flanks,
-        conditional_on=conditions(pair, rows, delay, split=split),
-        outcome=outcome_of(fitted, solution.converged, settings),
-        covariance=solution.covariance,
-        covariance_names=solution.names,
-        short=rows.identifiable.short,
-        weakest=solution.weakest,
-        notes=(
-            *notes(pair, run, rows, assumptions.orders, assumptions.noise),
-            *delay_notes(rows, delay, solution, assumed="delay_s" in assumptions.values),
-        ),
+        row_s=size / run.rate_hz,
+        row_std_deg=math.sqrt(noise.autocovariance(size, run.rate_hz, 1, counting)[0]) / DEG,
+        flanks=flanks,
+        conditional_on=conditions(pair, flanks, assumptions.delay, encoders=encoders),
+        outcome=outcome_of(parameters),
+        short=short,
+        notes=notes(pair, run, assumptions.orders, noise, fit, passes),
     )
-
-
-def _solved(
-    pair: GearPair | Drive, rows: PlannedRows, assumptions: Assumptions, *, split: bool
-) -> tuple[Solution, Delay]:
-    """Return the expected solution of the fit, and the delay that the fit will report.
-
-    `split` is True if the fit separates encoder errors from gear errors.
-    """
-
-    def solution(*, joint: bool) -> Solution:
-        return _noise_free_solution(pair, rows, assumptions.values, split=split, joint=joint)
-
-    choice = assumptions.settings.delay
-    if choice not in ("auto", "free"):
-        return solution(joint=False), _unfitted(choice)
-    if not rows.delay_source:
-        alias = "the constant backlash" if len(rows.identifiable.flanks) == 2 else "an offset"
-        reason = f"at one steady speed a delay cannot be told from {alias}; plan a second speed"
-        return solution(joint=False), Delay("open", reason=reason, forced=choice == "free")
-    found = solution(joint=True)
-    place = found.names.index(DELAY)
-    std = float(np.sqrt(found.covariance[place, place]))
-    assumed = assumptions.values.get("delay_s")
-    if choice == "auto" and assumed is not None and abs(assumed) <= SIGNIFICANT * std:
-        return solution(joint=False), _insignificant(assumed, std, rows.interval_s)
-    return found, Delay("fitted", assumed or 0.0, 0.0, std, forced=choice == "free")
-
-
-def _insignificant(assumed_s: float, std_s: float, within_s: float) -> Delay:
-    """Return a delay that the fit will take as zero, with the rms of its expected estimates."""
-    expected_s = math.hypot(assumed_s, std_s)
-    return Delay("insignificant", 0.0, expected_s, std_s, NEGLECTED, within_s=within_s)
-
-
-def _unfitted(choice: str | float) -> Delay:
-    """Return the delay of a fit that does not fit it: "off", or given in seconds."""
-    if isinstance(choice, str):
-        reason = "not fitted: both channels are taken to be sampled at the same instant"
-        return Delay("off", reason=reason)
-    return Delay("given", choice, reason=f"given as {choice:g} s, not fitted")
-
-
-def _noise_free_solution(
-    pair: GearPair | Drive,
-    rows: PlannedRows,
-    values: Mapping[str, float],
-    *,
-    split: bool,
-    joint: bool,
-) -> Solution:
-    """Return the solution of a planned log: noise-free parameters, covariance of a log with noise.
-
-    **Arguments**
-    - `values`: assumed amplitudes and phases. - `split`: fit encoder errors and gear errors.
-    - `joint`: fit a delay too.
-    """
-    columns = columns_of(rows, with_delay=joint)
-    terms, flanks = rows.identifiable.terms, rows.identifiable.flanks
-    if isinstance(pair, Drive):
-        relation = drive_relation(terms, columns, flanks)
-    else:
-        relation = pair_relation(pair, terms, columns, flanks, encoder_terms=split)
-    tied = relation.linearised(cartesian(relation.names, values))[0]
-    with_ramps = joint and rows.delay_source == "ramps"
-    return solve(relation, whitened_flanks(rows, columns, tied, with_ramps=with_ramps))

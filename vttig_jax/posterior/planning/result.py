@@ -4,19 +4,20 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG
-from ...identify.preliminary.delay import WITHIN_ONE_INTERVAL, Delay
-from ...identify.report.parameters import Outcome, Parameter
-from ...identify.solve.least_squares import Direction, Solution
+from ...model.columns import KNOWN
+from ...model.density import LAGS
+from ...model.mixed_fit import MixedFit
+from ...model.parameter import Parameter
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
-from .noise import BlockNoise, PlannedNoise, frozen_counts
-from .rows import DELAY, PlannedRows
+from .noise import PlannedNoise, frozen_counts
 from .run import PlannedRun
+
+LEFT_OUT = ("not in the model of this log",)
 
 
 @dataclass(frozen=True)
@@ -61,13 +62,10 @@ class Plan(TextResult):
     **Arguments**
     - `parameters`: parameter name of a fit → `PlannedParameter`.
     - `run`: motion; `used`: number of its samples at steady speed, which the fit uses.
-    - `noise`, `counting_std_deg`, `blocks`: assumed noise of the samples, standard deviation of the
-      counting error, and noise of the block means.
+    - `noise`, `counting_std_deg`, `row_std_deg`: assumed noise of the samples, standard deviation
+      of the counting error, and of the noise of a row, which lasts `row_s`.
     - `flanks`, `conditional_on`, `outcome`: as in the result of a fit.
-    - `covariance`, `covariance_names`: expected covariance of the Cartesian parameters, mm and rad,
-      and their names.
-    - `short`: shafts that turn too little. - `weakest`: combination of parameters with the largest
-      standard error.
+    - `short`: shafts that turn too little.
     - `notes`: sentences for the reader.
     """
 
@@ -77,14 +75,12 @@ class Plan(TextResult):
     used: int
     noise: PlannedNoise
     counting_std_deg: float
-    blocks: BlockNoise
+    row_s: float
+    row_std_deg: float
     flanks: tuple[str, ...]
     conditional_on: tuple[str, ...]
-    outcome: Outcome
-    covariance: Float[np.ndarray, "p p"]
-    covariance_names: tuple[str, ...]
+    outcome: str
     short: tuple[str, ...]
-    weakest: Direction | None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -127,12 +123,12 @@ class Plan(TextResult):
                 "correlation_s": self.noise.correlation_s,
                 "white_std_deg": self.noise.white_std_deg,
                 "counting_std_deg": self.counting_std_deg,
-                "block_s": self.blocks.block_s,
-                "block_std_deg": self.blocks.std / DEG,
-                "model": f"AR({len(self.blocks.filter) - 1})",
+                "block_s": self.row_s,
+                "block_std_deg": self.row_std_deg,
+                "model": f"AR({LAGS})",
             },
             "parameters": {name: p.to_json() for name, p in self.parameters.items()},
-            "weakest_direction": self.weakest.to_json() if self.weakest else None,
+            "weakest_direction": None,
             "notes": list(self.notes),
         }
 
@@ -215,75 +211,80 @@ def _noise(plan: Plan) -> str:
 
 
 def conditions(
-    pair: GearPair | Drive, rows: PlannedRows, delay: Delay, *, split: bool
+    pair: GearPair | Drive, flanks: tuple[str, ...], delay: str | float, *, encoders: bool
 ) -> tuple[str, ...]:
-    """Return the assumptions behind the standard errors, by the same names as in a fit.
+    """Return the assumptions behind the standard errors, by the same names as in a fit."""
+    names: tuple[str, ...] = ()
+    if isinstance(pair, GearPair) and not (encoders and len(flanks) == 2):
+        names += ("perfect_encoders",)
+    return names if isinstance(delay, str) else (*names, "given_delay")
 
-    `split` is True if the fit separates encoder errors from gear errors.
-    """
-    names: tuple[str, ...] = () if isinstance(pair, Drive) or split else ("perfect_encoders",)
-    if delay.state == "given":
-        names += ("given_delay",)
-    if delay.is_bounded and len(rows.identifiable.flanks) == 2:
-        names += (WITHIN_ONE_INTERVAL,)
-    return names
+
+def outcome_of(parameters: dict[str, PlannedParameter]) -> str:
+    """Return the outcome that the fit of the run will have."""
+    asked = [p for name, p in parameters.items() if name != "delay_s" and p.reason not in LEFT_OUT]
+    told = [p.determined for p in asked]
+    return "ok" if all(told) else "partly_determined" if any(told) else "not_determined"
 
 
 def notes(
     pair: GearPair | Drive,
     run: PlannedRun,
-    rows: PlannedRows,
     options: HarmonicOrders,
     noise: PlannedNoise,
+    fit: MixedFit,
+    passes: int,
 ) -> tuple[str, ...]:
-    """Return notes on effects that increase the standard errors, and on what is not fitted."""
+    """Return notes on effects that increase the standard errors, and on what is not fitted.
+
+    `fit` is the expected fit, and `passes` the number of steady passes in it.
+    """
     sentences = [*frozen_counts(pair, run.speeds_rpm, run.rate_hz), *_aliased(pair, run, options)]
-    if rows.missed > 0:
+    planned = run.pass_count * len(run.speeds_rpm)
+    if passes < planned:
         sentences.append(
-            f"{rows.missed} of {run.pass_count * len(run.speeds_rpm)} passes have no steady part"
-            " that a fit would use: a speed below 1 % of the fastest counts as standstill, and a"
-            " flank that turns less than once is left out"
+            f"{planned - passes} of {planned} passes have no steady part that a fit would use: a"
+            " speed below 1 % of the fastest counts as standstill"
         )
     if noise.std_deg > 0 and noise.correlation_s == 0:
         sentences.append(
             "noise is taken as white; on real rigs it is correlated and standard errors are several"
             " times larger: give its correlation time, which `vttig fit` prints for a log of a rig"
         )
-    return (*sentences, *rows.identifiable.notes, *rows.identifiable.terms.dropped)
+    return (*sentences, *_delay_notes(fit, one_speed=len(run.speeds_rpm) == 1))
 
 
-def delay_notes(
-    rows: PlannedRows, delay: Delay, solution: Solution, *, assumed: bool
-) -> tuple[str, ...]:
-    """Return notes on a fitted delay: its effect on the constant backlash, and what determines it.
+def _delay_notes(fit: MixedFit, *, one_speed: bool) -> list[str]:
+    """Return what a fitted delay costs the constant backlash g, and what tells it.
 
-    If the delay d were known, the constant backlash g would have the smaller variance
-    var(g) − cov(g, d)²/var(d).
-
-    **Arguments**
-    - `assumed`: whether the plan assumes a value of the delay.
+    If the delay d were known, g would have the smaller variance var(g) − cov(g, d)²/var(d).
     """
-    if delay.state != "fitted" or "constant_backlash" not in solution.names:
-        return ()
-    places = [solution.names.index(name) for name in ("constant_backlash", DELAY)]
-    if not solution.determined[places].all():
-        return ()
-    (gap, both), (_, own) = solution.covariance[np.ix_(places, places)]
-    known = math.sqrt(max(gap - both**2 / own, 0.0)) / DEG
-    sentences = []
-    if not (delay.forced or assumed):
+    posterior, index = fit.posterior, fit.posterior.problem.index
+    if not {("gap",), ("delay",)} <= set(index):
+        return []
+    rows = np.stack([posterior.row(("gap",)), posterior.row(("delay",))])
+    (gap, both), (_, own) = posterior.told(rows, moved=True)[1]
+    known = math.sqrt(max(gap - both**2 / own, 0.0))
+    if known > 0.9 * math.sqrt(gap):
+        return []
+    width = next(c.width for c in posterior.problem.columns if c.prior == KNOWN)
+    sentences = [
+        "a delay between the channels is fitted beside the constant backlash; if both channels are"
+        " sampled at the same instant, plan and fit with --delay off, and the standard error of the"
+        f" constant backlash is {known / DEG:.2g}°"
+    ]
+    if math.sqrt(own) > 0.5 * width:
         sentences.append(
-            "a delay between the channels is fitted beside the constant backlash; if both channels"
-            " are sampled at the same instant, plan and fit with --delay off, and the standard"
-            f" error of the constant backlash is {known:.2g}°"
+            f"only the assumption of ± {1e3 * width:.2g} ms tells the delay from the constant"
+            " backlash; plan a second speed"
         )
-    if rows.delay_source == "ramps":
+    elif one_speed:
         sentences.append(
             "only the ramps tell the delay from the constant backlash, and all of them are counted:"
-            " the driven side must stay on its flank while the drive slows down; a second speed"
+            " the driven side must stay on its flank while the drive speeds up; a second speed"
             " tells them apart without the ramps"
         )
-    return tuple(sentences)
+    return sentences
 
 
 def _aliased(pair: GearPair | Drive, run: PlannedRun, options: HarmonicOrders) -> list[str]:

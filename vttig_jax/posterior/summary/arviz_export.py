@@ -14,7 +14,6 @@ def arviz_data(
     names: Sequence[str],
     units: Sequence[str],
     draws: Float[np.ndarray, "ensembles steps walkers d"],
-    log_density: Float[np.ndarray, "ensembles steps walkers"],
     **attributes: object,
 ) -> Any:
     """Return the draws as an `InferenceData` before arviz 1, as an xarray `DataTree` from then on.
@@ -47,7 +46,6 @@ def arviz_data(
     _, steps, walkers, _ = draws.shape
     groups = {
         "posterior": {name: _walker_by_walker(draws[..., k]) for k, name in enumerate(names)},
-        "sample_stats": {"lp": _walker_by_walker(log_density)},
     }
     # Before arviz 1 the groups are keyword arguments, from then on one nested mapping.
     nested = int(arviz.__version__.partition(".")[0]) >= 1

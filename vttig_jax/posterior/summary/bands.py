@@ -11,7 +11,7 @@ from ...base.files.text_tables import key_values
 from ...base.results import PlottedResult
 from ...base.units import DEG
 from ...identify.backlash import shift_of_delay, with_coverage
-from ...identify.model.mounting import mounted_closed, mounting_of
+from ...identify.orders import mounted_closed
 from ...kinematics.backlash_map import BacklashMap
 from ...pair.gear_pair import Drive, GearPair
 from .draws import SmallestGap
@@ -236,14 +236,13 @@ def band_map(
     rows = math.ceil(turns * 360.0 / step_deg - 1e-9)
     angle = np.arange(rows) * step_deg * DEG
     first = None
+    fit = posterior.fit
     if isinstance(pair, GearPair):
-        centre = posterior.centred_fit
-        rig = centre.eccentricities()
+        rig = posterior.eccentricities()
         gap_rad = float(rig.constant_backlash_deg) * DEG
-        mounting = mounting_of(centre.covariance_names, centre.values, centre.flanks, gap_rad)
-        first = mounted_closed(pair, rig, mounting)
-    shift = shift_of_delay(posterior.fit)
-    grid = with_coverage(BacklashMap(draws.mean_model, first, pair, shift=shift), posterior.fit)
+        first = mounted_closed(pair, rig, fit.mounting(gap_rad))
+    shift = shift_of_delay(fit)
+    grid = with_coverage(BacklashMap(draws.mean_model, first, pair, shift=shift), fit)
     bands = streamed_band(draws.chunks(angle), probability)
     return BandedMap(
         map=grid,

@@ -10,8 +10,9 @@ from ...base.angles import difference_deg, wrap_deg
 from ...base.errors import NoAnswerError
 from ...base.numerics.polar_spread import polar_spread
 from ...base.units import ARCSEC, DEG, REV
-from ...identify.fit_result import Fit
-from ...identify.report.parameters import BELOW, ROUNDING, SIGNIFICANT, Parameter
+from ...identify.result import Fit
+from ...model.parameter import BELOW, Parameter
+from ...model.parameters import SIGNIFICANT
 from ...pair.gear_pair import Drive, GearPair
 
 
@@ -64,9 +65,7 @@ def circular_summary(
 
 
 _TAILS = (0.025, 0.5, 0.975)  # ends of the 95 % interval, and the median
-_NEGATIVE = "negative, which no gap is: friction or wind-up ahead of the gap, or a wrong sign"
 _UPPER = "below three standard errors: an upper limit only"
-_NOT_SAMPLED = "not sampled: the value of the fit"
 _BATCHES = 8
 """Number of batches of successive steps into which the draws of one ensemble are split (chosen)."""
 
@@ -87,44 +86,49 @@ class PosteriorParameter(Parameter):
         return super().to_json() | {"median": self.median}
 
 
+GAPS = ("constant_backlash", "gap_over_angles_covered", "backlash_plus_delay")
+"""Quantities that are reported in degrees."""
+
+
 def shown_unit(name: str, unit: str) -> tuple[str, float]:
-    """Return the unit in which a coordinate is reported, and its size in internal units."""
-    if name == "constant_backlash":
+    """Return the unit in which a quantity is reported, and its size in internal units."""
+    if name in GAPS:
         return "deg", DEG
     return {"rad": ("arcsec", ARCSEC)}.get(unit, (unit, 1.0))
 
 
+def reported_name(fit: Fit, quantity: str) -> str | None:
+    """Return the parameter that reports a quantity of a fit, for a component its amplitude."""
+    source = quantity.removesuffix("_x").removesuffix("_y")
+    ends = ("", "_deg", "_s", "_eccentricity_mm", "_amplitude_arcsec", "_arcsec")
+    return next((f"{source}{end}" for end in ends if f"{source}{end}" in fit.parameters), None)
+
+
 def parameters_of_draws(
-    fit: Fit,
-    names: tuple[str, ...],
-    flat: Float[np.ndarray, "n d"],
-    delay_offset_s: float,
+    fit: Fit, names: Sequence[str], flat: Float[np.ndarray, "n d"]
 ) -> dict[str, PosteriorParameter]:
     """Return every parameter of the fit by name, in the order of the fit.
 
-    `flat` holds the draws of the coordinates `names`. `delay_offset_s` is added to the draws of the
-    delay. A parameter that the fit marks as undetermined stays undetermined for the same reason:
-    the draws of its coordinate only repeat the prior. A parameter without a coordinate keeps the
-    values of the fit.
+    `flat` holds the draws of the quantities `names`. A parameter that the fit marks as undetermined
+    stays undetermined for the same reason: the draws only repeat the prior.
     """
-    column = {name: flat[:, index] for index, name in enumerate(names)}
-    parameters: dict[str, PosteriorParameter] = {}
-    for name, fitted in fit.parameters.items():
-        if name in parameters:
+    found = {
+        name: PosteriorParameter(name, one.unit, reason=one.reason)
+        for name, one in fit.parameters.items()
+    }
+    for place, quantity in enumerate(names):
+        name = reported_name(fit, quantity)
+        if name is None or quantity.endswith("_y") or not fit.parameters[name].determined:
             continue
-        source, scale = _source(name)
-        phase = _phase_name(name)
-        if not fitted.determined:
-            parameters[name] = PosteriorParameter(name, fitted.unit, reason=fitted.reason)
-        elif source in column:
-            offset = delay_offset_s if source == "delay" else 0.0
-            parameters[name] = scalar_of_draws(name, fitted.unit, column[source] / scale + offset)
-        elif phase is not None and f"{source}_x" in column:
-            plane = np.stack([column[f"{source}_x"], column[f"{source}_y"]], axis=1) / scale
-            parameters |= {p.name: p for p in polar_of_draws((name, phase), fitted.unit, plane)}
+        unit = fit.parameters[name].unit
+        scale = {"deg": DEG, "arcsec": ARCSEC}.get(unit, 1.0)
+        if quantity.endswith("_x"):
+            phase = f"{quantity.removesuffix('_x')}_phase_deg"
+            pair = polar_of_draws((name, phase), unit, flat[:, place : place + 2] / scale)
+            found |= {one.name: one for one in pair}
         else:
-            parameters[name] = _from_fit(fitted)
-    return {name: parameters[name] for name in fit.parameters}
+            found[name] = scalar_of_draws(name, unit, flat[:, place] / scale)
+    return found
 
 
 def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> PosteriorParameter:
@@ -134,12 +138,7 @@ def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> Pos
     """
     value, std = float(draws.mean()), float(draws.std(ddof=1))
     low, median, high = (float(part) for part in np.quantile(draws, _TAILS))
-    gap = name == "constant_backlash_deg"
-    smallest = ROUNDING / DEG if gap else 0.0
-    significant = abs(value) >= max(SIGNIFICANT * std, smallest)
-    reason = None if significant else BELOW
-    if significant and gap and value < 0:
-        significant, reason = False, _NEGATIVE
+    significant = abs(value) >= SIGNIFICANT * std
     return PosteriorParameter(
         name=name,
         unit=unit,
@@ -149,7 +148,7 @@ def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> Pos
         high95=high,
         determined=True,
         significant=significant,
-        reason=reason,
+        reason=None if significant else BELOW,
         median=median,
     )
 
@@ -214,48 +213,17 @@ def polar_of_draws(
     )
 
 
-def batches(
-    chosen: Int[np.ndarray, " m"], shape: Sequence[int], stretches: int = _BATCHES
-) -> Int[np.ndarray, " m"]:
-    """Return the number of the batch of every chosen draw.
+def batches(shape: Sequence[int]) -> Int[np.ndarray, " m"]:
+    """Return the number of the batch of every draw of the shape (ensembles, steps, walkers).
 
-    The steps of every ensemble are divided into `stretches` equal parts, and each part is a batch.
-    Draws of different batches are nearly independent, so the scatter of the batch means gives the
-    Monte-Carlo error of their mean. `chosen` are indices of the flattened draws, and `shape` is
-    (ensembles, steps, walkers), the shape of the draws.
+    The steps of every ensemble are divided into equal parts, and each part is a batch. Draws of
+    different batches are nearly independent, so the scatter of the batch means gives the
+    Monte-Carlo error of their mean.
     """
-    _, steps, walkers = shape
-    step = chosen // walkers % steps
-    stretches = min(stretches, steps)
-    return chosen // (steps * walkers) * stretches + step * stretches // steps
-
-
-def _source(name: str) -> tuple[str, float]:
-    """Return the coordinate of a parameter, and the size of the parameter's unit in internal units.
-
-    For an amplitude and a phase it is the common part of the coordinate names …_x and …_y.
-    """
-    if name == "constant_backlash_deg":
-        return "constant_backlash", DEG
-    if name == "delay_s":
-        return "delay", 1.0
-    scale = ARCSEC if name.endswith("_arcsec") else 1.0
-    for ending in ("_eccentricity_mm", "_amplitude_arcsec", "_arcsec", "_phase_deg"):
-        if name.endswith(ending):
-            return name.removesuffix(ending), scale
-    return name, 1.0
-
-
-def _phase_name(name: str) -> str | None:
-    """Return the name of the phase that belongs to an amplitude; None for other parameters."""
-    if name.endswith(("_eccentricity_mm", "_amplitude_arcsec", "_encoder_arcsec")):
-        return f"{_source(name)[0]}_phase_deg"
-    return None
-
-
-def _from_fit(fitted: Parameter) -> PosteriorParameter:
-    fields = {key: getattr(fitted, key) for key in Parameter.__dataclass_fields__}
-    return PosteriorParameter(**{**fields, "reason": fitted.reason or _NOT_SAMPLED})
+    ensembles, steps, walkers = shape
+    parts = min(_BATCHES, steps)
+    part = np.arange(steps) * parts // steps + parts * np.arange(ensembles)[:, None]
+    return np.repeat(part.ravel(), walkers)
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,6 @@ class GapDraws:
     - `terms`: orders (n₁, n₂) of the harmonics.
     - `offset`, `cosine`, `sine`: draws, rad, shapes (m, 2), (m, 2, terms), (m, 2, terms).
     - `batch`: batch of every draw, shape (m,); different batches are independent.
-    - `of_delay`: gap that an unknown delay adds to that of every draw, rad, shape (m,), or 0.
     """
 
     pair: GearPair | Drive
@@ -54,7 +53,6 @@ class GapDraws:
     cosine: Float[np.ndarray, "m 2 terms"]
     sine: Float[np.ndarray, "m 2 terms"]
     batch: np.ndarray
-    of_delay: Float[np.ndarray, " m"] | float = 0.0
 
     @cached_property
     def mean_model(self) -> OrderModel:
@@ -62,7 +60,7 @@ class GapDraws:
         return self.model(slice(None))
 
     def model(self, draw: int | slice) -> OrderModel:
-        """Return the flank model of one draw, or of the mean of several, without `of_delay`."""
+        """Return the flank model of one draw, or of the mean of several."""
         parts = (self.offset[draw], self.cosine[draw], self.sine[draw])
         if isinstance(draw, slice):
             parts = tuple(part.mean(axis=0) for part in parts)
@@ -78,7 +76,7 @@ class GapDraws:
     def over(self, driving_angle: Angles) -> Curves:
         """Return the backlash of every draw, rad of the driven gear, shape (angles, m)."""
         centre, basis = self._gap_basis(driving_angle)
-        return centre[:, None] + basis @ self._gap_deviations + self.of_delay
+        return centre[:, None] + basis @ self._gap_deviations
 
     def chunks(self, driving_angle: Angles, flank: Flank | None = None) -> Iterator[Curves]:
         """Yield the backlash of every draw for successive blocks of `driving_angle` (rad).
@@ -100,11 +98,6 @@ class GapDraws:
         place = np.take_along_axis(angles, best, axis=1)[:, 0] % (self.pair.hunting_turns * REV)
         gap = np.take_along_axis(gaps, best, axis=1)[:, 0]
         upper = self._upper_limit(place)
-        if np.any(self.of_delay):  # independent of the rest: the distances are added in squares
-            middle = float(np.median(gap))
-            gap = np.maximum(gap + self.of_delay, np.minimum(gap, 0.0))  # no gap is negative
-            of_delay = np.quantile(self.of_delay, [0.5, 0.975])
-            upper = middle + of_delay[0] + math.hypot(upper - middle, of_delay[1] - of_delay[0])
         return SmallestGap(self.pair, gap, place, self.batch, upper)
 
     def _upper_limit(self, places: Angles) -> float:

@@ -1,75 +1,75 @@
 """Posterior of a fit: its draws, its report, and its export to arviz."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ...base.errors import NoAnswerError
 from ...base.facade import from_front_door
 from ...base.files.text_tables import decimals, key_values, listed, text_table
-from ...base.numerics.partial_autocorrelation import filter_of
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
-from ...identify.fit_result import Fit
-from ...identify.report.check_sentences import doubt
-from ..sampling.ensembles import Chains
+from ...base.units import ARCSEC
+from ...identify.result import Fit, doubt
+from ...kinematics.harmonic import OrderModel
+from ...model.columns import FLAT, KNOWN
+from ...pair.eccentricities import Eccentricities
+from ..chains import Chains
 from .arviz_export import arviz_data
-from .draws import PosteriorParameter, Share, SmallestGap, batches, parameters_of_draws, shown_unit
+from .draws import (
+    PosteriorParameter,
+    Share,
+    SmallestGap,
+    batches,
+    parameters_of_draws,
+    reported_name,
+    shown_unit,
+)
 from .gap_draws import GapDraws
 
-NOISE = ("log_innovation_std", "partial_")
-"""The names of all noise parameters begin with one of these."""
-
-_GAP = "constant_backlash"  # the coordinate to which the gap of a delay is added
-
 _WIDTH = 100
-"""Characters in a line of the sentence above the report (chosen)."""
-
-_WIDER = 1.05
-"""Smallest `widening` that the report mentions (chosen)."""
+"""Characters in a line of the sentence above the report."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Posterior(PlottedResult):
     """Draws from the posterior of a fit.
 
     **Arguments**
     - `fit`: fit of the log.
-    - `names`, `units`: Cartesian coordinates in internal units (mm, rad, s), then noise parameters
-      `log_innovation_std`, `partial_1` …
-    - `draws`: draws after burn-in, shape (ensembles, steps, walkers, d).
-    - `log_density`: log density of every draw, shape (ensembles, steps, walkers).
-    - `offset`, `cosine`, `sine`: m joint draws of the order-complete flank model, rad, shapes
-      (m, 2), (m, 2, terms), (m, 2, terms), with the terms of `fit.model`; NaN for an unmeasured
-      flank.
-    - `chosen`: for each of the m draws of the flank model, the index in `flat` of the draw of the
-      parameters from which it was computed.
-    - `diagnosis`: convergence of the sampler: `converged`, `to_json()` and `str()`.
-    - `prior`: sentences that state the priors.
-    - `seed`: seed of the sampler.
-    - `delay_offset_s`: delay that the fit removed before, s; it is added to the coordinate `delay`.
-    - `chains`: the chains of the sampler, burn-in included.
+    - `names`, `units`: quantities of the fit in internal units (mm, rad, s), then the coordinates
+      of emcee: noise and widths of the priors.
+    - `draws`: draws after burn-in, shape (ensembles, steps, walkers, d). The quantities are one
+      draw from their exact distribution given the coordinates.
+    - `offset`, `cosine`, `sine`: the m draws of the order-complete flank model, rad, shapes (m, 2),
+      (m, 2, terms), (m, 2, terms), with the terms of `fit.model`, in the order of `flat`.
+    - `chains`: the chains of emcee, burn-in included, and their diagnosis.
     """
 
     fit: Fit
     names: tuple[str, ...]
     units: tuple[str, ...]
     draws: Float[np.ndarray, "ensembles steps walkers d"]
-    log_density: Float[np.ndarray, "ensembles steps walkers"]
     offset: Float[np.ndarray, "m 2"]
     cosine: Float[np.ndarray, "m 2 terms"]
     sine: Float[np.ndarray, "m 2 terms"]
-    chosen: Int[np.ndarray, " m"]
-    diagnosis: Any
-    prior: tuple[str, ...]
-    seed: int
-    delay_offset_s: float = 0.0
-    chains: Chains | None = None
+    chains: Chains
+
+    @property
+    def diagnosis(self) -> Any:
+        """Convergence of the sampler: `converged`, `to_json()` and `str()`."""
+        return self.chains.diagnosis
+
+    @property
+    def seed(self) -> int:
+        """Seed of the sampler."""
+        return self.chains.header.seed
 
     @property
     def flat(self) -> Float[np.ndarray, "n d"]:
@@ -78,41 +78,16 @@ class Posterior(PlottedResult):
 
     @property
     def physical(self) -> tuple[str, ...]:
-        """Names of the coordinates that are not noise parameters."""
-        return tuple(name for name in self.names if not name.startswith(NOISE))
+        """Names of the quantities that the fit determines."""
+        quantities = self.names
+        reported = {name: reported_name(self.fit, name) for name in quantities}
+        parameters = self.fit.parameters
+        return tuple(name for name, by in reported.items() if by and parameters[by].determined)
 
     @cached_property
     def parameters(self) -> dict[str, PosteriorParameter]:
         """Parameters of the fit by name, with median and equal-tailed interval."""
-        flat = self.flat
-        if self.gap_of_delay is not None:
-            flat = flat.copy()
-            flat[:, self.place(_GAP)] += self.gap_of_delay
-        return parameters_of_draws(self.fit, self.names, flat, self.delay_offset_s)
-
-    @cached_property
-    def gap_of_delay(self) -> Float[np.ndarray, " n"] | None:
-        """Gap, rad, that a delay may add to the gap of every draw in `flat`; None if there is none.
-
-        The coordinates are conditional on the delay that the fit takes as zero. The parameters, the
-        backlash map, the smallest gap and the rigs contain this gap; see `GapOfDelay`.
-        """
-        of_delay = self.fit.checks.gap_of_delay
-        if of_delay is None or _GAP not in self.names:
-            return None
-        return of_delay.draws(self.values(_GAP), self.seed)
-
-    @property
-    def widening(self) -> float:
-        """Largest ratio of the final to the noise-model standard error of a sampled parameter.
-
-        The fit records these ratios; 1 without a record.
-        """
-        evidence = self.fit.evidence
-        if evidence is None:
-            return 1.0
-        factors = dict(zip(self.fit.covariance_names, evidence.widening.tolist(), strict=True))
-        return max((factors[name] for name in self.physical), default=1.0)
+        return parameters_of_draws(self.fit, self.names, self.flat)
 
     def place(self, name: str) -> int:
         """Return the index of a coordinate in `names`."""
@@ -126,33 +101,29 @@ class Posterior(PlottedResult):
         """Return the flat draws of one coordinate, internal unit."""
         return self.flat[:, self.place(name)]
 
-    @cached_property
-    def mean(self) -> Float[np.ndarray, " d"]:
-        """Mean of every coordinate, internal units."""
-        return self.flat.mean(axis=0)
-
-    @cached_property
-    def covariance(self) -> Float[np.ndarray, "d d"]:
-        """Covariance of all coordinates, internal units."""
-        return np.atleast_2d(np.cov(self.flat.T))
-
     @property
     def correlation(self) -> Float[np.ndarray, "p p"]:
-        """Correlation of the physical coordinates, in the order of `physical`."""
-        indices = [self.names.index(name) for name in self.physical]
-        covariance = self.covariance[np.ix_(indices, indices)]
-        std = np.sqrt(np.diag(covariance))
-        std = np.where(std > 0, std, 1.0)
-        return covariance / np.outer(std, std)
+        """Correlation of the quantities, in the order of `physical`."""
+        columns = self.flat[:, [self.names.index(name) for name in self.physical]]
+        return np.atleast_2d(np.corrcoef(columns.T)) if columns.size else np.empty((0, 0))
 
-    @property
-    def centred_fit(self) -> Fit:
-        """Copy of the fit in which the means of the draws replace the values of the parameters."""
-        values = self.fit.values.copy()
-        for index, name in enumerate(self.fit.covariance_names):
-            if name in self.names:
-                values[index] = self.mean[self.names.index(name)]
-        return replace(self.fit, values=values)
+    def eccentricities(self) -> Eccentricities:
+        """Return the rig of the posterior mean; an undetermined eccentricity counts as zero."""
+
+        def polar(shaft: str) -> tuple[float, float]:
+            if not self.fit.parameters[f"{shaft}_eccentricity_mm"].determined:
+                return 0.0, 0.0
+            x, y = (float(self.values(f"{shaft}_{axis}").mean()) for axis in "xy")
+            return float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)))
+
+        gap = self.parameters["constant_backlash_deg"].value or 0.0
+        return Eccentricities(*polar("driving"), *polar("driven"), gap)
+
+    def model(self, draw: Any = slice(None)) -> OrderModel:
+        """Return the flank model of a draw, or those of several, stacked along a first axis."""
+        ratio = jnp.broadcast_to(float(self.fit.pair.ratio), np.shape(self.offset[draw])[:-1])
+        parts = (jnp.asarray(part[draw]) for part in (self.offset, self.cosine, self.sine))
+        return OrderModel(ratio, self.fit.model.terms, *parts)
 
     @cached_property
     def smallest_gap(self) -> SmallestGap:
@@ -160,34 +131,7 @@ class Posterior(PlottedResult):
 
         **Raises** `NoAnswerError` if the gap is not known.
         """
-
         return gap_draws(self).smallest
-
-    def noise(
-        self, rows: Int[np.ndarray, " r"]
-    ) -> tuple[list[Float[np.ndarray, " taps"]], Float[np.ndarray, " r"], Float[np.ndarray, " r"]]:
-        """Return whitening filter, innovation std and noise std, rad, of the draws `flat[rows]`.
-
-        They follow from the coordinates `log_innovation_std` and `partial_1` … If the draws do not
-        have these coordinates, the noise of the fit is returned for every row.
-        """
-        fitted = self.fit.noise
-        if "log_innovation_std" not in self.names:
-            count = len(rows)
-            innovation, std = (np.full(count, x) for x in (fitted.innovation_std, fitted.std))
-            return [fitted.filter] * count, innovation, std
-        order = sum(name.startswith("partial_") for name in self.names)
-        indices = [self.names.index(f"partial_{k}") for k in range(1, order + 1)]
-        partial = self.flat[rows][:, indices]
-        largest = float(np.abs(partial).max(initial=0.0))
-        if largest >= 1:
-            raise ValueError(
-                "Argument `draws` must have partial autocorrelations between −1 and 1, but one is"
-                f" {largest:.3g} in size."
-            )
-        innovation = np.exp(self.values("log_innovation_std")[rows])
-        std = innovation / np.sqrt(np.prod(1 - partial**2, axis=1))
-        return [np.asarray(filter_of(row)) for row in partial], innovation, std
 
     def probability_of_binding(self, closing_mm: float) -> Share:
         """Return the share of draws in which an axial closing, mm, binds, with standard error."""
@@ -203,7 +147,6 @@ class Posterior(PlottedResult):
             self.names,
             self.units,
             self.draws,
-            self.log_density,
             source=self.fit.source,
             seed=np.int64(self.seed),
             converged=str(bool(self.diagnosis.converged)),
@@ -227,7 +170,7 @@ class Posterior(PlottedResult):
             "smallest_gap_reason": reason,
             "diagnosis": self.diagnosis.to_json(),
             "converged": bool(self.diagnosis.converged),
-            "prior": list(self.prior),
+            "prior": list(priors(self.fit)),
             "draws": {"ensembles": ensembles, "steps": steps, "walkers": walkers},
             "seed": self.seed,
         }
@@ -245,6 +188,31 @@ class Posterior(PlottedResult):
     def __str__(self) -> str:
         return posterior_text(self)
 
+    def __repr__(self) -> str:
+        return posterior_text(self)
+
+
+def priors(fit: Fit) -> tuple[str, ...]:
+    """Return sentences on what the fit, and so the draws, assume before the logs are read."""
+    columns = fit.core.posterior.problem.columns
+    known = {column.name[0]: column.width for column in columns if column.prior == KNOWN}
+    flat = {column.name[0] for column in columns if column.prior == FLAT}
+    found = [f"flat: {', '.join(sorted(flat))}"]  # first orders by their shafts
+    if "delay" in known:
+        found.append(f"delay: zero ± {1e3 * known.pop('delay'):.3g} ms")
+    if "ratio" in known:
+        share = known.pop("ratio") / abs(float(fit.pair.ratio))
+        found.append(f"ratio: as given ± {share:.2g} of it")
+    if known:
+        width = max(known.values()) / ARCSEC
+        found.append(f"orders of {', '.join(sorted(known))} of a known size: zero ± {width:.3g}″")
+    found.append(
+        "further orders of each shaft, their difference between the flanks, drift, a delay that"
+        " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"
+        " has a half-Cauchy prior"
+    )
+    return tuple(found)
+
 
 def posterior_text(posterior: Posterior) -> str:
     """Return the report: parameters, smallest gap, priors and convergence."""
@@ -255,7 +223,6 @@ def posterior_text(posterior: Posterior) -> str:
             ("log", posterior.fit.source),
             ("draws", f"{counted}, seed {posterior.seed}"),
             *_gap(posterior),
-            *_widened(posterior),
         ],
         title=f"posterior of {posterior.fit.pair.name or 'fit'}",
     )
@@ -267,7 +234,7 @@ def posterior_text(posterior: Posterior) -> str:
     warning = posterior.diagnosis.warning
     parts = [fill(f"{warning}.", _WIDTH), head, table] if warning else [head, table]
     parts += listed("undetermined", _reasons(parameters))
-    parts += listed("priors", list(posterior.prior))
+    parts += listed("priors", list(priors(posterior.fit)))
     if posterior.fit.conditional_on:
         conditions = ", ".join(posterior.fit.conditional_on).replace("_", " ")
         parts.append(f"conditional on: {conditions}")
@@ -280,13 +247,6 @@ def _gap(posterior: Posterior) -> list[tuple[str, str]]:
         return posterior.smallest_gap.rows()
     except NoAnswerError as error:
         return [("smallest gap", f"not known: {error.message}")]
-
-
-def _widened(posterior: Posterior) -> list[tuple[str, str]]:
-    if posterior.widening < _WIDER:
-        return []
-    words = "times the width that the noise model alone gives, as the standard errors of the fit"
-    return [("intervals", f"up to {posterior.widening:.2g} {words}")]
 
 
 def _reasons(parameters: list[PosteriorParameter]) -> list[str]:
@@ -315,37 +275,32 @@ def _row(parameter: PosteriorParameter) -> list[str]:
 def gap_draws(posterior: Posterior) -> "GapDraws":
     """Return draws of the backlash map of a posterior.
 
-    **Raises** `NoAnswerError` if one flank was not measured or the constant backlash is
-    undetermined.
+    **Raises** `NoAnswerError` if one flank was not measured or the gap is not known anywhere.
     """
     require_x64("gap_draws")
     fit = posterior.fit
-    gap = fit.parameters["constant_backlash_deg"]
     if len(fit.flanks) < 2:
         raise NoAnswerError(
             f"only flank {''.join(fit.flanks)} was measured, and draws of one flank do not"
             " determine the gap; record both directions.",
             where=fit.source,
         )
-    if not gap.determined:
+    gap = fit.parameters["constant_backlash_deg"]
+    if not (gap.determined or fit.checks.gap_over_angles_covered.determined):
         raise NoAnswerError(
             f"the constant backlash is undetermined ({gap.reason}); record more turns.",
             where=fit.source,
         )
-    draws = flank_draws(posterior)
-    if posterior.gap_of_delay is None:
-        return draws
-    return replace(draws, of_delay=posterior.gap_of_delay[posterior.chosen])
+    return flank_draws(posterior)
 
 
 def flank_draws(posterior: Posterior) -> "GapDraws":
-    """Return drawn coefficients of both flanks, rad; those of an unmeasured flank are NaN."""
-    fit = posterior.fit
+    """Return drawn coefficients of both flanks, rad."""
     return GapDraws(
-        pair=fit.pair,
-        terms=tuple(fit.model.terms),
+        pair=posterior.fit.pair,
+        terms=tuple(posterior.fit.model.terms),
         offset=posterior.offset,
         cosine=posterior.cosine,
         sine=posterior.sine,
-        batch=batches(posterior.chosen, posterior.draws.shape[:3]),
+        batch=batches(posterior.draws.shape[:3]),
     )

@@ -1,0 +1,297 @@
+"""Files of a fit: `fit.json` for people, `summary.npz` for the next command; no pickles."""
+
+import hashlib
+import io
+import json
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+
+import jax.numpy as jnp
+import msgspec
+import numpy as np
+
+from ..base.errors import InputError, UsageError
+from ..base.files.commit import settle_if_free
+from ..base.files.limits import MemoryBudget, read_regular
+from ..kinematics.flank_error import FlankError
+from ..kinematics.harmonic import OrderModel
+from ..kinematics.te_curve import TECurve
+from ..model.columns import Column
+from ..model.density import Compressed, Solved
+from ..model.functionals import Posterior
+from ..model.mixed_fit import MixedFit
+from ..model.parameter import Parameter
+from ..model.problem import Problem
+from ..model.rows import Wave
+from ..model.scope import Scope
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import HarmonicOrders
+from .findings import Finding
+from .given import StoredModel
+from .orders import Order
+from .records import Checks, LogRecord, Noise
+from .result import Fit
+
+_SOLVED, _COMPRESSED = "solved_", "compressed_"
+
+
+def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
+    """Return the arrays that store a fit, by name.
+
+    They hold its harmonics, parameters with covariance, curves and residuals, and its compressed
+    logs with the largest density, from which sampling goes on.
+    """
+    curves = fit.curves
+    return {
+        **_core_arrays(fit.core),
+        "terms": np.asarray(fit.model.terms, np.int64).reshape(-1, 2),
+        "offset": np.asarray(fit.model.offset),
+        "cosine": np.asarray(fit.model.cosine),
+        "sine": np.asarray(fit.model.sine),
+        "names": np.asarray(fit.covariance_names),
+        "values": fit.values,
+        "covariance": fit.covariance,
+        "curve_flanks": np.asarray([curve.flank for curve in curves]),
+        "curve_lengths": np.asarray([len(curve) for curve in curves], np.int64),
+        "driving_angle": _joined([curve.driving_angle for curve in curves]),
+        "transmission_error": _joined([curve.transmission_error for curve in curves]),
+        "time": _joined([curve.time for curve in curves]),
+        "residual": _joined(list(fit.residuals)),
+    }
+
+
+def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
+    """Return the posterior of a fit as arrays; names, orders and scope are one JSON text."""
+    posterior, problem, scope = core.posterior, core.posterior.problem, core.scope
+    text = {
+        "columns": problem.columns,
+        "waves": [(w.shaft, w.order, w.driving, w.driven) for w in core.waves],
+        "orders": core.orders,
+        "flanks": scope.flanks,
+        "levels": scope.levels,
+        "nominal": scope.nominal,
+        "turns": scope.turns,
+        "speeds": scope.speeds,
+        "counts": (core.passes, core.steps),
+        "numbers": (problem.unit, core.delay_s, core.outliers, core.usual),
+    }
+    parts = ((_SOLVED, posterior.at), (_COMPRESSED, problem.compressed))
+    windows = np.asarray(problem.compressed.windows)
+    return {
+        "core": np.array(msgspec.json.encode(text, enc_hook=lambda x: x.tolist()).decode()),
+        "covered": scope.covered,
+        "bends": core.bends,
+        "theta": posterior.theta,
+        "natural": problem.natural,
+        "start": problem.start,
+        **{
+            front + field.name: np.asarray(getattr(part, field.name))
+            for front, part in parts
+            for field in fields(part)
+        },
+        # every window is symmetric
+        _COMPRESSED + "windows": windows[:, *np.triu_indices(windows.shape[-1])],
+    }
+
+
+def _of(kind: type, front: str, arrays: dict[str, np.ndarray]) -> dict:
+    return {field.name: jnp.asarray(arrays[front + field.name]) for field in fields(kind)}
+
+
+def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
+    """Return the fit of `_core_arrays`, without rows and samples."""
+    text = json.loads(str(arrays["core"]))
+    unit, delay_s, outliers, usual = text["numbers"]
+    size = len(arrays[_SOLVED + "beta"]) + 1
+    upper = np.triu_indices(size)
+    whole = np.zeros((len(arrays[_COMPRESSED + "windows"]), size, size))
+    whole[:, *upper] = whole[:, *upper[::-1]] = arrays[_COMPRESSED + "windows"]
+    arrays = arrays | {_COMPRESSED + "windows": whole}
+    compressed = Compressed(**_of(Compressed, _COMPRESSED, arrays))
+    solved = Solved(**_of(Solved, _SOLVED, arrays))
+    columns = msgspec.convert(text["columns"], tuple[Column, ...])
+    problem = Problem(columns, compressed, arrays["natural"], arrays["start"], unit)
+    return MixedFit(
+        shafts=(),
+        rows=(),
+        waves=tuple(Wave(*wave) for wave in text["waves"]),
+        posterior=Posterior(problem, arrays["theta"], solved),
+        delay_s=delay_s,
+        bends=arrays["bends"],
+        outliers=outliers,
+        passes=text["counts"][0],
+        steps=text["counts"][1],
+        usual=usual,
+        weights=None,
+        scope=Scope(
+            tuple(text["flanks"]),
+            ratio,
+            tuple(text["nominal"]),
+            tuple(text["levels"]),
+            text["turns"],
+            arrays["covered"],
+            tuple(text["speeds"]),
+        ),
+        orders=msgspec.convert(text["orders"], HarmonicOrders),
+    )
+
+
+def arrays_digest(arrays: dict[str, np.ndarray]) -> str:
+    """Return the SHA-256 of named arrays: of their names, types, shapes and values."""
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
+
+
+def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = None) -> Fit:
+    """Read the fit of a run folder; `pair` is the pair of its `run.toml`.
+
+    `run` is the digest in that `run.toml`; with it, files of other runs are refused.
+
+    **Raises** `UsageError` if the folder contains no fit, and `InputError` if the fit is damaged or
+    its files belong to different runs.
+    """
+    folder = Path(folder)
+    settle_if_free(folder)
+    missing = [name for name in ("fit.json", "summary.npz") if not (folder / name).is_file()]
+    if missing:
+        raise UsageError(
+            f"no fit here ({' and '.join(missing)} missing); make one with `vttig fit LOG --pair"
+            f" PAIR --out {folder}`.",
+            where=str(folder),
+        )
+    try:
+        record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+        arrays = _read_arrays(folder / "summary.npz")
+        _require_one_run(folder, record, arrays, run)
+        _require_this_version(folder, arrays)
+        _require_unchanged(record, arrays)
+        return _assembled(record, arrays, pair)
+    except (InputError, MemoryError):
+        raise
+    except PermissionError:
+        raise InputError("no permission to read this fit.", where=str(folder)) from None
+    except Exception as error:
+        raise InputError(
+            f"the fit in this folder is damaged ({type(error).__name__}: {error}); make it again"
+            " with --overwrite.",
+            where=str(folder),
+        ) from None
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of an archive, after a check that their declared sizes fit in memory."""
+    data = read_regular(path)
+    budget = MemoryBudget(str(path), len(data))
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for member in archive.infolist():
+            budget.take(member.file_size)
+    return dict(np.load(io.BytesIO(data), allow_pickle=False))
+
+
+def _require_one_run(
+    folder: Path, record: dict, arrays: dict[str, np.ndarray], run: str | None
+) -> None:
+    """Raise `InputError` for files of different runs; files of older versions carry no digest."""
+    digests = {"fit.json": record.get("run", ""), "summary.npz": str(arrays.pop("run", ""))}
+    if run is not None:
+        digests["run.toml"] = run
+    if len(set(digests.values())) > 1:
+        raise InputError(
+            f"{', '.join(digests)} belong to different runs; wait for another vttig that writes"
+            " here, or make the fit again with --overwrite.",
+            where=str(folder),
+        )
+
+
+def _require_this_version(folder: Path, arrays: dict[str, np.ndarray]) -> None:
+    """Raise `InputError` for a fit of a version whose files hold no posterior."""
+    if "core" not in arrays:
+        raise InputError(
+            "this fit was made by an older version; make it again with `vttig fit --run"
+            f" {folder / 'run.toml'} --out {folder} --overwrite`.",
+            where=str(folder),
+        )
+
+
+def _require_unchanged(record: dict, arrays: dict[str, np.ndarray]) -> None:
+    """Raise `ValueError` for other arrays than those of the fit, or for shapes that do not fit.
+
+    Files of older versions carry no digest of their arrays.
+    """
+    if record.get("arrays") not in (None, arrays_digest(arrays)):
+        raise ValueError("summary.npz holds other arrays than the fit")
+    terms, names = len(arrays["terms"]), len(arrays["names"])
+    samples = int(arrays["curve_lengths"].sum())
+    shapes = {
+        "terms": (terms, 2),
+        "offset": (2,),
+        "cosine": (2, terms),
+        "sine": (2, terms),
+        "values": (names,),
+        "covariance": (names, names),
+        **dict.fromkeys(("driving_angle", "transmission_error", "time", "residual"), (samples,)),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"`{name}` has the shape {arrays[name].shape} and not {shape}")
+
+
+def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Drive) -> Fit:
+    ends = np.cumsum(arrays["curve_lengths"])[:-1]
+    pieces = [
+        np.split(arrays[name], ends)
+        for name in ("driving_angle", "transmission_error", "time", "residual")
+    ]
+    curves = tuple(
+        TECurve(flank.item(), angle, error, time)
+        for flank, angle, error, time in zip(arrays["curve_flanks"], *pieces[:3], strict=True)
+    )
+    given = record.get("flank_model")
+    errors = record.get("transmission_error", {}).items()
+    ratio = jnp.asarray(float(pair.ratio))
+    return Fit(
+        pair=pair,
+        source=record["source"],
+        sha256=record["sha256"],
+        outcome=record["outcome"],
+        flanks=tuple(record["flanks"]),
+        samples=record["samples"],
+        zero=record["zero"],
+        zero_readings=record["zero_readings"],
+        conditional_on=tuple(record["conditional_on"]),
+        parameters={
+            name: Parameter(name=name, **own) for name, own in record["parameters"].items()
+        },
+        orders=tuple(Order(**own) for own in record["orders"]),
+        model=OrderModel(
+            ratio=ratio,
+            terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
+            offset=jnp.asarray(arrays["offset"]),
+            cosine=jnp.asarray(arrays["cosine"]),
+            sine=jnp.asarray(arrays["sine"]),
+        ),
+        noise=msgspec.convert(record["noise"], Noise),
+        residual_rms_deg=record["residual_rms_deg"],
+        curves=curves,
+        residuals=tuple(pieces[3]),
+        covariance=arrays["covariance"],
+        covariance_names=tuple(str(name) for name in arrays["names"]),
+        values=arrays["values"],
+        checks=msgspec.convert(record["checks"], Checks),
+        findings=msgspec.convert(record["findings"], tuple[Finding, ...]),
+        core=_core(arrays, float(pair.ratio)),
+        given=None
+        if given is None
+        else StoredModel(
+            ratio, str(given), tuple((flank, FlankError(**one)) for flank, one in errors)
+        ),
+        regressors=tuple(Parameter(name=name, **own) for name, own in record["regressors"].items()),
+        logs=msgspec.convert(record["logs"], tuple[LogRecord, ...]),
+    )
+
+
+def _joined(pieces: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate(pieces) if pieces else np.empty(0)

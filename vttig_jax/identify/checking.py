@@ -1,0 +1,267 @@
+"""Computation of the checks of a fit."""
+
+import math
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..base.units import ARCSEC, DEG, REV
+from ..kinematics.flank_model import FlankModel
+from ..kinematics.te_curve import TECurve
+from ..logs.checks.ratio import SeenRatio
+from ..logs.encoder_log import EncoderLog
+from ..logs.lines.search import Line
+from ..logs.motion.segments import Segments
+from ..model.components import NEEDED, likelihood_ratio
+from ..model.density import LAGS, whitening
+from ..model.mixed_fit import MixedFit, residuals
+from ..model.parameter import OPEN, Parameter
+from ..model.parameters import gap_row
+from ..model.rows import BENDS, KNOTS, PARTS
+from ..pair.gear_pair import Drive, GearPair
+from .orders import SIDES
+from .records import (
+    Checks,
+    CoveredGap,
+    DelayOfPart,
+    FoundLine,
+    GapAtSpeed,
+    JumpComparison,
+    Noise,
+    RatioCheck,
+    Reversal,
+)
+from .repeats import closure, reversal_jumps
+
+_SPEEDS, _APART = 8, 1.15
+
+
+def checks_of(
+    core: MixedFit,
+    pair: GearPair | Drive,
+    parameters: dict[str, Parameter],
+    *,
+    logs: Sequence[EncoderLog],
+    segments: Sequence[Segments],
+    ratios: Sequence[SeenRatio],
+    lines: Sequence[Line],
+    joined: bool,
+    curves: tuple[TECurve, ...],
+    model: FlankModel,
+) -> Checks:
+    """Return the checks of a fit."""
+    needed = {
+        group: likelihood_ratio(core, group) for group in ("drift", "delay_parts", "gap_by_speed")
+    }
+    gap = covered_gap(core, parameters.get("gap_over_angles_covered"))
+    constant = parameters["constant_backlash_deg"].value
+    reversals = _reversals(core, segments, gap, model, constant)
+    return Checks(
+        gap_over_angles_covered=gap,
+        gap_by_speed=gap_by_speed(core),
+        delay_by_parts=delay_by_parts(core) if needed["delay_parts"] > NEEDED else (),
+        explained=explained(core),
+        likelihood_ratio=needed,
+        drift_arcsec=drift_arcsec(core),
+        outliers=core.outliers,
+        passes=core.passes,
+        solver_steps=core.steps,
+        lines=tuple(FoundLine(**vars(one), joined=joined) for one in lines),
+        ratio=tuple(
+            RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause) for one in ratios
+        ),
+        closure=closure(curves, pair),
+        reversals=reversals,
+        jumps=_jumps(reversals, gap),
+        drawing_backlash_deg=None
+        if isinstance(pair, Drive)
+        else float(pair.drawing_backlash) / DEG,
+    )
+
+
+def covered_gap(core: MixedFit, told: Parameter | None) -> CoveredGap:
+    """Return the gap over the angles that both flanks covered."""
+    if told is None:
+        one = len(core.scope.flanks) < 2
+        reason = "one direction: one flank alone shows no gap"
+        return CoveredGap(reason=reason if one else "no driving angle was covered on both flanks")
+    covered = float(len(core.scope.covered))
+    if (
+        told.std is None
+        or told.high95 is None
+        or told.low95 is None
+        or told.high95 - told.low95 > 360
+    ):
+        return CoveredGap(reason=OPEN, covered_deg=covered)
+    return CoveredGap(
+        told.value, told.std, told.low95, told.high95, determined=True, covered_deg=covered
+    )
+
+
+def gap_by_speed(core: MixedFit) -> tuple[GapAtSpeed, ...]:
+    """Return the gap over the angles covered at speeds of the log, less the effect of the delay.
+
+    At the speed v the flanks are gap + Σ bend_k max(v − κ_k, 0) + 2 i v d apart; of this the part
+    2 i v d̂ of the mean delay is taken off.
+    """
+    posterior, scope = core.posterior, core.scope
+    index, natural = posterior.problem.index, posterior.problem.natural
+    if len(scope.flanks) < 2 or not len(scope.covered):
+        return ()
+    seen = np.concatenate([rows.speed for rows in core.rows])
+    speeds: list[float] = []
+    shares = (np.arange(_SPEEDS) + 0.5) / _SPEEDS
+    for speed in np.quantile(seen, shares, method="nearest"):
+        if not speeds or speed > _APART * speeds[-1]:
+            speeds.append(float(speed))
+    if len(speeds) < 2:
+        return ()
+    # What the bends add to the gap acts on coefficients that are not orthogonal to gap and delay.
+    bends = [index["bend", k] for k in range(BENDS)]
+    rows = []
+    for speed in speeds:
+        raw = np.zeros(len(index))
+        raw[bends] = np.maximum(speed - core.bends, 0.0)
+        along = raw @ natural
+        for name, gain in ((("gap",), 1.0), (("delay",), 2 * abs(scope.ratio) * speed)):
+            if name in index:
+                along[bends] += gain * natural[index[name], bends]
+        rows.append(gap_row(core, scope.covered) + along / np.diag(natural))
+    mean, covariance, _ = posterior.told(np.stack(rows), moved=True)
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return tuple(
+        GapAtSpeed(speed * 60 / REV, float(value) / DEG, float(std) / DEG)
+        for speed, value, std in zip(speeds, mean, stds, strict=True)
+    )
+
+
+def delay_by_parts(core: MixedFit) -> tuple[DelayOfPart, ...]:
+    """Return the delay at equal distances in time of every log."""
+    index, found = core.posterior.problem.index, []
+    for log, shafts in enumerate(core.shafts):
+        rows = []
+        for k in range(PARTS):
+            row = core.posterior.row(("delay",))
+            row[index["part", log, k]] = 1.0
+            rows.append(row)
+        mean, covariance, _ = core.posterior.told(np.stack(rows))
+        times = np.linspace(shafts.time[0], shafts.time[-1], PARTS)
+        stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        found += [
+            DelayOfPart(log + 1, float(t), core.delay_s + float(d), float(s))
+            for t, d, s in zip(times, mean, stds, strict=True)
+        ]
+    return tuple(found)
+
+
+def explained(core: MixedFit) -> float | None:
+    """Return the share of the variance that the harmonics explain beside the other columns."""
+    left = core.residual
+    waved = {(wave.shaft, wave.order) for wave in core.waves}
+    others = core.posterior.coefficients.copy()
+    for place, column in enumerate(core.posterior.problem.columns):
+        if column.row[:2] in waved:
+            others[place] = 0.0
+    before = np.concatenate(residuals(core.posterior.problem, core.rows, others))
+    good = good_rows(core)
+    variance = float(np.var(before[good]))
+    return 1 - float(np.var(left[good])) / variance if variance > 0 else None
+
+
+def good_rows(core: MixedFit) -> np.ndarray:
+    """Return the mask of the rows that are no outliers."""
+    if core.weights is None:
+        return np.ones(sum(len(rows.table) for rows in core.rows), bool)
+    return np.concatenate(core.weights) > 0.5
+
+
+def drift_arcsec(core: MixedFit) -> float:
+    """Return the largest less the smallest level of a log."""
+    index, moved = core.posterior.problem.index, core.posterior.moved
+    spans = [
+        float(np.ptp(np.cumsum([0.0, *(moved[index["drift", log, k]] for k in range(KNOTS))])))
+        for log in range(len(core.rows))
+    ]
+    return max(spans) / ARCSEC
+
+
+def noise_of(core: MixedFit) -> Noise:
+    """Return the noise of the rows."""
+    theta = np.asarray(core.posterior.theta)
+    partial = 0.9999 * np.tanh(theta[:LAGS])
+    taps = np.asarray(whitening(jnp.asarray(partial)))
+    innovation = core.posterior.problem.unit * math.exp(theta[LAGS])
+    variance = innovation**2 / float(np.prod(1 - partial**2))
+    row_s = core.rows[0].samples.shape[1] * core.shafts[0].interval_s
+    return Noise(
+        model=f"AR({LAGS})",
+        coefficients=tuple(float(-tap) for tap in taps[1:]),
+        block_s=row_s,
+        std_deg=math.sqrt(variance) / DEG,
+        innovation_std_deg=innovation / DEG,
+        correlation_s=0.5 * row_s * innovation**2 / float(taps.sum()) ** 2 / variance,
+        slow_share=1 - innovation**2 / variance,
+    )
+
+
+def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " n"], ...]]:
+    """Return the rows of every run, less the delay, as curves, and their residuals, rad."""
+    curves, found, place = [], [], 0
+    left, good = core.residual, good_rows(core)
+    for rows, level in zip(core.rows, core.scope.levels, strict=True):
+        for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
+            own = np.arange(first, last + 1)
+            own = own[good[place + own]]
+            if len(own):
+                error = rows.table[own, -1] + level
+                curves.append(TECurve(SIDES[int(side)], rows.angle[own], error, rows.time[own]))
+                found.append(left[place + own])
+        place += len(rows.table)
+    return tuple(curves), tuple(found)
+
+
+def _reversals(
+    core: MixedFit,
+    segments: Sequence[Segments],
+    gap: CoveredGap,
+    model: FlankModel,
+    constant: float | None,
+) -> tuple[Reversal, ...]:
+    """Return the jumps at the reversals, from samples without delay."""
+    if gap.value is None:
+        return ()
+    beyond = max(gap.value, 0.0) / abs(core.scope.ratio)
+    found: list[Reversal] = []
+    for number, (shafts, own) in enumerate(zip(core.shafts, segments, strict=True), 1):
+        moved = shafts.delayed(core.delay_s)
+        error = shafts.error + shafts.ratio * (shafts.driving - moved)
+        found += reversal_jumps(moved, error, own.segments, number, beyond)
+    if constant is None or not found:
+        return tuple(found)
+    angles = np.array([one.driving_deg for one in found]) * DEG
+    variable = np.asarray(model.backlash(angles)) / DEG - constant
+    return tuple(
+        Reversal(
+            one.log,
+            one.driving_deg,
+            one.turn_deg,
+            one.jump_deg,
+            float(extra),
+            one.jump_deg - float(extra),
+            one.crossing,
+        )
+        for one, extra in zip(found, variable, strict=True)
+    )
+
+
+def _jumps(reversals: Sequence[Reversal], gap: CoveredGap) -> JumpComparison | None:
+    """Compare the jumps behind the crossing of the gap with the gap over the covered angles."""
+    jumps = [one.jump_deg for one in reversals if not one.crossing]
+    if len(jumps) < 2 or gap.value is None or gap.std is None:
+        return None
+    median = float(np.median(jumps))
+    scatter = 1.4826 * float(np.median(np.abs(np.array(jumps) - median)))
+    std = 1.25 * scatter / math.sqrt(len(jumps))
+    return JumpComparison(len(jumps), median, std, gap.value, gap.std)

@@ -1,1 +1,0 @@
-"""Logs compressed to block rows and to summaries of both flanks."""

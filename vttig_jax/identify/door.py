@@ -1,0 +1,74 @@
+"""What the logs of one fit must be: of one pair, distinct, and long enough."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..base.errors import LogError, NoAnswerError, UsageError
+from ..logs.encoder_log import EncoderLog
+from ..model.density import LAGS
+from ..model.mixed_fit import row_duration
+from ..model.rows import Shafts, Wave
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.load import pair_from_spec
+from .orders import SIDES
+
+
+def stated_drive(log: EncoderLog) -> GearPair | Drive:
+    """Return the gears or the drive that the options of the log state, such as its ratio.
+
+    **Raises** `ValueError` for a log that was read with a pair, because the log does not keep it.
+    """
+    if log.spec is None:
+        raise ValueError(
+            "Argument `pair` must be given for a log that was read with a pair, but is None."
+        )
+    return pair_from_spec(log.spec)
+
+
+def require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:
+    """Refuse a log that was read with another ratio than that of the pair."""
+    if log.ratio != pair.ratio:
+        raise LogError(
+            f"this log was read with the ratio {log.ratio}, but the pair has {pair.ratio}; read it"
+            " with the pair that it is fitted with.",
+            where=log.source,
+        )
+
+
+def require_distinct(logs: Sequence[EncoderLog]) -> None:
+    """Refuse a log that is given twice."""
+    for number, log in enumerate(logs):
+        for other in logs[:number]:
+            if log is other or (log.sha256 and log.sha256 == other.sha256):
+                same = log.source == other.source
+                seen = "given twice" if same else f"the same data as {other.source}"
+                raise UsageError(f"{seen}; give every log once.", where=log.source)
+
+
+def usable(
+    shafts: Sequence[Shafts], waves: Sequence[Wave], where: str
+) -> tuple[tuple[Shafts, ...], tuple[str, ...]]:
+    """Return the logs without the runs of a flank on which all runs are too short for rows.
+
+    The second result names these flanks.
+
+    **Raises** `NoAnswerError` if no run is left.
+    """
+    highest = max((wave.cycles(shafts[0].ratio) for wave in waves), default=1.0)
+    found = [one for one in shafts if one.runs]
+    row_s = row_duration(found, highest) if found else 0.0
+    long = {
+        side
+        for one in found
+        for start, stop, side in one.runs
+        if (stop - start) // max(1, round(row_s / one.interval_s)) > LAGS + 1
+    }
+    if not long:
+        raise NoAnswerError(
+            f"no stretch of certain contact on one flank holds {LAGS + 2} averaged samples; record"
+            " longer strokes at a steady speed.",
+            where=where,
+        )
+    seen = {side for one in found for *_, side in one.runs}
+    kept = [replace(one, runs=tuple(r for r in one.runs if r[2] in long)) for one in shafts]
+    return tuple(kept), tuple(SIDES[side] for side in sorted(seen - long))

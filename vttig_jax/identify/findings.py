@@ -1,0 +1,458 @@
+"""What a fit has to say beside its numbers: every sentence is a record made by one small function.
+
+`FINDINGS` lists the functions, the gravest first. Text, JSON and pictures read their records.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import PurePath
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from ..base.units import DEG
+from ..logs.checks.fractions import better_fraction
+from ..logs.checks.ratio import SeenRatio
+from ..logs.encoder_log import EncoderLog
+from ..logs.lines.hidden_shaft import hidden_shaft
+from ..logs.motion.segments import Segments
+from ..model.components import NEEDED
+from ..model.mixed_fit import MOST_PASSES, MixedFit
+from ..model.parameter import Parameter
+from ..pair.gear_pair import Drive, GearPair
+from .fit_settings import FitSettings
+from .records import Checks, LogRecord, Noise, Record
+
+Severity = Literal["warning", "question", "note"]
+
+
+class Finding(Record, frozen=True):
+    """One sentence on a fit.
+
+    **Arguments**
+    - `slug`: stable name of its kind. - `severity`: a "warning" changes a stated number or its
+      meaning, a "question" is settled by the user, a "note" is a detail.
+    - `sentence`, `cure`: what was seen, and what to do; the cure may be empty.
+    - `numbers`: numbers of the sentence, with their units at the end of their names.
+    """
+
+    slug: str
+    severity: Severity
+    sentence: str
+    cure: str = ""
+    numbers: dict[str, float] = msgspec.field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """The sentence with its cure."""
+        return f"{self.sentence}; {self.cure}" if self.cure else self.sentence
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Everything that findings are made from."""
+
+    core: MixedFit
+    pair: GearPair | Drive
+    settings: FitSettings
+    logs: Sequence[EncoderLog]
+    segments: Sequence[Segments]
+    ratios: Sequence[SeenRatio]
+    parameters: dict[str, Parameter]
+    regressors: Sequence[Parameter]
+    checks: Checks
+    noise: Noise
+    records: Sequence[LogRecord]
+    residual_rms_deg: float
+
+    def name(self, log: int) -> str:
+        """Return the name of a log and a colon, or nothing for a single log."""
+        return f"{PurePath(self.logs[log].source).name}: " if len(self.logs) > 1 else ""
+
+
+def contradicts(case: Case) -> bool:
+    """Return whether the gap is below zero, beyond chance and beyond the residual."""
+    gap = case.checks.gap_over_angles_covered
+    if gap.value is None or gap.std is None or gap.high95 is None or gap.high95 >= 0:
+        return False
+    return gap.value**2 > NEEDED * gap.std**2 and -gap.value > case.residual_rms_deg
+
+
+def negative_gap(case: Case) -> Iterator[Finding]:
+    """Say that the gap is below zero, which no gap is."""
+    gap = case.checks.gap_over_angles_covered
+    if gap.value is None or gap.std is None or gap.high95 is None or gap.high95 >= 0:
+        return
+    swapped = "the columns are exchanged, " if case.pair.ratio == 1 else ""
+    yield Finding(
+        "gap-below-zero",
+        "warning",
+        f"flank B stands {gap.value:.5f}° ± {gap.std:.2g}° from flank A, and no gap is below zero:"
+        f" {swapped}the sign of both encoders is inverted, the load overruns and lies on the other"
+        " flank, friction or wind-up moves the shafts, or the driving channel is late",
+        "correct [log], exchange the columns with --column driving=NAME --column driven=NAME, or"
+        " give --delay",
+        {"gap_deg": gap.value, "std_deg": gap.std},
+    )
+
+
+def not_settled(case: Case) -> Iterator[Finding]:
+    """Say that the passes did not end."""
+    if case.core.passes >= MOST_PASSES:
+        yield Finding(
+            "not-settled",
+            "warning",
+            f"the delay still moved after {case.core.passes} passes, so that the numbers are not"
+            " final",
+            "record more changes of speed, or state the delay with --delay",
+        )
+
+
+def open_delay(case: Case) -> Iterator[Finding]:
+    """Say that the interval of the backlash is that of the assumed delay."""
+    delay = case.parameters["delay_s"]
+    index = case.core.posterior.problem.index
+    if delay.determined or ("delay",) not in index or len(case.core.scope.flanks) < 2:
+        return
+    width = case.core.posterior.problem.columns[index["delay",]].width
+    effect = abs(case.core.scope.ratio) * sum(case.core.scope.speeds) / DEG
+    yield Finding(
+        "delay-open",
+        "question",
+        "the log does not tell a delay of the driven channel from the backlash: every microsecond"
+        f" looks like {1e-6 * effect:.2g}° of backlash. The interval of the backlash is that of the"
+        f" assumed delay, within ± {1e3 * width:.3g} ms (one standard deviation)",
+        "log a second speed or longer strokes, state the delay with --delay (such as 0.5ms), or say"
+        " with --delay-within what it may be",
+        {"delay_within_ms": 1e3 * width, "deg_per_us": 1e-6 * effect},
+    )
+
+
+def changing_delay(case: Case) -> Iterator[Finding]:
+    """Say that one delay does not explain the log."""
+    parts, ratio = case.checks.delay_by_parts, case.checks.likelihood_ratio["delay_parts"]
+    if not parts or not case.parameters["delay_s"].determined:
+        return
+    low, high = min(p.value for p in parts), max(p.value for p in parts)
+    yield Finding(
+        "delay-changes",
+        "warning",
+        f"the delay changes within the log, from {1e3 * low:.4g} to {1e3 * high:.4g} ms in its"
+        f" parts; delay_s is its mean (2 ln of the likelihood ratio {ratio:.0f})",
+        "sample both channels by one clock, or fit parts of the log",
+        {"least_s": low, "largest_s": high, "likelihood_ratio": ratio},
+    )
+
+
+def gap_of_speed(case: Case) -> Iterator[Finding]:
+    """Say that the gap depends on the speed."""
+    rows, ratio = case.checks.gap_by_speed, case.checks.likelihood_ratio["gap_by_speed"]
+    if ratio <= NEEDED or len(rows) < 2:
+        return
+    slow, fast = rows[0], rows[-1]
+    yield Finding(
+        "gap-of-speed",
+        "warning",
+        f"the gap depends on the speed: {slow.value:.4f}° ± {slow.std:.2g}° at"
+        f" {slow.speed_rpm:.3g} rpm of the driving shaft and {fast.value:.4f}° ± {fast.std:.2g}° at"
+        f" {fast.speed_rpm:.3g} rpm, beside the delay. No single gap describes the log",
+        "fit slow and fast passes as logs of their own, or compare gaps of one speed only",
+        {"slow_deg": slow.value, "fast_deg": fast.value, "likelihood_ratio": ratio},
+    )
+
+
+def unclear_flanks(case: Case) -> Iterator[Finding]:
+    """Say that the flank of many samples is unknown."""
+    for number, one in enumerate(case.segments):
+        if one.unclear:
+            yield Finding("flank-unclear", "question", case.name(number) + one.unclear)
+
+
+def computed_column(case: Case) -> Iterator[Finding]:
+    """Say that one column was computed from the other."""
+    for number, log in enumerate(case.logs):
+        part = slice(None, None, max(1, len(log) // 10_000))
+        angle, driven = log.driving_angle[part], log.driven_angle[part]
+        slope, level = np.polyfit(angle, driven, 1)
+        if np.ptp(driven - slope * angle - level) <= 1e-8 * np.ptp(driven):
+            yield Finding(
+                "column-computed",
+                "warning",
+                f"{case.name(number)}the driven angle is {slope:.9g} times the driving angle to the"
+                " last digit: one of both columns was computed from the other and not measured, so"
+                " that this fit says nothing about gears",
+                "name the measured columns with --column driving=NAME and --column driven=NAME",
+                {"ratio": float(slope)},
+            )
+
+
+def ratio_off(case: Case) -> Iterator[Finding]:
+    """Say that the ratio of the log is not the given one."""
+    given = case.pair.ratio
+    for one in case.regressors:
+        if one.name == "ratio" and one.significant and one.value is not None:
+            off, std = 1e6 * (one.value / float(given) - 1), 1e6 * (one.std or 0.0) / float(given)
+            yield Finding(
+                "ratio-off",
+                "warning",
+                f"the ratio comes out {off:+.0f} ± {abs(std):.0f} ppm off {given} as given, and the"
+                " numbers of this fit hold for the ratio that it found",
+                "check the teeth and counts_per_rev; over a part of a turn a slow error or wind-up"
+                " looks the same",
+                {"off_ppm": off, "std_ppm": std},
+            )
+            return
+    for seen in case.ratios:
+        if seen.is_doubtful and seen.cause != "delay" and isinstance(case.pair, GearPair):
+            yield Finding("ratio-doubtful", "question", seen.sentence.removesuffix("."))
+            return
+
+
+def seen_ratio(case: Case) -> Iterator[Finding]:
+    """Say which ratio the first log shows."""
+    one = case.checks.ratio[0]
+    if one.seen is None:
+        return
+    better = better_fraction(Fraction(one.given), one.seen, one.std or 0.0)
+    yield Finding(
+        "ratio-seen",
+        "note",
+        f"ratio {one.given} given, {one.seen:.9g} ± {one.std:.1g} seen",
+        f"{better} fits, so write that if these are the teeth" if better else "",
+        {"seen": one.seen, "std": one.std or 0.0},
+    )
+
+
+def gap_crossed_late(case: Case) -> Iterator[Finding]:
+    """Say that samples inside the gap may count as a flank."""
+    gap = case.checks.gap_over_angles_covered
+    by_motion = [
+        (segments.crossing, number)
+        for number, (log, segments) in enumerate(zip(case.logs, case.segments, strict=True))
+        if not segments.unclear and log.torque is None and log.direction is None
+    ]
+    if gap.low95 is None or gap.value is None or not by_motion:
+        return
+    crossing, number = min(by_motion)
+    ratio = abs(case.core.scope.ratio)
+    if gap.low95 * DEG <= ratio * crossing:
+        return
+    yield Finding(
+        "crossing-short",
+        "warning",
+        f"{case.name(number)}the teeth need {gap.value / ratio:.3g}° of the driving shaft to cross"
+        f" the fitted gap of {gap.value:.3g}°, but only {crossing / DEG:.3g}° after a reversal are"
+        " left out, so that samples inside the gap may count as a flank and make it too small",
+        "log longer strokes, or remove these samples from the log",
+        {"gap_deg": gap.value, "left_out_deg": crossing / DEG},
+    )
+
+
+def jumps(case: Case) -> Iterator[Finding]:
+    """Compare the jumps at the reversals with the fitted gap."""
+    one = case.checks.jumps
+    if one is None:
+        return
+    beside = (
+        f"({one.median_deg:.5f}° ± {one.std_deg:.2g}° in the median) {{}} the fitted gap"
+        f" ({one.fitted_deg:.5f}° ± {one.fitted_std_deg:.2g}°)"
+    )
+    numbers = {"jumps_deg": one.median_deg, "gap_deg": one.fitted_deg}
+    if one.agrees:
+        said = f"the {one.count} jumps at reversals {beside.format('agree with')}"
+        yield Finding("jumps-agree", "note", said, numbers=numbers)
+        return
+    yield Finding(
+        "jumps-disagree",
+        "warning",
+        f"the {one.count} jumps at reversals {beside.format('disagree with')}: near a reversal the"
+        " shafts are slow, so a delay, friction or wind-up that the fit takes for a gap is missing"
+        " in the jumps, and a load that leaves its flank before the turn makes them too small",
+        "compare a slow log with a fast one",
+        numbers,
+    )
+
+
+def outliers(case: Case) -> Iterator[Finding]:
+    """Say how many rows are outliers."""
+    if case.core.weights is not None:
+        yield Finding(
+            "outliers",
+            "warning" if case.core.outliers > 0.1 else "note",
+            f"{100 * case.core.outliers:.2g} % of the rows are outliers and are left out",
+            "look for lost or late readings" if case.core.outliers > 0.1 else "",
+            {"share": case.core.outliers},
+        )
+
+
+def no_noise(case: Case) -> Iterator[Finding]:
+    """Say that the log has no noise."""
+    if case.noise.std_deg * DEG < 1e-6 * case.core.usual:
+        yield Finding(
+            "no-noise",
+            "note",
+            "the log holds no noise: its harmonics leave less than a millionth of the transmission"
+            f" error ({case.noise.std_deg:.1g}°), so that the standard errors are not those of a"
+            " measurement",
+        )
+
+
+def drift(case: Case) -> Iterator[Finding]:
+    """Say that the level of the transmission error moves."""
+    ratio = case.checks.likelihood_ratio["drift"]
+    if ratio > NEEDED:
+        yield Finding(
+            "drift",
+            "note",
+            f"the level of the transmission error moves by {case.checks.drift_arcsec:.3g}″ within a"
+            f" log, beside the gears (2 ln of the likelihood ratio {ratio:.0f})",
+            numbers={"drift_arcsec": case.checks.drift_arcsec, "likelihood_ratio": ratio},
+        )
+
+
+def found_lines(case: Case) -> Iterator[Finding]:
+    """Say which lines are no orders."""
+    for one in case.checks.lines:
+        joined = (
+            "joined the model as a fractional order" if one.joined else "is left in the residual"
+        )
+        yield Finding(
+            "line-joined" if one.joined else "line-left",
+            "note",
+            f"a line of {one.amplitude_arcsec:.3g}″ ± {one.amplitude_std_arcsec:.1g}″ at"
+            f" {one.cycles_per_rev:.7g} ± {one.cycles_std:.1g} cycles per driving turn {joined}"
+            f" (probability {one.false_alarm:.1g} by chance). It has no fixed position on the"
+            " gears: its phase holds at the zero of the log, and maps, `export`, `locate` and"
+            " `simulate` leave it out",
+            numbers={"cycles_per_rev": one.cycles_per_rev, "std": one.cycles_std},
+        )
+
+
+def hidden(case: Case) -> Iterator[Finding]:
+    """Say that several lines are orders of a shaft without an encoder."""
+    lines = case.checks.lines
+    shaft = hidden_shaft([x.cycles_per_rev for x in lines], [x.cycles_std for x in lines])
+    if shaft is not None:
+        *first, last = map(str, shaft.orders)
+        yield Finding(
+            "hidden-shaft",
+            "note",
+            f"a hidden shaft turns {shaft.turns:.7g} ± {shaft.std:.1g} times per driving turn"
+            f" (orders {', '.join(first)} and {last} found; coincidence {shaft.coincidence:.1g})",
+            numbers={"turns_per_rev": shaft.turns, "std": shaft.std},
+        )
+
+
+def equal_orders(case: Case) -> Iterator[Finding]:
+    """Say which listed orders have one frequency."""
+    ratio = case.core.scope.ratio
+    cycles = {w.cycles(ratio): w for w in case.core.waves if w.shaft == "driving"}
+    listed = [k for k in case.core.orders.driven_orders if k * abs(ratio) in cycles]
+    if listed:
+        names = ", ".join(f"{k} (driving order {cycles[k * abs(ratio)].order:g})" for k in listed)
+        yield Finding(
+            "orders-equal",
+            "note",
+            f"driven order {names} has the frequency of a driving order and is not told from it",
+        )
+
+
+def open_starts(case: Case) -> Iterator[Finding]:
+    """Say that the orders of two logs are not compared."""
+    for number, one in enumerate(case.records[1:], 2):
+        if one.start.driving_deg is None or one.start.driven_deg is None:
+            yield Finding(
+                "start-unknown",
+                "note",
+                f"log {number} has a zero of its own, and no order tells where it lies in the"
+                " angles of the first log: its orders are its own",
+                "say --same-zero if both encoders count whole turns from one zero",
+            )
+
+
+def logged(case: Case) -> Iterator[Finding]:
+    """Pass on what reading and dividing the logs had to say."""
+    every = [
+        [("segments", text) for text in one.notes] + [("log", text) for text in log.notes]
+        for one, log in zip(case.segments, case.logs, strict=True)
+    ]
+    shared = [note for note in every[0] if all(note in notes for notes in every)]
+    for slug, text in shared:
+        yield Finding(slug, "note", text)
+    for number, notes in enumerate(every):
+        for slug, text in notes:
+            if (slug, text) not in shared:
+                yield Finding(slug, "note", case.name(number) + text)
+
+
+def readings(case: Case) -> Iterator[Finding]:
+    """Compare backlash readings with the fit."""
+    one = case.checks.readings
+    if one is None:
+        return
+    joined = "joined the fit" if one.used else "check only"
+    yield Finding(
+        "readings",
+        "warning" if one.contradicts else "note",
+        f"{one.count} backlash readings ({joined}): {one.mean_deg:+.5f}° mean, {one.rms_deg:.5f}°"
+        f" rms from the fit without them, scatter {one.scatter_deg:.5f}°"
+        + (": they contradict it" if one.contradicts else ""),
+        "compare the zero of their angles with that of the log" if one.contradicts else "",
+        {"mean_deg": one.mean_deg, "rms_deg": one.rms_deg},
+    )
+
+
+def closed(case: Case) -> Iterator[Finding]:
+    """Say how well the transmission error repeats after a hunting period."""
+    if one := case.checks.closure:
+        yield Finding(
+            "closure",
+            "note",
+            f"closure after {one.period_deg:g}°: {one.rms_deg:.5f}° rms ({one.mean_deg:+.5f}° mean)"
+            f" over {one.overlap_deg:.0f}°",
+            numbers={"rms_deg": one.rms_deg, "mean_deg": one.mean_deg},
+        )
+
+
+def drawn(case: Case) -> Iterator[Finding]:
+    """Say which backlash the drawing has."""
+    if (drawing := case.checks.drawing_backlash_deg) is not None:
+        said = f"constant backlash by the drawing: {drawing:.4f}°"
+        yield Finding("drawing", "note", said, numbers={"backlash_deg": drawing})
+
+
+FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
+    negative_gap,
+    not_settled,
+    computed_column,
+    unclear_flanks,
+    open_delay,
+    changing_delay,
+    gap_of_speed,
+    gap_crossed_late,
+    jumps,
+    ratio_off,
+    outliers,
+    no_noise,
+    drift,
+    found_lines,
+    hidden,
+    equal_orders,
+    open_starts,
+    logged,
+    readings,
+    closed,
+    seen_ratio,
+    drawn,
+)
+"""Functions that make the findings of a fit."""
+
+_ORDER = ("warning", "question", "note")
+
+
+def findings_of(case: Case) -> tuple[Finding, ...]:
+    """Return the findings of a fit, warnings first."""
+    found = [one for make in FINDINGS for one in make(case)]
+    return tuple(sorted(found, key=lambda one: _ORDER.index(one.severity)))

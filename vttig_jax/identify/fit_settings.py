@@ -1,0 +1,260 @@
+"""The settings of a fit, declared once for Python, the command line and `run.toml`.
+
+Needs no jax.
+
+Every field of `FitSettings` states its type, its default and its text. The keywords of
+`vttig_jax.fit`, the options of `vttig fit` and the table `[options]` of a run follow from it.
+"""
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
+from types import NoneType, UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+import msgspec
+from msgspec import Meta, Struct
+from msgspec.structs import replace
+
+Flank = Literal["A", "B"]
+
+LONGEST_DELAY_S = 1.0
+"""Largest delay of the driven channel in s; chosen, far beyond that of any encoder interface."""
+
+Delay = Annotated[float, Meta(ge=-LONGEST_DELAY_S, le=LONGEST_DELAY_S)]
+DelayBound = Annotated[float, Meta(gt=0, le=1e3 * LONGEST_DELAY_S)]
+Share = Annotated[float, Meta(ge=0, le=0.1)]
+Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
+
+REMOVED = {
+    "loss": ("auto", "outliers are found and left out unasked"),
+    "regressor": ((), "a torque column joins the fit unasked"),
+    "regressors": ((), "a torque column joins the fit unasked"),
+    "free_ratio": (False, "the ratio of a drive is free within --ratio-within"),
+    "drift_order": (None, "a level that drifts is part of every fit"),
+    "drift_knots": (None, "a level that drifts is part of every fit"),
+    "noise": ("ar", "the noise of every fit remembers as long as the log shows"),
+    "noise_in": ("time", "the noise of every fit is stationary in time"),
+    "noise_of": ("rig", "fit slow and fast passes as logs of their own"),
+}
+"""Settings that older versions had: their default, and what takes their place."""
+
+
+def setting(text: str, option: str, metavar: str | None = None) -> Meta:
+    """Describe a field: its text for `help()` and `--help`, and its option on the command line."""
+    return Meta(description=text, extra={"option": option, "metavar": metavar})
+
+
+class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Everything that a user can choose about a fit beside logs, pair and harmonic orders.
+
+    **Raises** `ValueError` naming the argument that is wrong, or the two that exclude each other.
+
+    **Arguments**
+    """
+
+    flank: Annotated[Flank | None, setting("Use one flank only, as the paper does.", "--flank")] = (
+        None
+    )
+    perfect_encoders: Annotated[
+        bool,
+        setting(
+            "Fit no encoder eccentricity. With one flank the encoders are always perfect.",
+            "--perfect-encoders",
+        ),
+    ] = False
+    perfect_gears: Annotated[
+        bool,
+        setting(
+            "Fit no gear eccentricity: the first orders are those of the encoders.",
+            "--perfect-gears",
+        ),
+    ] = False
+    delay: Annotated[
+        Literal["auto", "off"] | Delay,
+        setting(
+            "Delay of the driven channel: fitted (auto, the default), taken as zero, or given in"
+            " seconds (on the command line also as 0.5ms).",
+            "--delay",
+            "auto|off|SECONDS",
+        ),
+    ] = "auto"
+    delay_within_ms: Annotated[
+        DelayBound | None,
+        setting(
+            "Standard deviation of the delay before the log is read, in milliseconds (on the"
+            " command line also as 0.0005s). By default it is half a sampling interval, and as much"
+            " as the delay that the log shows. Where the log cannot tell a delay from the backlash,"
+            " the interval of the backlash follows from it.",
+            "--delay-within",
+            "MILLISECONDS",
+        ),
+    ] = None
+    ratio_within: Annotated[
+        Share | None,
+        setting(
+            "Standard deviation of the relative error of the ratio of a drive before the log is"
+            " read; 0 for an exact one, 0.003 by default. The ratio of gears is that of their"
+            " teeth.",
+            "--ratio-within",
+            "SHARE",
+        ),
+    ] = None
+    same_zero: Annotated[
+        bool | None,
+        setting(
+            "Do the angles of several logs count from the same zero? By default they do where the"
+            ' pair file says zero = "reading".',
+            "--same-zero/--own-zero",
+        ),
+    ] = None
+    use_readings: Annotated[
+        bool,
+        setting(
+            "Let the backlash readings join the fit instead of only checking it.",
+            "--use-readings",
+        ),
+    ] = False
+    lines: Annotated[
+        Literal["join", "report"],
+        setting(
+            "Lines of the residual that are no order join the model as fractional orders of the"
+            " driving shaft (join, the default), or are only reported.",
+            "--lines",
+        ),
+    ] = "join"
+
+    def __post_init__(self):
+        for field in fields():
+            value = getattr(self, field.name)
+            if getattr(value, "shape", None) == ():  # a scalar of NumPy or JAX
+                value = value.item()
+                msgspec.structs.force_setattr(self, field.name, value)
+            try:
+                msgspec.convert(value, field.type)
+            except msgspec.ValidationError:
+                raise ValueError(
+                    f"Argument `{field.name}` must be {_expected(field.type)}, but is {value!r}."
+                ) from None
+        for names, cure in self.conflicts():
+            raise ValueError(f"Arguments {' and '.join(f'`{name}`' for name in names)} {cure}")
+
+    def conflicts(self) -> Iterator[tuple[tuple[str, str], str]]:
+        """Yield the pairs of fields that exclude each other, with the rest of the sentence."""
+        if self.perfect_encoders and self.perfect_gears:
+            yield ("perfect_encoders", "perfect_gears"), "together leave nothing to fit; give one."
+        if self.delay != "auto" and self.delay_within_ms is not None:
+            cure = "exclude each other, because the bound is for a delay that nothing else tells;"
+            yield ("delay", "delay_within_ms"), f"{cure} give one of them."
+
+
+BATCH = tuple(
+    name for name in FitSettings.__struct_fields__ if name not in ("same_zero", "use_readings")
+)
+"""Settings of a fit of many logs, each of a rig of its own."""
+
+
+class Field(NamedTuple):
+    """One setting: its name, type with bounds, default, text, option and metavar."""
+
+    name: str
+    type: Any
+    default: Any
+    text: str
+    option: str
+    metavar: str | None
+
+
+@cache
+def fields() -> tuple[Field, ...]:
+    """List the settings in the order of their declaration."""
+    hints = get_type_hints(FitSettings, include_extras=True)
+    defaults = dict(
+        zip(FitSettings.__struct_fields__, FitSettings.__struct_defaults__, strict=True)
+    )
+    described = [(name, hint, hint.__metadata__[-1]) for name, hint in hints.items()]
+    return tuple(
+        Field(name, hint, defaults[name], meta.description, **meta.extra)
+        for name, hint, meta in described
+    )
+
+
+def from_keywords(settings: FitSettings | None, changes: dict[str, Any]) -> FitSettings:
+    """Apply keywords of `vttig_jax.fit` to its settings.
+
+    **Raises** `TypeError` for a keyword that is no setting.
+    """
+    for name in sorted(set(changes) & set(REMOVED)):
+        raise TypeError(
+            f"`fit` has no argument `{name}` any more: {REMOVED[name][1]}; leave it out."
+        )
+    unknown = sorted(set(changes).difference(FitSettings.__struct_fields__))
+    if unknown:
+        raise TypeError(
+            f"`fit` has no argument `{unknown[0]}`; its settings are"
+            f" {', '.join(FitSettings.__struct_fields__)}."
+        )
+    return replace(settings or FitSettings(), **changes)
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def takes_settings(function: Function) -> Function:
+    """Show the fields of `FitSettings` in the signature of a function with `**changes`."""
+    signature = inspect.signature(function)
+    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    named = [
+        inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
+        for field in fields()
+    ]
+    function.__signature__ = signature.replace(parameters=kept + named)  # pyright: ignore
+    return function
+
+
+def _expected(kind: Any) -> str:
+    """Say in words which values a type allows."""
+    words, others = [], []
+    for member in members(kind):
+        if get_origin(member) is Literal:
+            words += [f'"{word}"' for word in get_args(member)]
+        elif member is not NoneType:
+            others.append(_range(member))
+    *first, last = [*words, *others]
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+def members(kind: Any) -> tuple[Any, ...]:
+    """Return the members of a union, each with its own bounds only."""
+    if get_origin(kind) is Annotated and kind.__metadata__[-1].extra:
+        kind = kind.__origin__
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+
+
+def _range(kind: Any) -> str:
+    if get_origin(kind) is Annotated:
+        number, bounds = get_args(kind)[0], kind.__metadata__[0]
+        if bounds.gt == 0:
+            limit = "" if bounds.le == sys.float_info.max else f" of at most {bounds.le:g}"
+            return f"a positive number{limit}"
+        noun = "a whole number" if number is int else "a number"
+        return f"{noun} in {bounds.ge:g} … {bounds.le:g}"
+    if get_origin(kind) is tuple:
+        return f"names of {', '.join(get_args(get_args(kind)[0]))}"
+    return "True or False"
+
+
+FitSettings.__doc__ = inspect.cleandoc(FitSettings.__doc__ or "") + "".join(
+    f"\n- `{field.name}`: {field.text}" for field in fields()
+)

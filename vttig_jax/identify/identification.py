@@ -1,0 +1,467 @@
+"""Identification of a rig from its logs: checks at the door, the mixed model, and its result."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import NoAnswerError
+from ..base.runtime import require_x64
+from ..base.threads import one_blas_thread
+from ..base.units import ARCSEC, DEG
+from ..logs.checks.ratio import SeenRatio, check_ratio
+from ..logs.checks.slip import refuse_slip
+from ..logs.encoder_log import EncoderLog
+from ..logs.lines.search import Line
+from ..logs.motion.flank_assignment import assigned_segments
+from ..logs.motion.segments import Segments
+from ..logs.readers.backlash_readings import BacklashReadings
+from ..model.columns import Assumptions
+from ..model.lines import found_lines
+from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
+from ..model.parameter import Parameter, undetermined
+from ..model.parameters import (
+    LEFT_OUT,
+    SIGNIFICANT,
+    TOLD,
+    Quantities,
+    parameters_of,
+    quantities_of,
+    scalar,
+)
+from ..model.rows import Run, Shafts
+from ..model.runs import shafts_of
+from ..pair.gear_pair import Drive, Flank, GearPair
+from ..pair.schema import HarmonicOrders
+from .checking import checks_of, curves_of, noise_of
+from .door import require_distinct, require_pair, stated_drive, usable
+from .findings import Case, Finding, contradicts, findings_of
+from .fit_settings import FitSettings, from_keywords, takes_settings
+from .given import (
+    GIVEN_INSTEAD,
+    GivenModel,
+    fitted_given,
+    fitted_model,
+    given_parameters,
+    given_quantities,
+    prepared,
+    searched,
+    solved_given,
+)
+from .orders import SIDES, order_model, order_table
+from .readings import compared, updated
+from .records import Outcome
+from .result import Fit, FitRequest
+from .starts import log_records
+
+
+@takes_settings
+@one_blas_thread
+def fit(
+    log: EncoderLog | Sequence[EncoderLog],
+    pair: GearPair | Drive | None = None,
+    *,
+    settings: FitSettings | None = None,
+    orders: HarmonicOrders | None = None,
+    readings: BacklashReadings | None = None,
+    model: Any = None,
+    **changes: Any,
+) -> Fit:
+    """Identify eccentricities, encoder errors and backlash from the logs of one rig.
+
+    The transmission error of both flanks is one linear mixed model: harmonics of both shafts with
+    their difference between the flanks, gap, delay, torque, drift, a delay that moves and a gap
+    that depends on the speed, each with a Gaussian prior, in noise with memory. The widths of the
+    priors and the noise have the largest restricted likelihood; every number is a functional of
+    this posterior. For gears the first orders follow from the parameters through the exact relation
+
+        r_b2 φ₂ = r_b1 φ₁ − (r_b1 + r_b2)(δ ± Δinv) (+ r_b2 j_c on flank B),
+
+    plus + E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁) on both flanks. `docs/claims.md` has the equations.
+
+    **Arguments**
+    - `log`: an encoder log or transmission-error curve, or several of one rig. They share
+      eccentricities, orders, constant backlash and delay; offset and drift are each log's own.
+      Without a common zero (`same_zero`) each log has orders of its own, and the parameters are
+      those of the first.
+    - `pair`: the gear pair, or a drive without geometry; by default the drive that the first log
+      was read with, `read_log(path, ratio="64:23")`.
+    - `settings`: delay, ratio, lines and all other choices; see `FitSettings`. Every field of it is
+      a keyword of its own as well, `fit(log, pair, delay="off")`.
+    - `orders`: harmonic orders to model; those of the pair by default.
+    - `readings`: backlash read at single angles of the first log, to check the fit against, or to
+      join it with `use_readings=True`.
+    - `model`: flank model of your own that takes the place of the exact relation: a pytree with
+      `transmission_error(angle, flank)`, rad of the driven gear, for driving angles in rad. Its
+      leaves that are arrays of floating-point numbers are parameters, with their values as the
+      start; they are found under "model" and their path, `fit.parameters["model.tilt"]`. Offset of
+      each log, constant backlash, delay and drift are fitted beside them, and `orders` are none by
+      default; those given are free on each flank.
+
+    **Returns** a `Fit`.
+
+    **Raises** `UsageError` for a `model` that is no flank model, and for settings that contradict
+    it; `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
+    logs that are too short to say anything, `ValueError` for wrong arguments and without 64-bit
+    floats, `TypeError` for a keyword that is no setting.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.rig import paper_rig
+    >>> vttig_jax.enable_x64()
+    >>> rig = paper_rig()
+    >>> result = vttig_jax.fit(rig.log(), rig.pair)
+    >>> round(result.parameters["driving_eccentricity_mm"].value, 3)
+    0.023
+
+    ```
+    """
+    require_x64("fit")
+    settings = from_keywords(settings, changes)
+    if settings.use_readings and readings is None:
+        raise ValueError("Argument `readings` must be given to be used, but is None.")
+    logs = (log,) if isinstance(log, EncoderLog) else tuple(log)
+    if not logs:
+        raise ValueError("Argument `log` must hold at least one log, but is empty.")
+    require_distinct(logs)
+    pair = stated_drive(logs[0]) if pair is None else pair
+    wanted = orders or (pair.fit if model is None else HarmonicOrders((), (), 0))
+    found = identified(logs, pair, settings, wanted, model)
+    result = result_of(
+        found.core,
+        pair,
+        settings,
+        logs=logs,
+        segments=found.segments,
+        ratios=found.ratios,
+        lines=found.lines,
+        readings=readings,
+        one_zero=found.one_zero,
+        short=found.short,
+        given=found.given,
+    )
+    paths = tuple(one.path for one in logs)
+    return replace(result, request=FitRequest(settings, wanted, _reading(logs), paths))
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The mixed model fitted to logs, and what was seen of them at the door."""
+
+    core: MixedFit
+    lines: list[Line]
+    segments: list[Segments]
+    ratios: list[SeenRatio]
+    one_zero: bool
+    short: tuple[str, ...]
+    given: GivenModel | None = None
+
+
+def identified(
+    logs: Sequence[EncoderLog],
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    orders: HarmonicOrders,
+    model: Any = None,
+) -> Identified:
+    """Check logs at the door, and fit the mixed model: the way of one log and of each of many.
+
+    **Raises** `LogError` for a log that contradicts the pair or has a slip, `NoAnswerError` for
+    logs that are too short to say anything.
+    """
+    segments, ratios = [], []
+    for one in logs:
+        require_pair(one, pair)
+        ratios.append(check_ratio(one))
+        segments.append(assigned_segments(one))
+        refuse_slip(one, segments[-1])
+    where = ", ".join(one.source for one in logs)
+    shafts = [
+        on_flank(shafts_of(*both), settings.flank) for both in zip(logs, segments, strict=True)
+    ]
+    shafts, short = usable(shafts, waves_of(pair, orders), where)
+    one_zero = len(logs) == 1 or have_one_zero(logs, settings)
+    given = None
+    if model is not None:
+        given = prepared(model, shafts, settings, one_zero=one_zero, where=where)
+    core, lines, given = fitted(shafts, pair, orders, settings, one_zero=one_zero, given=given)
+    return Identified(core, lines, segments, ratios, one_zero, short, given)
+
+
+def told_by(
+    core: MixedFit, pair: GearPair | Drive, settings: FitSettings, where: str
+) -> tuple[Quantities, dict[str, Parameter]]:
+    """Return the quantities of a fit, and its parameters by name.
+
+    **Raises** `NoAnswerError` if they are no finite numbers.
+    """
+    encoders, gears = not settings.perfect_encoders, not settings.perfect_gears
+    both = len(core.scope.flanks) == 2
+    told = quantities_of(core, pair, encoders=both and encoders, gears=gears)
+    if not np.all(np.isfinite(told.mean)) or not np.all(np.isfinite(told.covariance)):
+        raise NoAnswerError(
+            "the fit found no largest density, so that it has no numbers; list fewer orders in"
+            " [fit], or record more turns.",
+            where=where,
+        )
+    return told, parameters_of(core, pair, told, encoders=encoders, gears=gears)
+
+
+def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
+    """Return the log with its runs on one flank only, or on both for None."""
+
+    def kept(runs: Sequence[Run]) -> tuple[Run, ...]:
+        return tuple(run for run in runs if flank in (None, SIDES[run[2]]))
+
+    return replace(shafts, runs=kept(shafts.runs), ramps=kept(shafts.ramps))
+
+
+def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
+    """Return whether the angles of all logs count from one zero."""
+    if settings.same_zero is not None:
+        return settings.same_zero
+    return all(one.zero == "reading" for one in logs)
+
+
+def assumptions_of(settings: FitSettings) -> Assumptions:
+    """Return what the settings assume before the logs are read."""
+    within, ratio = settings.delay_within_ms, settings.ratio_within
+    assumed = Assumptions(
+        delay="fitted" if settings.delay == "auto" else "known",
+        delay_within_s=None if within is None else 1e-3 * within,
+    )
+    return assumed if ratio is None else replace(assumed, ratio=ratio)
+
+
+def fitted(
+    shafts: Sequence[Shafts],
+    pair: GearPair | Drive,
+    orders: HarmonicOrders,
+    settings: FitSettings,
+    *,
+    one_zero: bool,
+    given: GivenModel | None = None,
+) -> tuple[MixedFit, list[Line], GivenModel | None]:
+    """Fit the mixed model, and once more with the lines that the residual has."""
+    assumed = assumptions_of(settings)
+    fixed_s = float(settings.delay) if isinstance(settings.delay, (int, float)) else 0.0
+    drive = Drive(pair.ratio)  # a flank model takes the place of the gears
+    if given is not None:
+        assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)
+        given = searched(given, shafts, drive, orders, assumed)
+
+    def once(lines: Sequence[float], delay_s: float, given: GivenModel | None):
+        if given is not None:
+            return fitted_given(
+                given, shafts, drive, orders, lines=lines, delay_s=delay_s, assumed=assumed
+            )
+        return (
+            mixed_fit(
+                shafts,
+                pair,
+                orders,
+                one_zero=one_zero,
+                lines=lines,
+                delay_s=delay_s,
+                assumed=assumed,
+            ),
+            None,
+        )
+
+    core, given = once((), fixed_s, given)
+    lines = found_lines(core)
+    if lines and settings.lines == "join":
+        cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
+        core, given = once(cycles, core.delay_s, given)
+    return core, lines, given
+
+
+def result_of(
+    core: MixedFit,
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    *,
+    logs: Sequence[EncoderLog],
+    segments: Sequence[Segments],
+    ratios: Sequence[SeenRatio],
+    lines: Sequence[Line],
+    readings: BacklashReadings | None,
+    one_zero: bool,
+    short: Sequence[str],
+    given: GivenModel | None = None,
+) -> Fit:
+    """Return the result of a fit of the mixed model."""
+    source = ", ".join(one.source for one in logs)
+    compared_with = None if readings is None else compared(core, readings, settings)
+    if readings is not None and settings.use_readings:
+        core = updated(core, readings)
+    told, parameters = told_by(core, pair if given is None else Drive(pair.ratio), settings, source)
+    model, whole = order_model(core), None
+    if given is not None:
+        told = given_quantities(core, told, given)
+        parameters = given_parameters(parameters, told, pair, given)
+        given = solved_given(told, given)
+        whole = fitted_model(given, model)
+    curves, residuals = curves_of(core)
+    checks = checks_of(
+        core,
+        pair,
+        parameters,
+        logs=logs,
+        segments=segments,
+        ratios=ratios,
+        lines=lines,
+        joined=settings.lines == "join",
+        curves=curves,
+        model=model if whole is None else whole,
+    )
+    checks = type(checks)(**{**_fields(checks), "readings": compared_with})
+    if parameters["constant_backlash_deg"].determined:
+        parameters.pop("gap_over_angles_covered", None)
+    records = log_records(core, logs, one_zero=one_zero)
+    rms = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) / DEG
+    case = Case(
+        core,
+        pair,
+        settings,
+        logs,
+        segments,
+        ratios,
+        parameters,
+        regressors := regressors_of(core, told),
+        checks,
+        noise := noise_of(core),
+        records,
+        rms,
+    )
+    flanks = tuple(SIDES[side] for side in core.scope.flanks)
+    return Fit(
+        pair=pair,
+        source=source,
+        sha256=logs[0].sha256,
+        outcome=outcome_of(parameters, case),
+        flanks=flanks,
+        samples={key: sum(one.samples[key] for one in records) for key in records[0].samples},
+        zero=logs[0].zero,
+        zero_readings=records[0].zero_readings,
+        conditional_on=conditions_of(core, pair, settings, parameters, given=given is not None),
+        parameters=parameters,
+        orders=order_table(core),
+        model=model,
+        noise=noise,
+        residual_rms_deg=rms,
+        curves=curves,
+        residuals=residuals,
+        covariance=told.covariance,
+        covariance_names=told.names,
+        values=told.mean,
+        checks=checks,
+        findings=(*findings_of(case), *_short_flanks(short)),
+        regressors=regressors,
+        logs=records,
+        core=core,
+        given=whole,
+    )
+
+
+def _fields(record: Any) -> dict[str, Any]:
+    return {name: getattr(record, name) for name in record.__struct_fields__}
+
+
+def _short_flanks(short: Sequence[str]) -> list[Finding]:
+    return [
+        Finding(
+            "flank-short",
+            "warning",
+            f"flank {flank} is left out: each of its strokes is shorter than the fit needs",
+            "log longer strokes",
+        )
+        for flank in short
+    ]
+
+
+def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
+    """Return the coefficient of the torque and the ratio of a drive, as far as the logs tell them.
+
+    A ratio is significant if it is not the given one.
+    """
+    found = []
+    if "torque" in told.names:
+        (at,) = told.at("torque")
+        mean, variance, freedom = told.mean[at], told.covariance[at, at], told.freedom[at]
+        found.append(
+            scalar(
+                "torque_arcsec_per_unit",
+                "arcsec/unit of torque",
+                ARCSEC,
+                float(mean),
+                float(variance),
+                float(freedom),
+            )
+        )
+    if "ratio" in told.names:
+        (at,) = told.at("ratio")
+        column = core.posterior.problem.columns[core.posterior.problem.index["ratio",]]
+        if told.std("ratio") > TOLD * column.width:
+            share = column.width / abs(core.scope.ratio)
+            reason = f"the log does not tell it: within ± {share:.2g} of the ratio as assumed"
+            found.append(undetermined("ratio", "1", reason))
+        else:
+            off = float(told.mean[at]) - core.scope.ratio
+            one = scalar(
+                "ratio", "1", 1.0, off, float(told.covariance[at, at]), float(told.freedom[at])
+            )
+            reason = None if one.significant else f"within {SIGNIFICANT:g} standard errors as given"
+            found.append(replace(one.moved(core.scope.ratio), reason=reason))
+    return tuple(found)
+
+
+def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
+    """Return the outcome of the fit; parameters that the settings exclude do not count."""
+    if contradicts(case):
+        return "contradicts"
+    asked = [
+        p
+        for p in parameters.values()
+        if p.name not in ("delay_s", "backlash_plus_delay_deg", "gap_over_angles_covered")
+        and p.reason not in (*LEFT_OUT, GIVEN_INSTEAD)
+    ]
+    if not any(p.determined for p in asked):
+        return "not_determined"
+    return "ok" if all(p.determined for p in asked) else "partly_determined"
+
+
+def conditions_of(
+    core: MixedFit,
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    parameters: Mapping[str, Parameter],
+    *,
+    given: bool = False,
+) -> tuple[str, ...]:
+    """Return the names of the assumptions under which the numbers of the fit are valid."""
+    conditions: tuple[str, ...] = ()
+    both = len(core.scope.flanks) == 2
+    if given:
+        conditions = ("flank_model",)
+    elif settings.perfect_gears:
+        conditions = ("perfect_gears",)
+    elif isinstance(pair, GearPair) and (settings.perfect_encoders or not both):
+        conditions = ("perfect_encoders",)
+    index = core.posterior.problem.index
+    if ("delay",) not in index:
+        return (*conditions, "no_delay" if core.delay_s == 0 else "given_delay")
+    if not parameters["delay_s"].determined and both:
+        width_ms = 1e3 * core.posterior.problem.columns[index["delay",]].width
+        return (*conditions, f"delay_within_{width_ms:.3g}_ms")
+    return conditions
+
+
+def _reading(logs: Sequence[EncoderLog]) -> Mapping[str, Any]:
+    """Return the keywords of `read_log` that all logs have in common."""
+    first, *others = (log.keywords for log in logs)
+    return {
+        name: value for name, value in first.items() if all(o.get(name) == value for o in others)
+    }

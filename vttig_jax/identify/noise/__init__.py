@@ -1,1 +1,0 @@
-"""The noise model and its restricted maximum likelihood."""

@@ -1,1 +1,0 @@
-"""Preliminary linear fit: alignment, delay, drift and outliers."""

@@ -1,1 +1,0 @@
-"""Parameters, orders, checks and notes of a fit."""

@@ -1,1 +1,0 @@
-"""Comparisons: parts of a log, several logs, and backlash readings with the fitted backlash."""

@@ -1,1 +1,0 @@
-"""The nonlinear least-squares solution, its residuals and standard errors."""

@@ -1,0 +1,68 @@
+"""What the logs of a fit cover: flanks, angles, turns and speeds that its numbers refer to."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.units import DEG, REV
+from .rows import Rows, Shafts
+
+
+@dataclass(frozen=True, eq=False)
+class Scope:
+    """Flanks, angles, turns and speeds of a fit.
+
+    **Arguments**
+    - `flanks`: flanks with rows, 1 for A and −1 for B. - `ratio`: i.
+    - `nominal`: slope and level (rad) of the driven over the driving angle of the first log, where
+      the harmonics of the driven shaft are taken.
+    - `levels`: value that was subtracted from the transmission error of each log, rad.
+    - `turns`: shaft → turns on the flank that covers less, in the log that covers most.
+    - `covered`: middle of every degree of φ₁ that both flanks covered, rad; of one flank, its own.
+    - `speeds`: mean |ω₁| of the rows on each of `flanks`, rad/s.
+    """
+
+    flanks: tuple[int, ...]
+    ratio: float
+    nominal: tuple[float, float]
+    levels: tuple[float, ...]
+    turns: dict[str, float]
+    covered: Float[np.ndarray, " cells"]
+    speeds: tuple[float, ...]
+
+
+def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], *, one_zero: bool) -> Scope:
+    """Return the scope of logs with their rows.
+
+    Without a common zero of all logs, the covered angles are those of the first log.
+    """
+    flanks = tuple(s for s in (1, -1) if any((one.side == s).any() for one in rows))
+    on: dict[int, set[int]] = {side: set() for side in flanks}
+    turns = 0.0
+    for number, one in enumerate(shafts):
+        travel = {side: [np.inf, -np.inf] for side in flanks}
+        for start, stop, side in one.runs:
+            angle = one.driving[start:stop]
+            if side in on:
+                travel[side] = [
+                    min(travel[side][0], angle.min()),
+                    max(travel[side][1], angle.max()),
+                ]
+                if one_zero or number == 0:
+                    on[side].update(np.unique(np.floor(angle / DEG).astype(int)).tolist())
+        spans = [high - low for low, high in travel.values() if high > low]
+        turns = max(turns, min(spans, default=0.0) / REV)
+    ratio = shafts[0].ratio
+    speed = np.concatenate([one.speed for one in rows])
+    flank = np.concatenate([one.flank for one in rows])
+    return Scope(
+        flanks,
+        ratio,
+        shafts[0].nominal,
+        tuple(one.level for one in shafts),
+        {"driving": turns, "driven": turns * abs(ratio)},
+        (np.array(sorted(set.intersection(*on.values())), float) + 0.5) * DEG,
+        tuple(float(speed[flank * side < 0].mean()) for side in flanks),
+    )

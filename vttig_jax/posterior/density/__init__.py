@@ -1,1 +1,0 @@
-"""The posterior density: prior, likelihood and profile likelihood."""

@@ -1,0 +1,199 @@
+"""Draws of a rig: coefficients given θ, eccentricities, and the flank model of every draw."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..identify.orders import SIDES, order_rows
+from ..identify.result import Fit
+from ..model.density import Compressed, normal
+from ..model.gears import GEARS, Relation
+from ..model.parameters import Quantities, quantities_of
+from ..pair.gear_pair import GearPair
+from .target import FitTarget, Tie, batches
+
+_STEPS = 3
+"""Steps of least squares, each of which leaves about a thousandth of the error."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigDraws:
+    """Draws of the quantities of a fit, and of the harmonics of both flanks.
+
+    **Arguments**
+    - `names`, `units`, `values`: such as `driving_x`, `constant_backlash`; mm, rad, s.
+    - `offset`, `cosine`, `sine`: of the terms of the fitted `OrderModel`, rad.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Float[np.ndarray, "m p"]
+    offset: Float[np.ndarray, "m 2"]
+    cosine: Float[np.ndarray, "m 2 terms"]
+    sine: Float[np.ndarray, "m 2 terms"]
+
+
+def quantities(fit: Fit) -> Quantities:
+    """Return the quantities of a fit under its assumptions on encoders and gears."""
+    return quantities_of(
+        fit.core,
+        fit.pair,
+        encoders="perfect_encoders" not in fit.conditional_on,
+        gears="perfect_gears" not in fit.conditional_on,
+    )
+
+
+def unit_of(fit: Fit, name: str) -> str:
+    """Return the unit of a quantity."""
+    if name in GEARS and isinstance(fit.pair, GearPair):
+        return "mm"
+    return {"delay": "s", "ratio": "1", "torque": "rad/unit of torque"}.get(name, "rad")
+
+
+def target_of(fit: Fit) -> FitTarget:
+    """Return the density of a fit; perfect encoders or gears tie its coefficients."""
+    told = quantities(fit)
+    tied = told.gears is not None and len(told.gears.relation.names) <= len(GEARS)
+    data = " ".join(one.sha256 for one in fit.logs)
+    return FitTarget(fit.core.posterior, told, data, tie_of(fit, told) if tied else None)
+
+
+def tie_of(fit: Fit, told: Quantities) -> Tie | None:
+    """Return how the first orders follow from eccentricities and encoder errors; None for drives.
+
+    The log tells the parameters best in the order of `told`, which has them first.
+    """
+    if told.gears is None:
+        return None
+    relation, problem = told.gears.relation, fit.core.posterior.problem
+    places, scale = relation.places(problem.index), np.diag(problem.natural)
+    own = told.at(*relation.names)
+    return Tie(
+        relation,
+        jnp.asarray((np.diag(scale) * problem.unit)[places]),
+        jnp.asarray((scale * problem.start)[places]),
+        jnp.asarray(told.gears.values),
+        jnp.asarray(told.covariance[np.ix_(own, own)]),
+        tuple(unit_of(fit, name) for name in relation.names),
+    )
+
+
+def rig_draws(
+    fit: Fit,
+    target: FitTarget,
+    points: Float[np.ndarray, "m d"],
+    random: np.random.RandomState,
+) -> RigDraws:
+    """Return one draw of the rig for every draw of θ.
+
+    The coefficients are drawn from their exact normal given θ. Eccentricities and encoder errors
+    follow from each draw of them by the least squares of the fit, unless they are sampled: then the
+    coefficients are drawn given those that the relation ties.
+    """
+    told, problem = target.told, fit.core.posterior.problem
+    tie = target.tie or tie_of(fit, told)
+    normals = random.standard_normal((len(points), len(problem.columns)))
+    sampled = points[:, len(target.free) :] if target.tie is not None else None
+    scaled, parameters = _drawn(target, tie, points, normals, sampled)
+    coefficients = np.diag(problem.natural) * (problem.unit * scaled + problem.start)
+    values = coefficients @ told.rows.T + told.shift
+    if tie is not None and told.gears is not None:
+        values[:, told.at(*tie.relation.names)] = parameters
+        if "constant_backlash" in told.names:
+            constants = _constants(tie.relation, parameters) - told.gears.constants[-1]
+            values[:, told.at("constant_backlash")[0]] -= constants
+    units = tuple(unit_of(fit, name) for name in told.names)
+    return RigDraws(told.names, units, values, *_flanks(fit, coefficients))
+
+
+def _flanks(
+    fit: Fit, coefficients: Float[np.ndarray, "m columns"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return offsets, cosines and sines of the terms of `fit.model` on both flanks, of all draws.
+
+    An unmeasured flank has the orders of the other one. The common level is that of the fit: no map
+    depends on it.
+    """
+    core = fit.core
+    whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
+    sides = [side if side in core.scope.flanks else -side for side in SIDES]
+    rows = np.array([[order_rows(core, wave, side) for wave in whole] for side in sides])
+    series = np.einsum("mc,fwpc->mfwp", coefficients, rows.reshape(2, len(whole), 2, -1))
+    offset = np.repeat(np.asarray(fit.model.offset)[None], len(coefficients), axis=0)
+    if (place := core.posterior.problem.index.get(("gap",))) is not None:
+        off = coefficients[:, place] - core.posterior.moved[place]
+        offset = offset + np.multiply.outer(off, [-0.5, 0.5])
+    return offset, series[..., 1], series[..., 0]
+
+
+def _drawn(
+    target: FitTarget,
+    tie: Tie | None,
+    points: Float[np.ndarray, "m d"],
+    normals: Float[np.ndarray, "m columns"],
+    sampled: Float[np.ndarray, "m p"] | None,
+) -> tuple[Float[np.ndarray, "m columns"], Float[np.ndarray, "m p"]]:
+    """Return scaled coefficients and parameters of every draw."""
+    asked: Sequence = [target.thetas(points), normals]
+    asked = [*asked, sampled] if sampled is not None else asked
+    pieces = zip(*(batches(part) for part in asked), strict=True)
+    found = [_drawn_batch(target.logs, tie, *piece) for piece in pieces]
+    return tuple(np.concatenate(part)[: len(points)] for part in zip(*found, strict=True))  # pyright: ignore[reportReturnType]
+
+
+@eqx.filter_jit
+def _drawn_batch(logs, tie, thetas, normals, sampled=None):
+    return jax.vmap(partial(_one, logs, tie))(thetas, normals, sampled)
+
+
+def _one(
+    logs: Compressed,
+    tie: Tie | None,
+    theta: Float[Array, " theta"],
+    normals: Float[Array, " columns"],
+    parameters: Float[Array, " p"] | None,
+) -> tuple[Float[Array, " columns"], Float[Array, " p"]]:
+    one = normal(theta, logs)
+    beta = one.solved(one.half + normals)
+    if tie is None:
+        return beta, jnp.zeros(0)
+    _, half = tie.given(one)
+    covariance, tied = half.T @ half, tie.start + tie.rows @ beta
+    if parameters is None:
+        return beta, _nearest(tie, tied, covariance)
+    scale = jnp.sqrt(jnp.diag(covariance))
+    off = (tie.tied(parameters) - tied) / scale
+    gain = jnp.linalg.solve(covariance / scale[None] / scale[:, None], off) / scale
+    return beta + one.solved(half @ gain), parameters
+
+
+def _nearest(
+    tie: Tie, tied: Float[Array, " t"], covariance: Float[Array, "t t"]
+) -> Float[Array, " p"]:
+    """Return the p of least squares, (h(p) − c_T)ᵀ V⁻¹ (h(p) − c_T).
+
+    The steps of Gauss and Newton have the slope at the fit: h bends by 10⁻³ of itself.
+    """
+    slope, scale = jax.jacfwd(tie.tied)(tie.values), jnp.sqrt(jnp.diag(covariance))
+    factor = jnp.linalg.cholesky(covariance / scale[None] / scale[:, None])
+    whitened = partial(jax.scipy.linalg.solve_triangular, factor, lower=True)
+    gain = jnp.linalg.pinv(whitened(slope / scale[:, None]), rtol=1e-12)
+    step = lambda p, _: (p - gain @ whitened((tie.tied(p) - tied) / scale), None)  # noqa: E731
+    return jax.lax.scan(step, tie.values, length=_STEPS)[0]
+
+
+@eqx.filter_jit
+def _constant(relation: Relation, parameters: Float[Array, "m p"]) -> Float[Array, " m"]:
+    return jax.vmap(lambda p: relation.coefficients(p)[-1])(parameters)
+
+
+def _constants(relation: Relation, parameters: Float[np.ndarray, "m p"]) -> np.ndarray:
+    """Return the gap that the gears add to the constant one, of every draw, rad."""
+    found = [_constant(relation, part) for part in batches(parameters)]
+    return np.concatenate(found)[: len(parameters)]

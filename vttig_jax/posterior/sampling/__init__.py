@@ -1,1 +1,0 @@
-"""Ensemble sampling with checkpoints and convergence tests."""
