@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from tests.posterior.made import made_posterior, quick_fit
+from tests.posterior.made import quick_posterior
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.plotting.backlash_map import plot_band_map
@@ -14,7 +14,7 @@ from vttig_jax.posterior.summary.bands import band_map
 
 @pytest.fixture(scope="module")
 def banded():
-    return band_map(made_posterior(quick_fit()), step_deg=2.0)
+    return band_map(quick_posterior(), step_deg=2.0)
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.posterior.made import made_posterior, quick_fit
-from vttig_jax.plotting.corner_picture import picture_unit
+from tests.posterior.made import quick_posterior
 from vttig_jax.plotting.style import COLOURS
 from vttig_jax.plotting.trace_picture import plot_trace
 
 
 @pytest.fixture(scope="module")
 def posterior():
-    return made_posterior(quick_fit(), ensembles=3)
+    return quick_posterior()
 
 
 @pytest.fixture(scope="module")
@@ -25,33 +24,22 @@ def thick(ax) -> list:
 
 def test_every_coordinate_and_the_log_density_has_a_panel(figure, posterior):
     words = [ax.get_title(loc="left") for ax in figure.axes if ax.axison]
-    assert len(words) == len(posterior.names) + 1
-    assert words[0] == "constant backlash [°]"
-    assert {"driving x [µm]", "partial 2", "log density"} <= set(words)
-
-
-def test_the_delay_is_the_whole_delay(posterior):
-    """The coordinate is what is left of it after the fit has removed a part."""
-    names = tuple("delay" if name == "driving_x" else name for name in posterior.names)
-    moved = replace(posterior, names=names, delay_offset_s=0.25)
-    (ax, *_) = plot_trace(moved, names=["delay"]).axes
-    low, high = ax.get_ylim()
-    assert (
-        low < (0.25 + posterior.values("driving_x").mean()) / picture_unit(moved, "delay")[1] < high
-    )
+    assert len(words) == len(posterior.chains.header.names) + 1
+    assert {"log innovation std", "log width driven", "log density"} <= set(words)
 
 
 def test_each_ensemble_has_its_colour_and_its_mean(figure, posterior):
-    place = posterior.names.index("driving_x")
-    (ax,) = [ax for ax in figure.axes if ax.get_title(loc="left") == "driving x [µm]"]
+    chains = posterior.chains
+    place = chains.header.names.index("log_innovation_std")
+    (ax,) = [ax for ax in figure.axes if ax.get_title(loc="left") == "log innovation std"]
     lines = thick(ax)
-    assert [line.get_color() for line in lines] == list(COLOURS[:3])
+    assert [line.get_color() for line in lines] == list(COLOURS[:4])
     for ensemble, line in enumerate(lines):
-        expected = posterior.draws[ensemble, :, :, place].mean(axis=1) / 1e-3
+        expected = chains.draws[ensemble, :, :, place].mean(axis=1)
         np.testing.assert_allclose(line.get_ydata(), expected)
     walkers = [drawn.get_segments() for drawn in ax.collections]
-    assert [len(one) for one in walkers] == [12] * 3  # at most twelve of an ensemble
-    own = posterior.draws[0, :, :, place] / 1e-3
+    assert [len(one) for one in walkers] == [12] * 4  # at most twelve of an ensemble
+    own = chains.draws[0, :, :, place]
     assert any(np.allclose(walkers[0][0][:, 1], own[:, k]) for k in range(own.shape[1]))
 
 
@@ -67,30 +55,38 @@ def test_nothing_overlaps(figure):
         assert 0 <= box.ymin < box.ymax <= figure.bbox.ymax
 
 
-def test_an_ensemble_that_stands_apart_is_seen(posterior):
-    from dataclasses import replace
+def with_draws(posterior, draws: np.ndarray):
+    """The posterior with other stored steps."""
+    record = replace(posterior.chains.record, draws=draws, log_density=np.zeros(draws.shape[:3]))
+    return replace(posterior, chains=replace(posterior.chains, record=record))
 
-    draws = posterior.draws.copy()
-    draws[2, ..., 0] += 0.01
-    ax = plot_trace(replace(posterior, draws=draws), names=posterior.names[:1]).axes[0]
+
+def test_an_ensemble_that_stands_apart_is_seen(posterior):
+    draws = posterior.chains.record.draws.copy()
+    draws[2, ..., 0] += 10.0
+    names = posterior.chains.header.names[:1]
+    ax = plot_trace(with_draws(posterior, draws), names=names).axes[0]
     levels = [np.mean(line.get_ydata()) for line in thick(ax)]
-    assert abs(levels[1] - levels[0]) < 1e-3 < levels[2] - levels[0]
+    assert abs(levels[1] - levels[0]) < 1 < levels[2] - levels[0]
 
 
 def test_long_traces_are_thinned(posterior):
-    long = made_posterior(posterior.fit, ensembles=2, steps=2500, walkers=2)
-    ax = plot_trace(long, names=("driving_x",)).axes[0]
-    assert len(thick(ax)[0].get_xdata()) == 1250 and thick(ax)[0].get_xdata()[-1] == 2498
+    long = with_draws(posterior, np.tile(posterior.chains.record.draws, (1, 100, 1, 1)))
+    ax = plot_trace(long, names=("log_innovation_std",)).axes[0]
+    steps = long.chains.draws.shape[1]
+    assert steps > 2000 >= 2 * len(thick(ax)[0].get_xdata()) > 1000
 
 
 def test_the_legend_stands_below_everything(figure):
     figure.draw_without_rendering()
     (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [f"ensemble {k}" for k in (1, 2, 3)]
+    assert [text.get_text() for text in legend.get_texts()] == [
+        f"ensemble {k}" for k in (1, 2, 3, 4)
+    ]
     top = legend.get_window_extent().y1
     assert all(ax.get_tightbbox().y0 >= top - 1 for ax in figure.axes if ax.axison)
 
 
 def test_an_unknown_name_is_refused(posterior):
-    with pytest.raises(ValueError, match="must be one of"):
+    with pytest.raises(ValueError, match="`names`"):
         plot_trace(posterior, names=("nonesuch",))

@@ -1,7 +1,6 @@
 """Log densities with known answers, for the tests of the sampler."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,6 @@ class Gaussian:
         self.sizes.append(len(points))
         return -0.5 * (((points - self.mean) @ self._whiten.T) ** 2).sum(axis=1)
 
-    @cached_property
     def around(self) -> Proposal:
         wide = self.spread**2 * self.covariance
         start = Proposal.of(self.mean + self.off, wide, np.zeros(len(self.mean), bool))

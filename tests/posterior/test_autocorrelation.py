@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.posterior.densities import ar1
-from vttig_jax.posterior.sampling.convergence import autocorrelation_time
+from vttig_jax.posterior.convergence import autocorrelation_time
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.98])

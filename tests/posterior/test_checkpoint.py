@@ -1,7 +1,6 @@
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -10,9 +9,9 @@ import pytest
 from tests.posterior.densities import plain
 from tests.posterior.runs import REPOSITORY, only, same, sample, sentence
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.posterior.sampling import checkpoint
-from vttig_jax.posterior.sampling.ensembles import read_chains
-from vttig_jax.posterior.sampling.stop_rule import Until
+from vttig_jax.posterior import checkpoint
+from vttig_jax.posterior.chains import read_chains
+from vttig_jax.posterior.until import Until
 
 
 @pytest.fixture
@@ -25,18 +24,14 @@ def test_what_is_written_is_read_back(path):
     chains = sample(path, target, seed=2**70)
     found = read_chains(path)
     assert same(chains, found) and only(path)
-    assert (found.names, found.units, found.identity) == (
-        ("x0", "x1"),
-        ("mm", "°"),
-        chains.identity,
-    )
+    assert found.header.names == ("x0", "x1") and found.header.units == ("mm", "°")
     assert str(found.diagnosis) == str(chains.diagnosis)
 
 
 def test_the_stop_rule_is_kept_with_the_draws(path):
-    rule = Until(autocorrelation_times=3.0, r_hat=1.2, most_steps=2000)
+    rule = Until(effective=300.0, r_hat=1.2, most_steps=2000)
     chains = sample(path, steps=None, until=rule)
-    assert chains.steps == 1000 and chains.diagnosis.converged
+    assert chains.diagnosis.converged and chains.diagnosis.steps < 2000
     assert read_chains(path).diagnosis.until == rule
     assert str(read_chains(path).diagnosis) == str(chains.diagnosis)
 
@@ -46,8 +41,7 @@ def test_the_file_holds_arrays_and_text_only(path):
     kinds = {}
     with h5py.File(path) as file:
         file.visititems(lambda name, item: kinds.update({name: item.dtype.kind}))
-    assert set(kinds.values()) == {"f", "i", "u", "S"}
-    assert kinds["header"] == "S"
+    assert set(kinds.values()) == {"f", "i", "u"}
 
 
 def test_an_existing_file_is_refused_and_untouched(path):
@@ -66,7 +60,7 @@ def test_an_existing_file_is_refused_and_untouched(path):
 def damaged(path: Path, kind: str) -> bytes:
     """Contents of a checkpoint that is none, or not whole."""
     whole = path.read_bytes()
-    middle = len(whole) // 2
+    middle = whole.index(read_chains(path).record.draws.tobytes()[800:840])
     if kind == "no checkpoint":
         with h5py.File(path, "w") as file:
             file["draws"] = np.zeros(3)
@@ -138,25 +132,23 @@ def test_a_second_writer_is_refused(path):
             sample(path, overwrite=True)
 
     chains = sample(path, progress=progress)
-    assert said == [
-        "another vttig is writing this checkpoint; wait for it or choose another name.\n"
-    ]
+    assert len(set(said)) == 1 and said[0].startswith("another vttig is writing")
     assert same(chains, read_chains(path)) and only(path)
 
 
 def test_generations_come_by_the_clock(path, monkeypatch):
     written, now = [], [0.0]
-    real = checkpoint._write
+    real = checkpoint.replace_file
 
-    def write(*arguments: Any) -> None:
-        written.append(arguments[2].steps)
+    def write(target: Path, data: bytes) -> None:
         now[0] += 1.0  # slow to write: 20 s until the next
-        real(*arguments)
+        real(target, data)
+        written.append(read_chains(target).diagnosis.steps)
 
     def progress(_: object) -> None:
         now[0] += 4.0
 
-    monkeypatch.setattr(checkpoint, "_write", write)
+    monkeypatch.setattr(checkpoint, "replace_file", write)
     monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
-    sample(path, steps=2000, progress=progress)
-    assert written == [600, 1600, 2000]
+    sample(path, steps=500, progress=progress)
+    assert written == [150, 400, 500]

@@ -9,8 +9,8 @@ times these (their difference), and has a prior:
 | delay | N(−d₀, max(Δt/2, |d₀|)²): half a sampling interval, or what it showed before |
 | ratio of a drive | N(0, (3·10⁻³ i)²): a ratio is misstated by a rounded number of teeth |
 | first orders, tooth mesh, lines | N(0, (3 u)²), u: robust deviation of the transmission error |
-| further orders of each shaft, their difference between the flanks | N(0, τ²), one τ each |
-| drift: a random walk of each log in `KNOTS` ramps | N(0, τ²/`KNOTS`) |
+| order k > 1 of each shaft, difference between the flanks | N(0, (τ/k)²), one τ each |
+| drift: a random walk of each log in K ramps | N(0, τ²/K) |
 | delay of a part of a log; bends of the gap over the speed | N(0, τ²) |
 """
 
@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from .rows import BENDS, KNOTS, PARTS, Name, Wave
+from .rows import BENDS, Name, Resolution, Wave
 
 GROUPS = ("driving", "driven", "difference", "drift", "delay_parts", "gap_by_speed")
 """Groups of columns that share a prior width τ."""
@@ -75,6 +75,7 @@ class Shape:
       None for gears, whose first orders follow from eccentricities and have a flat prior.
     - `one_zero`: whether all logs count from one zero and so share their harmonics.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
+    - `resolution`: ramps of the drift and parts of the delay.
     """
 
     logs: int
@@ -84,6 +85,7 @@ class Shape:
     one_zero: bool
     interval_s: float
     usual: float
+    resolution: Resolution
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
@@ -102,19 +104,20 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
     for log in [None] if shape.one_zero or shape.logs == 1 else range(shape.logs):
         for wave in waves:
             for differs in (False, True) if shape.both else (False,):
-                prior, width = ("difference" if differs else wave.shaft), 1.0
+                prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
                 if wave.shaft == "both" or (shape.ratio is None and wave.is_first):
-                    prior = FLAT
+                    prior, width = FLAT, 1.0
                 elif wave.is_first or wave.shaft not in GROUPS:
                     prior, width = KNOWN, assumed.orders * shape.usual
                 for part in ("cos", "sin"):
                     row = (wave.shaft, wave.order, part)
                     yield Column((*row, differs, log or 0), row, log, differs, prior, width)
     for log in range(shape.logs):
-        for k in range(KNOTS):
-            yield Column(("drift", log, k), ("drift", k), log, prior="drift", width=KNOTS**-0.5)
+        knots, parts = shape.resolution
+        for k in range(knots):
+            yield Column(("drift", log, k), ("drift", k), log, prior="drift", width=knots**-0.5)
         if assumed.delay == "fitted":
-            for k in range(PARTS):
+            for k in range(parts):
                 yield Column(("part", log, k), ("part", k), log, prior="delay_parts")
     if shape.both:
         for k in range(BENDS):

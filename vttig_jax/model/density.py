@@ -14,7 +14,7 @@ does not depend on the length of the logs. With D = diag(prior precision), M = G
                  + rᵀ G r + (β̂ + c)ᵀ D (β̂ + c)
 
 with r = (β̂, −1), N rows and R runs. θ holds the partial autocorrelations as atanh π_k, ln σ and the
-ln τ of every group. Prior of θ: atanh π_k ~ N(0, 2.5²), N(0, 0.7²) for k = 2, 3, N(0, 0.4²) beyond;
+ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 1 down to 0.2;
 τ is half-Cauchy around its usual scale, as a density of ln τ.
 """
 
@@ -32,8 +32,9 @@ LAGS = 8
 FIRST, SECOND = np.triu_indices(LAGS + 1)
 """Lags (i, j) of every window, i ≤ j."""
 
-_WIDTHS = np.array([2.5, 0.7, 0.7] + [0.4] * (LAGS - 3))
+_WIDTHS = np.array([2.5, 0.5, 0.4, 0.3] + [0.2] * (LAGS - 4))
 _LAG = np.arange(1.0, LAGS + 1)
+_FLIPS = np.stack([np.pad(np.eye(k + 2)[::-1], (0, LAGS - k - 1)) for k in range(LAGS)])
 _JITTER = 1e-11
 
 
@@ -83,11 +84,13 @@ class Solved(eqx.Module):
 
 def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
     """Return the filter of an autoregression from its partial autocorrelations (Levinson)."""
-    taps = jnp.ones(1)
-    for one in partial:
-        wide = jnp.concatenate([taps, jnp.zeros(1)])
-        taps = wide - one * wide[::-1]
-    return taps
+
+    def longer(taps: Float[Array, " taps"], step: tuple[Array, Array]) -> tuple[Array, None]:
+        one, flip = step
+        return taps - one * (flip @ taps), None
+
+    first = jnp.zeros(LAGS + 1).at[0].set(1.0)
+    return jax.lax.scan(longer, first, (partial, jnp.asarray(_FLIPS)))[0]
 
 
 def weights(theta: Float[Array, " p"], on: Float[Array, " groups"]) -> Float[Array, " w"]:

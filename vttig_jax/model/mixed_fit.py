@@ -6,21 +6,27 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Float
 
+from ..base.errors import NoAnswerError
 from ..base.units import REV
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .columns import GROUPS, Assumptions, Column, Shape, columns_of, embedding
-from .density import LAGS
+from .density import LAGS, Compressed
 from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Extra, Rows, Shafts, Wave, rows_of
+from .rows import BENDS, Extra, Resolution, Rows, Shafts, Wave, joined, rows_of, travel
 from .scope import Scope, scope_of
 
 MOST_PASSES, MOMENTS = 7, 2
+_SMALL = 4.0
+_MOST_OUTLIERS = 0.25
+"""Share above which rows far off are no outliers but the noise itself."""
+
 _SETTLED = 0.1
 """Step of the delay, in standard deviations, below which the passes end."""
 
@@ -42,6 +48,7 @@ class MixedFit:
     weights: list[np.ndarray] | None
     scope: Scope
     orders: HarmonicOrders
+    settled: bool = True
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
@@ -85,17 +92,39 @@ class Design:
     shape: Shape
     row_s: float
     bends: Float[np.ndarray, " bends"]
+    assumed: Assumptions = Assumptions()
     given: Extra | None = None
 
     def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
         """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""
-        ratio = any(column.name == ("ratio",) for column in self.columns)
         found = tuple(
-            rows_of(one, self.waves, self.row_s, delay_s, self.bends, ratio=ratio) for one in shafts
+            rows_of(
+                one,
+                self.waves,
+                self.row_s,
+                delay_s,
+                self.bends,
+                self.shape.resolution,
+                ratio=any(column.name == ("ratio",) for column in self.columns),
+            )
+            for one in shafts
         )
         if self.given is None:
             return found
         return tuple(self.given.joined(*both, delay_s) for both in zip(shafts, found, strict=True))
+
+    def measured(self, rows: Sequence[Rows], delay_s: float) -> "Design":
+        """Return the design with the priors that the readings of these rows call for.
+
+        Their size u is measured after the delay is taken off, since a delay is no error of gears.
+        """
+        shape = replace(self.shape, usual=usual_error(rows))
+        columns = list(columns_of(self.waves, shape, self.assumed))
+        if self.given is not None:
+            columns += [Column(("given", name), ("given", name)) for name in self.given.told]
+        width = self.assumed.delay_within_s or max(0.5 * shape.interval_s, abs(delay_s))
+        columns = [replace(c, width=width) if c.name == ("delay",) else c for c in columns]
+        return replace(self, shape=shape, columns=tuple(columns))
 
     def scales(self, noise: float) -> dict[str, float]:
         """Return the usual width τ of every group, where a row has this noise, rad."""
@@ -128,7 +157,8 @@ def design_of(
         ratio=ratio if isinstance(pair, Drive) else None,
         one_zero=one_zero,
         interval_s=max(one.interval_s for one in shafts),
-        usual=usual_error(shafts),
+        usual=1.0,
+        resolution=Resolution.of(min(map(travel, shafts))),
     )
     cycles = [wave.cycles(ratio) for wave in waves] + (
         [] if given is None else [given.highest_order]
@@ -136,10 +166,8 @@ def design_of(
     row_s = row_duration(shafts, max(cycles, default=1.0))
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
-    columns = list(columns_of(waves, shape, assumed))
-    if given is not None:
-        columns += [Column(("given", name), ("given", name)) for name in given.told]
-    return Design(waves, tuple(columns), shape, row_s, bends, given)
+    columns = tuple(columns_of(waves, shape, assumed))
+    return Design(waves, columns, shape, row_s, bends, assumed, given)
 
 
 def mixed_fit(
@@ -167,45 +195,50 @@ def mixed_fit(
     design = design_of(
         shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed, given=given
     )
-    columns, shape = design.columns, design.shape
-    free = any(column.name == ("delay",) for column in columns)
-    within = assumed.delay_within_s or 0.5 * shape.interval_s
-    theta, weights, share, noise, steps = None, None, 0.0, shape.usual, 0
-    number, posterior, rows = 0, None, ()
-    while number < MOST_PASSES:
+    free = any(column.name == ("delay",) for column in design.columns)
+    theta, weights, share, noise, steps = None, None, 0.0, 0.0, 0
+    number, last, settled = 0, 0.0, not free
+    while True:
         number += 1
         rows = design.rows(shafts, delay_s)
+        if not any(len(one.table) for one in rows):
+            raise NoAnswerError(
+                f"no run of this log has {LAGS + 2} rows of {design.row_s:.2g} s; record longer"
+                " runs.",
+            )
+        design = design.measured(rows, delay_s)
         if number == 1 or weights is not None:
             first = weights is None
-            weights, share, noise = outlying(rows, columns, certain=not first)
+            weights, share, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
                 shafts = tuple(map(_without, shafts, rows, weights))
                 if first:
                     continue
-        width = within if assumed.delay_within_s else max(within, abs(delay_s))
-        columns = tuple(replace(c, width=width) if c.name == ("delay",) else c for c in columns)
         problem = problem_of(
-            columns, rows, weights, centres={("delay",): delay_s}, usual=design.scales(noise)
+            design.columns,
+            rows,
+            weights,
+            centres={("delay",): delay_s},
+            usual=design.scales(noise),
         )
-        start = first_theta(problem.compressed) if theta is None else theta
-        moments = MOMENTS if theta is None else 0
-        found = maximise(problem.compressed, jnp.asarray(start), jnp.asarray(moments))
+        found = largest(problem.compressed, theta)
         theta = np.asarray(found.value)
         steps += int(found.stats["num_steps"])
         posterior = Posterior(problem, theta, found.aux)
+        if number >= MOST_PASSES:
+            break
+        step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
         if any(one.ramps for one in shafts):
             shafts = tuple(
                 with_ramps(one, log, posterior, design, delay_s) for log, one in enumerate(shafts)
             )
-            delay_s += posterior.one(posterior.row(("delay",)), moved=True).value if free else 0.0
-            continue
-        if not free:
+        elif step is None or abs(step.value) < _SETTLED * step.std:
+            settled = True
             break
-        step = posterior.one(posterior.row(("delay",)), moved=True)
-        if abs(step.value) < _SETTLED * step.std:
-            break
-        delay_s += step.value
-    assert posterior is not None
+        if step is not None:
+            # A step that turns back is halved, so that two delays do not follow each other forever.
+            last = step.value if step.value * last >= 0 else 0.5 * step.value
+            delay_s += last
     return MixedFit(
         shafts,
         rows,
@@ -216,11 +249,30 @@ def mixed_fit(
         share,
         number,
         steps,
-        shape.usual,
+        design.shape.usual,
         weights,
         scope_of(shafts, rows, one_zero=one_zero),
         orders,
+        settled and bool(found.result == optx.RESULTS.successful),
     )
+
+
+def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Solution:
+    """Return the largest density, from the θ of the last pass or, in the first pass, of two starts.
+
+    The density of a short log may have two maxima: one explains what repeats by orders, the other
+    by noise that remembers.
+    """
+    if theta is not None:
+        return maximise(logs, jnp.asarray(theta), jnp.asarray(0))
+    orders = first_theta(logs)
+    noise = orders.copy()
+    noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, noise[LAGS + 1 : LAGS + 4] - _SMALL
+    found = [
+        maximise(logs, jnp.asarray(start), jnp.asarray(moments))
+        for start, moments in ((orders, MOMENTS), (noise, 0))
+    ]
+    return min(found, key=lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf)))
 
 
 def with_ramps(
@@ -244,20 +296,18 @@ def with_ramps(
             residual = rows.table @ (link @ np.append(-coefficients, 1.0))
             if np.mean(residual**2) < max(limit, 1.0) * noise**2:
                 kept.append(ramp)
-    return replace(shafts, runs=tuple(sorted((*shafts.runs, *kept))), ramps=())
+    return replace(shafts, runs=joined((*shafts.runs, *kept)), ramps=())
 
 
-def usual_error(shafts: Sequence[Shafts]) -> float:
-    """Return a robust deviation of the transmission error about a line on each flank, rad."""
+def usual_error(rows: Sequence[Rows]) -> float:
+    """Return a robust deviation of the readings about a line on each flank, rad."""
     left = []
-    for one in shafts:
+    for one in rows:
         for side in (1, -1):
-            own = [np.arange(a, b) for a, b, flank in one.runs if flank == side]
-            if own:
-                index = np.concatenate(own)
-                x = one.driving[index]
-                x = np.stack([np.ones(len(index)), x - x.mean()], 1)
-                error = one.error[index] - one.error[index].mean()
+            own = one.flank * side < 0
+            if own.any():
+                x = np.stack([np.ones(own.sum()), one.angle[own] - one.angle[own].mean()], 1)
+                error = one.table[own, -1]
                 left.append(error - x @ np.linalg.lstsq(x, error, rcond=None)[0])
     every = np.concatenate(left)
     return max(1.4826 * float(np.median(np.abs(every - np.median(every)))), 1e-9)
@@ -297,6 +347,8 @@ def outlying(
     if not (certain or is_heavy(residual)):
         return None, 0.0, spread(residual)
     weight, share = weights_of(x, y)
+    if share > _MOST_OUTLIERS:
+        return None, 0.0, spread(residual)
     residual = residual[weight > 0.5]
     ends = np.cumsum([len(one.table) for one in rows])[:-1]
     return np.split(weight, ends), share, spread(residual)

@@ -67,7 +67,7 @@ def problem_of(
         gram += (table.T @ table)[np.ix_(at, at)] * factor[:, None] * factor
     natural = np.eye(size)
     moves: list[tuple[list[int], list[int], np.ndarray]] = []
-    for kind, onto in (("part", [("delay",), ("gap",)]), ("bend", [("gap",), ("delay",)])):
+    for kind, onto in (("part", [("delay",)]), ("bend", [("gap",), ("delay",)])):
         fixed = [place[name] for name in onto if name in place]
         moving = [k for name, k in place.items() if name[0] == kind]
         if moving and fixed:

@@ -8,7 +8,7 @@ therefore a row has each column only once, and `columns.py` says how the model u
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -20,7 +20,25 @@ from ..logs.encoder_log import EncoderLog
 from .density import LAGS
 
 KNOTS, PARTS, BENDS = 14, 8, 5
-"""Ramps of the drift, parts of the log with a delay of their own, and bends of the gap in speed."""
+"""Most ramps of the drift, most parts of a log with a delay of their own, and bends of the gap."""
+
+
+class Resolution(NamedTuple):
+    """Numbers of ramps of the drift and of parts of a log with a delay of their own.
+
+    A ramp is no shorter than a turn of the driving shaft and a part no shorter than two: what
+    changes faster is noise, or an order.
+    """
+
+    knots: int
+    parts: int
+
+    @classmethod
+    def of(cls, turns: float) -> "Resolution":
+        """Return the numbers for a log of so many driving turns, there and back."""
+        parts = int(min(turns / 2, PARTS))
+        return cls(KNOTS, parts if parts > 1 else 0)
+
 
 _TORQUE_S = 0.1
 """Time over which torque is averaged: its noise would make the coefficient too small."""
@@ -56,7 +74,8 @@ class Shafts:
     """One log as the model sees it: angles (rad), transmission error, speed, and runs.
 
     `error` is φ₂ − i φ₁, exact to rounding also after many turns. `good` marks the samples that are
-    no outliers. `ramps` are runs that may leave their flank. `nominal` are slope and level of the driven over the driving angle: harmonics of
+    no outliers. `ramps` are runs that may leave their flank.
+    `nominal` are slope and level of the driven over the driving angle: harmonics of
     the driven shaft are taken there, since the measured angle contains the gap.
     """
 
@@ -93,7 +112,7 @@ class Shafts:
             log.smooth_speed(driving).value,
             ratio,
             log.interval_s,
-            tuple(sorted(runs)),
+            joined(runs),
             tuple(sorted(ramps)),
             (ratio + float(slope), float(level)),
             log.driving.resolution,
@@ -182,12 +201,28 @@ class Extra(Protocol):
         ...
 
 
-def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:
+def joined(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Return the runs in order, where those that follow one another on one flank are one run.
+
+    The noise goes on from one to the next.
+    """
+    found: list[Run] = []
+    for run in sorted(runs):
+        if found and found[-1][1] == run[0] and found[-1][2] == run[2]:
+            run = (found.pop()[0], *run[1:])
+        found.append(run)
+    return tuple(found)
+
+
+def names_of(
+    waves: Sequence[Wave], resolution: Resolution, *, torque: bool, ratio: bool
+) -> dict[Name, int]:
     """Return the place of every column of a row."""
     names: list[Name] = [("one",), ("delay",)]
     names += [("ratio",)] * ratio + [("torque",)] * torque
     names += [(w.shaft, w.order, part) for w in waves for part in ("cos", "sin")]
-    names += [("drift", k) for k in range(KNOTS)] + [("part", k) for k in range(PARTS)]
+    names += [("drift", k) for k in range(resolution.knots)]
+    names += [("part", k) for k in range(resolution.parts)]
     names += [("bend", k) for k in range(BENDS)]
     return {name: place for place, name in enumerate((*names, ("y",)))}
 
@@ -198,6 +233,7 @@ def rows_of(
     row_s: float,
     delay_s: float,
     bends: Float[np.ndarray, " bends"],
+    resolution: Resolution,
     *,
     ratio: bool,
 ) -> Rows:
@@ -218,7 +254,8 @@ def rows_of(
             last.append(first[-1] + count - 1)
             side.append(flank)
     samples = (np.concatenate(pieces) if pieces else np.arange(0)).reshape(-1, size)
-    names = names_of(waves, torque=shafts.torque is not None, ratio=ratio)
+    knots, parts = resolution
+    names = names_of(waves, resolution, torque=shafts.torque is not None, ratio=ratio)
     table = np.empty((len(samples), len(names)))
     moved = shafts.delayed(delay_s)
     span = shafts.time[-1] - shafts.time[0]
@@ -226,7 +263,7 @@ def rows_of(
     level = shafts.level
     kinds = [names.get((kind,)) for kind in ("ratio", "torque")]
     waved = names[waves[0].shaft, waves[0].order, "cos"] if waves else 0
-    drift, part, bend = (names[kind, 0] for kind in ("drift", "part", "bend"))
+    drift, bend = names["drift", 0], names["bend", 0]
     step = max(1, _PIECE // size)
     for begin in range(0, len(samples), step):
         own = slice(begin, begin + step)
@@ -245,9 +282,9 @@ def rows_of(
             table[own, waved + 2 * place] = averaged.real
             table[own, waved + 2 * place + 1] = averaged.imag
         x = (mean(shafts.time[index]) - shafts.time[0]) / span
-        table[own, drift : drift + KNOTS] = np.clip(x[:, None] * KNOTS - np.arange(KNOTS), 0, 1)
-        hats = np.clip(1 - np.abs(x[:, None] * (PARTS - 1) - np.arange(PARTS)), 0, None)
-        table[own, part : part + PARTS] = late[:, None] * hats
+        table[own, drift : drift + knots] = np.clip(x[:, None] * knots - np.arange(knots), 0, 1)
+        hats = np.clip(1 - np.abs(x[:, None] * (parts - 1) - np.arange(parts)), 0, None)
+        table[own, drift + knots : bend] = late[:, None] * hats
         table[own, bend : bend + BENDS] = np.clip(np.abs(speed)[:, None] - bends, 0, None)
         table[own, -1] = mean(
             shafts.error[index] - level + shafts.ratio * (shafts.driving[index] - angle)
@@ -293,7 +330,7 @@ def _waves(
         yield parts[0] if len(parts) == 1 else parts[0] * parts[1]
 
 
-def turns(shafts: Shafts) -> float:
-    """Return the driving turns between the ends of the runs."""
-    inside = np.concatenate([shafts.driving[[a, b - 1]] for a, b, _ in shafts.runs])
-    return float(np.ptp(inside)) / REV
+def travel(shafts: Shafts) -> float:
+    """Return the turns of the driving shaft in all runs of a log, there and back."""
+    ends = np.array([[run[0], run[1] - 1] for run in shafts.runs])
+    return float(np.sum(np.abs(np.diff(shafts.driving[ends], axis=1)))) / REV

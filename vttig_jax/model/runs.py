@@ -1,5 +1,7 @@
 """Runs of a log with a known flank, and ramps whose flank the fit decides."""
 
+from itertools import pairwise
+
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
 from ..logs.motion.segments import Segments
@@ -13,16 +15,25 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
     """Return a log as the model sees it.
 
     The runs are the segments and the ramps on which a shaft speeds up: its load presses on the
-    flank of its motion. On ramps that slow down the driven shaft may overrun; they are `ramps`, of
-    which the fit keeps those that stay on their flank. Ramps tell the delay from the gap.
+    flank of its motion. On ramps that slow down, and between two speeds, the driven shaft may
+    overrun; they are `ramps`, of which the fit keeps those that stay on their flank. Ramps tell the
+    delay from the gap.
     """
     runs = [(s.start, s.stop, _side(s.flank)) for s in segments.segments]
     slowing: list[Run] = []
+    blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
     for ramp in find_ramps(log, segments):
-        part = ramp.segment
-        if part.stop - part.start >= _LEAST:
+        start, stop = ramp.segment.start, ramp.segment.stop
+        start, stop = (start + blurred, stop) if ramp.speeding_up else (start, stop - blurred)
+        if stop - start >= _LEAST:
             chosen = runs if ramp.speeding_up else slowing
-            chosen.append((part.start, part.stop, _side(part.flank)))
+            chosen.append((start, stop, _side(ramp.segment.flank)))
+    for first, second in pairwise(segments.segments):
+        between = slice(first.stop, second.start)
+        same = first.flank == second.flank and first.speed * second.speed > 0
+        inside = any(m.start <= first.start and second.stop <= m.stop for m in segments.motion)
+        if same and inside and between.stop - between.start > 0:
+            slowing.append((between.start, between.stop, _side(first.flank)))
     return Shafts.of(log, runs, slowing)
 
 

@@ -37,6 +37,11 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     """
     chains = posterior.chains
     names = chains.header.names if names is None else tuple(names)
+    if unknown := sorted(set(names) - set(chains.header.names)):
+        raise ValueError(
+            f"Argument `names` must hold coordinates of emcee, {', '.join(chains.header.names)},"
+            f" but has {', '.join(unknown)}."
+        )
     rows = [(*picture_unit(posterior, name), name) for name in names]
     panels = -(-(len(rows) + 1) // 2)
     figure, axes = _panels(panels, min(posterior.draws.shape[0], len(COLOURS)))

@@ -122,8 +122,9 @@ def run_ensembles(
     >>> from vttig_jax.posterior.proposal import Proposal
     >>> class Normal:
     ...     names, units, identity = ("x", "y"), ("mm", ""), {}
-    ...     around = property(lambda self: Proposal.of(
-    ...         np.zeros(2), np.eye(2), np.zeros(2, bool)).improved(self.log_density))
+    ...     def around(self):
+    ...         start = Proposal.of(np.zeros(2), np.eye(2), np.zeros(2, bool))
+    ...         return start.improved(self.log_density)
     ...     def log_density(self, points):
     ...         return -0.5 * (points**2).sum(axis=1)
     >>> chains = run_ensembles(Normal(), steps=500)
@@ -193,7 +194,7 @@ class _Run:
 
     def __init__(self, target: Target, header: Header, record: Record | None):
         self.header = header
-        around = target.around
+        around = target.around()
         moves = [(emcee.moves.MHMove(around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
         seeds = np.random.SeedSequence(header.seed).spawn(header.ensembles + 1)
         twisters = [np.random.RandomState(np.random.MT19937(one)) for one in seeds]

@@ -29,8 +29,8 @@ from ..base.files.limits import MemoryBudget
 from .until import Until
 
 FORMAT = "vttig.posterior/2"
-SAVE_S = 5.0
-"""Time between two saves, s; longer if writing takes more than a twentieth of it."""
+SAVE_S, SLOWER = 5.0, 20.0
+"""Least time between two saves: in s, and in durations of a save."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Checkpoint:
                 where=str(self.path),
             ) from error
         self._stored = stored
-        self._due_s = time.monotonic() + max(SAVE_S, 20 * (time.monotonic() - now))
+        self._due_s = time.monotonic() + max(SAVE_S, SLOWER * (time.monotonic() - now))
 
 
 def _bytes(header: Header, record: Record, until: Until) -> bytes:

@@ -151,7 +151,9 @@ class Diagnosis:
         length = f"{self.effective.min():.0f} effective draws"
         if not self.long_enough:
             length += f" (`{slowest}`), {self.until.effective:g} asked for"
-        agreement = f"R-hat {math.ceil(round(float(self.r_hat.max()) * 1000, 6)) / 1000:.3f}"
+        apart = float(self.r_hat.max())
+        shown = f"{math.ceil(round(apart * 1000, 6)) / 1000:.3f}" if math.isfinite(apart) else "∞"
+        agreement = f"R-hat {shown}"
         if not self.agreed:
             agreement += f" (`{farthest}`), at most {self.until.r_hat:g} asked for"
         accepted = f"acceptance {self.acceptance:.2f}"

@@ -155,7 +155,7 @@ def _drawn_batch(logs, tie, thetas, normals, sampled=None):
 def _one(
     logs: Compressed,
     tie: Tie | None,
-    theta: Float[Array, " p"],
+    theta: Float[Array, " theta"],
     normals: Float[Array, " columns"],
     parameters: Float[Array, " p"] | None,
 ) -> tuple[Float[Array, " columns"], Float[Array, " p"]]:
@@ -169,7 +169,7 @@ def _one(
         return beta, _nearest(tie, tied, covariance)
     scale = jnp.sqrt(jnp.diag(covariance))
     off = (tie.tied(parameters) - tied) / scale
-    gain = jnp.linalg.solve(covariance / scale / scale[:, None], off) / scale
+    gain = jnp.linalg.solve(covariance / scale[None] / scale[:, None], off) / scale
     return beta + one.solved(half @ gain), parameters
 
 
@@ -181,7 +181,7 @@ def _nearest(
     The steps of Gauss and Newton have the slope at the fit: h bends by 10⁻³ of itself.
     """
     slope, scale = jax.jacfwd(tie.tied)(tie.values), jnp.sqrt(jnp.diag(covariance))
-    factor = jnp.linalg.cholesky(covariance / scale / scale[:, None])
+    factor = jnp.linalg.cholesky(covariance / scale[None] / scale[:, None])
     whitened = partial(jax.scipy.linalg.solve_triangular, factor, lower=True)
     gain = jnp.linalg.pinv(whitened(slope / scale[:, None]), rtol=1e-12)
     step = lambda p, _: (p - gain @ whitened((tie.tied(p) - tied) / scale), None)  # noqa: E731

@@ -12,7 +12,7 @@ since the density of the tied coefficients given θ is that normal.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -37,6 +37,7 @@ BATCH = 16
 """Points of one call of the compiled density: half of the walkers, so that one program serves."""
 
 
+@runtime_checkable
 class Target(Protocol):
     """Density for `run_ensembles`.
 
@@ -49,9 +50,8 @@ class Target(Protocol):
     units: tuple[str, ...]
     identity: dict
 
-    @property
     def around(self) -> Proposal:
-        """Proposal with a pool of weighted draws."""
+        """Return a proposal with a pool of weighted draws."""
         ...
 
     def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
@@ -90,7 +90,7 @@ class Tie(eqx.Module):
 def joint_density(
     point: Float[Array, " d"],
     logs: Compressed,
-    fill: Float[Array, " p"],
+    fill: Float[Array, " theta"],
     free: tuple[int, ...],
     tie: Tie | None,
 ) -> Float[Array, ""]:
@@ -102,7 +102,9 @@ def joint_density(
         return value
     mean, half = tie.given(one)
     scale = jnp.sqrt(jnp.sum(half**2, axis=0))
-    factor = jnp.linalg.cholesky((half / scale).T @ (half / scale) + 1e-12 * jnp.eye(len(scale)))
+    factor = jnp.linalg.cholesky(
+        (half / scale[None]).T @ (half / scale[None]) + 1e-12 * jnp.eye(len(scale))
+    )
     off = (tie.tied(point[len(free) :]) - mean) / scale
     white = jax.scipy.linalg.solve_triangular(factor, off, lower=True)
     logdet = jnp.sum(jnp.log(jnp.diag(factor))) + jnp.sum(jnp.log(scale))
@@ -193,9 +195,8 @@ class FitTarget:
         values = np.concatenate(found)[: len(points)]
         return np.where(np.isnan(values), -np.inf, values)
 
-    @cached_property
     def around(self) -> Proposal:
-        """Proposal around the fit (Laplace), improved by weighted draws."""
+        """Return the proposal around the fit (Laplace), improved by weighted draws."""
         posterior, size = self.posterior, len(self.free)
         mean, spread = posterior.theta[list(self.free)], np.zeros((len(self.names),) * 2)
         spread[:size, :size] = posterior.theta_spread[np.ix_(self.free, self.free)]

@@ -3,15 +3,14 @@
 from dataclasses import replace
 from fractions import Fraction
 
-import msgspec
 import numpy as np
 import pytest
 
-from tests.posterior.made import made_posterior, quick_fit
+from tests.posterior.made import quick_posterior
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.model.parameter import undetermined
 from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.model.parameter import undetermined
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.posterior.summary.draws import SmallestGap, batches
 from vttig_jax.posterior.summary.gap_draws import GapDraws
@@ -35,7 +34,7 @@ def drawn(pair, rng: np.random.Generator, draws: int = 200) -> GapDraws:
 
 @pytest.fixture(scope="module")
 def posterior():
-    return made_posterior(quick_fit(), chosen=400)
+    return quick_posterior()
 
 
 @pytest.fixture(scope="module")
@@ -85,40 +84,6 @@ def test_no_angle_lies_below_the_smallest_gap_and_a_grid_alone_stays_above(draws
     assert np.median(coarse - draws.smallest.gap) > 1e-6
 
 
-def test_the_gap_of_a_delay_shifts_every_draw_and_no_place(draws, posterior):
-    shifted, of_delay = gap_draws(posterior), posterior.gap_of_delay[posterior.chosen]
-    assert of_delay.std() == pytest.approx(posterior.fit.checks.gap_of_delay.std_deg * DEG, rel=0.2)
-    np.testing.assert_allclose(shifted.over(ANGLES), draws.over(ANGLES) + of_delay, atol=1e-15)
-    one, other = draws.smallest, shifted.smallest
-    positive = np.maximum(one.gap + of_delay, np.minimum(one.gap, 0.0))
-    np.testing.assert_allclose(other.gap, positive, atol=1e-15)
-    np.testing.assert_allclose(other.driving_angle, one.driving_angle, atol=1e-6)
-    high = np.quantile(of_delay, 0.975)
-    assert (
-        0.8
-        < (other.upper - np.median(other.gap)) / np.hypot(one.upper - np.median(one.gap), high)
-        < 1.25
-    )
-    name = "constant_backlash_deg"
-    std = np.hypot(posterior.values("constant_backlash").std(), of_delay.std()) / DEG
-    assert posterior.parameters[name].std == pytest.approx(std, rel=0.1)
-    known = replace(
-        posterior.fit, checks=msgspec.structs.replace(posterior.fit.checks, gap_of_delay=None)
-    )
-    assert replace(posterior, fit=known).gap_of_delay is None
-
-
-def test_the_gap_of_a_delay_makes_no_gap_negative(draws):
-    """An open delay may take the whole gap away, and not more of the smallest one."""
-    plain = draws.smallest.gap
-    delayed = replace(draws, of_delay=np.linspace(-2 * plain.max(), 0.0, len(plain))).smallest.gap
-    assert plain.min() > 0 and delayed.min() == 0.0
-    assert (delayed == 0).sum() > len(plain) / 4
-    below = replace(draws, offset=draws.offset - [0.0, 2 * plain.max()])
-    lower = replace(below, of_delay=np.full(len(plain), -1e-4)).smallest.gap
-    np.testing.assert_allclose(lower, below.smallest.gap, atol=1e-15)  # the fit itself is negative
-
-
 def test_places_that_were_left_out_cannot_win(draws):
     """The pruned grid has the smallest gap of every draw although most of it is gone."""
     _, width = draws._candidates()
@@ -143,7 +108,7 @@ def test_safe_closing_and_the_chance_to_bind(posterior):
     middle = float(np.median(closing))
     share = posterior.probability_of_binding(middle)
     assert share.value == pytest.approx(0.5, abs=0.01)
-    assert 0.5 / np.sqrt(400) <= share.std_error + 1e-4 < 0.08
+    assert 0.5 / np.sqrt(len(closing)) <= share.std_error + 1e-4 < 0.08
     never = posterior.probability_of_binding(float(closing.min()) - 1e-6)
     always = posterior.probability_of_binding(float(closing.max()) + 1e-6)
     assert (never.value, always.value) == (0.0, 1.0)
@@ -172,10 +137,10 @@ def test_the_error_of_a_share_sees_batches_that_disagree(draws):
 
 
 def test_batches_are_ensembles_and_stretches_of_steps():
-    chosen = np.arange(2 * 6 * 3)
-    found = batches(chosen, (2, 6, 3), 2)
-    np.testing.assert_array_equal(found, np.repeat([0, 1, 2, 3], 9))
-    assert len(set(batches(chosen, (2, 6, 3), 100))) == 12
+    found = batches((2, 8, 3))
+    np.testing.assert_array_equal(found, np.repeat(np.arange(16), 3))
+    assert len(set(batches((2, 6, 3)))) == 12
+    np.testing.assert_array_equal(batches((2, 16, 1)), np.repeat(np.arange(16), 2))
 
 
 def test_the_place_of_most_draws(paper_pair):

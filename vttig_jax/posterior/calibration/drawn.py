@@ -13,9 +13,8 @@ from ...model.columns import GROUPS
 from ...model.density import LAGS, whitening
 from ...model.functionals import Posterior
 from ...model.gears import Gears, fitted_gears
-from ...model.mixed_fit import MOMENTS, MixedFit, residuals
-from ...model.newton import maximise
-from ...model.problem import first_theta, problem_of
+from ...model.mixed_fit import MixedFit, largest, residuals
+from ...model.problem import problem_of
 from ...model.rows import Rows
 from ...pair.gear_pair import Drive, GearPair
 
@@ -114,8 +113,7 @@ class LikeRigs:
             centres={("delay",): self.fit.delay_s},
             usual=dict(zip(GROUPS, usual.tolist(), strict=True)),
         )
-        start = jnp.asarray(first_theta(new.compressed))
-        found = maximise(new.compressed, start, jnp.asarray(MOMENTS))
+        found = largest(new.compressed, None)
         posterior = Posterior(new, np.asarray(found.value), found.aux)
         return replace(self.fit, rows=rows, posterior=posterior, weights=None)
 

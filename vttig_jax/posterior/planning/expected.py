@@ -12,9 +12,8 @@ from ...model.columns import Assumptions, columns_of, embedding
 from ...model.density import LAGS
 from ...model.functionals import Posterior
 from ...model.gears import relation_of
-from ...model.mixed_fit import MOMENTS, Design, MixedFit, design_of
-from ...model.newton import maximise
-from ...model.problem import first_theta, problem_of
+from ...model.mixed_fit import Design, MixedFit, design_of, largest
+from ...model.problem import problem_of
 from ...model.rows import Shafts
 from ...model.runs import shafts_of
 from ...pair.gear_pair import Drive, GearPair
@@ -78,8 +77,7 @@ def expected_fit(
         usual=replace(design, shape=shape).scales(float(np.sqrt(covariance[0]))),
         noise=covariance,
     )
-    start = jnp.asarray(first_theta(problem.compressed))
-    found = maximise(problem.compressed, start, jnp.asarray(MOMENTS))
+    found = largest(problem.compressed, None)
     posterior = Posterior(problem, np.asarray(found.value), found.aux)
     steps = int(found.stats["num_steps"])
     fit = MixedFit(

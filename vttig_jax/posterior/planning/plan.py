@@ -43,7 +43,7 @@ class Assumptions:
 
     def __post_init__(self):
         is_known = isinstance(self.delay, float | int)
-        if not (self.delay in ("auto", "off") or is_known and abs(self.delay) <= LONGEST_DELAY_S):
+        if not (self.delay in ("auto", "off") or (is_known and abs(self.delay) <= LONGEST_DELAY_S)):
             raise ValueError(
                 'Argument `delay` must be "auto", "off" or a number of seconds within'
                 f" ±{LONGEST_DELAY_S:g} s, but is {self.delay!r}."
