@@ -8,7 +8,7 @@ import pytest
 
 from tests.posterior.made import made_posterior, quick_fit
 from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.identify.report.per_log import LogStart
+from vttig_jax.identify.records import LogStart
 from vttig_jax.posterior.summary.bands import band_map
 
 ALONE = 4.3 / 16

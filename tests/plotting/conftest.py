@@ -7,14 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.identify.quick import quick_rig
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.result import Fit
-from vttig_jax.identify.noise.noise_model import NoiseModel
-from vttig_jax.identify.records import Checks
+from vttig_jax.identify.identification import fit as identified
 from vttig_jax.identify.orders import Order
+from vttig_jax.identify.records import Checks, Noise
 from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.pair.gear_pair import Drive, Flank
+from vttig_jax.pair.schema import HarmonicOrders
 
 ORDERS = (
     Order("driving", 1, "A", 72.0, 0.2, 10.0),
@@ -50,6 +52,8 @@ def made_curve(
 @pytest.fixture(scope="session")
 def make_fit(paper_pair) -> Callable[..., Fit]:
     """Function that returns a `Fit` with the given curves, orders, source and pair."""
+    rig = quick_rig(0)
+    core = identified(rig.log(0), rig.pair, orders=HarmonicOrders((1,), (1,), 0)).core
 
     def make(
         curves=None,
@@ -81,7 +85,7 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
                 jnp.zeros((2, 2)),
                 jnp.array([[amplitude, 0.0], [amplitude, amplitude / 3]]),
             ),
-            noise=NoiseModel(np.zeros(1), 1e-5, 1e-5, 0.005),
+            noise=Noise("AR(1)", (0.0,), 0.005, 6e-4, 6e-4, 0.0025, 0.0),
             residual_rms_deg=4.5 / 3600,
             curves=curves,
             residuals=tuple(
@@ -91,7 +95,8 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
             covariance_names=("constant_backlash",),
             values=np.zeros(1),
             checks=Checks(),
-            notes=(),
+            findings=(),
+            core=core,
         )
 
     return make

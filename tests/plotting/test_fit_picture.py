@@ -68,7 +68,7 @@ def test_the_words(make_fit):
     assert legend_texts(axes[0]) == legend_texts(axes[1]) == ["measured", "fitted"]
     rms = [np.sqrt(np.mean(residual**2)) / ARCSEC for residual in fit.residuals]
     assert legend_texts(axes[2]) == [f"flank A: {rms[0]:.3g}″ rms", f"flank B: {rms[1]:.3g}″ rms"]
-    assert axes[2].get_title(loc="left") == "residual (single samples: 4.5″ rms)"
+    assert axes[2].get_title(loc="left") == "residual (4.5″ rms of averaged rows)"
     assert [ax.get_ylabel() for ax in plot_fit(fit, unit="deg").axes] == [
         "TE, flank A [°]",
         "TE, flank B [°]",

@@ -8,7 +8,7 @@ therefore a row has each column only once, and `columns.py` says how the model u
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -179,6 +179,7 @@ class Rows:
         return np.repeat(-0.5 * self.side, self.last - self.first + 1)
 
 
+@runtime_checkable
 class Extra(Protocol):
     """Further columns of the rows: derivatives of a flank model, whose value leaves the readings.
 

@@ -44,8 +44,8 @@ def plot_fit(
 ) -> Figure:
     """Plot measured and fitted transmission error in one panel per flank, and the residual below.
 
-    If the log has several speeds, a last panel shows the gap at each of them. Points are block
-    means of the samples. The line is the fitted value at these points, including drift and encoder
+    If the log has several speeds, a last panel shows the gap at each of them. Points are rows,
+    averages of some consecutive samples. The line is the fitted value at these points, including drift and encoder
     errors: measured value minus residual. All panels over the driving angle have the same axis.
 
     **Arguments**
@@ -70,7 +70,7 @@ def plot_fit(
         ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
     heading(figure, "transmission error", fit.pair.name, PurePath(fit.source).name)
     _draw_residuals(axes[-1], runs, flanks)
-    title(axes[-1], f"residual (single samples: {fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms)")
+    title(axes[-1], f"residual ({fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms of averaged rows)")
     for ax in axes:
         grid(ax)
     if span_deg is not None:
