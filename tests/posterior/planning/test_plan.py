@@ -98,7 +98,7 @@ def test_std_of_the_eccentricity_is_the_closed_form(white_pair, white_plan):
     assert white_plan.std("driving_eccentricity_mm") == pytest.approx(expected, rel=0.08)
     assert white_plan.std("driven_eccentricity_mm") == pytest.approx(expected, rel=0.08)
     gap = WHITE.std_deg * np.sqrt(2 / each)
-    assert gap < white_plan.std("constant_backlash_deg") < 2 * gap  # drift costs something
+    assert gap < white_plan.std("constant_backlash_deg") < 3 * gap  # drift costs something
     phase_deg = expected / 0.02 / DEG
     assert white_plan.std("driven_phase_deg") == pytest.approx(phase_deg, rel=0.03)
 

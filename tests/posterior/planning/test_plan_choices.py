@@ -189,8 +189,8 @@ def test_wrong_arguments_are_named(changes, words, unchecked):
 def test_runs_that_tell_nothing_have_no_answer():
     with pytest.raises(NoAnswerError, match="full revolution"):
         drive_plan(turns=0.9)
-    with pytest.raises(NoAnswerError, match="too few"):
-        drive_plan(turns=4.0, rate_hz=4.3, orders=HarmonicOrders(mesh_orders=0))
+    with pytest.raises(NoAnswerError):
+        drive_plan(turns=1.5, rate_hz=5.0, orders=HarmonicOrders(mesh_orders=0))
     with pytest.raises(NoAnswerError, match="no log"):
         drive_plan(turns=1e-6, ramp_s=0.0)
     with pytest.raises(UsageError, match="samples"):
