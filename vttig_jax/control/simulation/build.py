@@ -48,7 +48,7 @@ from ..plants.elastic import ElasticPlant, largest_step, mesh_stiffness
 from ..plants.plant import Drag, Plant
 from ..plants.play import PlayPlant
 from ..plants.rigid import RigidPlant
-from ..scenario.spec import ECCENTRICITIES, ScenarioSpec
+from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks
 from ..scenario.tables import (
     ActuatorTable,
     EccentricityTable,
@@ -274,12 +274,8 @@ class Builder:
 
     def _believed(self, spec: ScenarioSpec) -> "_Source":
         """Return what the controller takes for the flanks."""
-        name = spec.controller_map
-        if name is None and spec.eccentricities is None:
-            name = spec.plant_map if spec.rig is None else spec.rig.run
-        if name in (None, ECCENTRICITIES):
-            return _believed(spec), spec.flanks
-        return name
+        name = believed_flanks(spec)
+        return (_believed(spec), spec.flanks) if name == ECCENTRICITIES else name
 
     def _checked(self, source: "_Source", travel: Travel, where: str) -> "_Span":
         """Return the span of the table of a named map or of eccentricities.

@@ -15,7 +15,7 @@ from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import NoController
 from ..hardware.shaft_drive import Prescribed
-from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, spec_table
+from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks, spec_table
 from .accumulators import Accumulators
 from .case import Case, Sample
 from .metrics import (
@@ -183,13 +183,12 @@ def flanks_text(spec: ScenarioSpec, closes: bool = True) -> str:
     """Return as text where the flanks of plant and controller come from."""
     given = f"[eccentricities] ({spec.flanks})"
     plant = spec.plant_map if spec.rig is None else spec.rig.run
-    plant = given if plant == ECCENTRICITIES else f"map {plant}"
+    plant, believed = (
+        given if name == ECCENTRICITIES else f"map {name}"
+        for name in (plant, believed_flanks(spec))
+    )
     if not closes:
         return plant
-    believed = spec.controller_map
-    if believed is None:
-        believed = ECCENTRICITIES if spec.eccentricities is not None else plant
-    believed = given if believed == ECCENTRICITIES else f"map {believed}".replace("map map", "map")
     own = " with [map]" if plain_table(spec.map) else ""
     return f"{plant}; the controller believes {believed}{own}"
 
