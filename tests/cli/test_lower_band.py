@@ -3,6 +3,7 @@
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def rows(sampled):
     return np.genfromtxt(out, delimiter=",", names=True)
 
 
-def left_deg(sampled, believed, gap):
+def left_deg(sampled, believed, gap) -> Any:
     """The gap left at the turn by a controller with this map."""
     scenario = {"motion": MOTION, "controller": "predictive", "controller_gap": gap}
     run = vttig_jax.simulate(scenario, plant_map=sampled, controller_map=believed)

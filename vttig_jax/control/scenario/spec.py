@@ -220,7 +220,7 @@ class ScenarioSpec(Table, frozen=True):
         ),
     ] = None
     controller_gap: Annotated[
-        Gap, key("gap of that map, as in map.csv: mean, or a lower edge of its band")
+        Gap, key("gap of that map: mean, or an edge of its band in map.csv")
     ] = "mean"
     constant_backlash_deg: (
         Annotated[
