@@ -39,7 +39,7 @@ def test_with_a_quick_actuator_the_teeth_change_nothing():
     quick = {"speed_mm_s": 1e4, "acceleration_mm_s2": 1e7}
     one = case(1153.9, actuator=quick)
     careless = eqx.tree_at(lambda c: c.controller.retreat, one, None)
-    gaps = [run(each).metrics["residual_gap_deg"] for each in (one, careless)]
+    gaps = [float(run(each).metrics["residual_gap_deg"]) for each in (one, careless)]
     assert gaps[0] == pytest.approx(gaps[1], abs=1e-12)
 
 
