@@ -26,6 +26,7 @@ from .metrics import (
     metric_inputs_of,
     metrics_of,
     outcomes_of,
+    overdone,
 )
 
 _EVENTS = {
@@ -60,6 +61,21 @@ def sentences(run: "Simulation") -> Iterator[str]:
             f" the driving shaft then turns by {wrong:.3g}° with the wrong flank in contact: the"
             " driven shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more"
             " friction or load on the driven shaft."
+        )
+    values = metrics_of(*run.numbers)
+    over, thrown = overdone(values)
+    if over:
+        yield (
+            "The controller makes up for more than the gap: on the way back the driven shaft is on"
+            f" the average {_angle(float(values['over_compensation_deg']) * DEG)} beyond the place"
+            " where the first flank would hold it; the gap that the controller believes is too"
+            " large by as much (controller_map, map.constant_backlash_deg)."
+        )
+    if thrown:
+        yield (
+            "The motor throws the driven shaft off the flank that it meets, by up to"
+            f" {_angle(float(values['thrown_back_deg']) * DEG)} of the gap: it crosses the gap too"
+            f" quickly; choose a longer judgement.jump_s than {run.spec.judgement.jump_s:g} s."
         )
     if outcome != "ok":
         yield _ending(run)
@@ -259,7 +275,7 @@ class Simulation(PlottedResult):
     @property
     def metrics(self) -> dict[str, float | str | None]:
         """Metrics of `metrics_of` and the outcome; None for events that did not happen."""
-        values = metrics_of(*self._numbers)
+        values = metrics_of(*self.numbers)
         return {name: _finite(float(value)) for name, value in values.items()} | {
             "outcome": self.outcome
         }
@@ -267,10 +283,10 @@ class Simulation(PlottedResult):
     @property
     def outcome(self) -> Outcome:
         """Outcome of the run. If several apply, the first in the order of `Outcome` counts."""
-        return outcomes_of(*self._numbers).item()
+        return outcomes_of(*self.numbers).item()
 
     @property
-    def _numbers(self) -> tuple[MetricInputs, Accumulators]:
+    def numbers(self) -> tuple[MetricInputs, Accumulators]:
         """Inputs of the metrics as NumPy arrays."""
         return jax.tree.map(np.asarray, (metric_inputs_of(self.case), self.accumulators))
 

@@ -15,14 +15,36 @@ from ...base.files.text_tables import key_values, text_table
 from ...base.results import PlottedResult
 from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
-from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM
+from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM, overdone
 from ..simulation.result import flanks_text
 from .blocks import REFUSED, Rows
 from .cases import Recipe
 from .store import HEADER, TABLE, read_table
 
-_NUMBERS = ("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg")
+_NUMBERS = (
+    *("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg"),
+    *("over_compensation_deg", "thrown_back_deg"),
+)
 """Metrics whose mean, range and maximum a report of a sweep also has."""
+
+_REMARKS = (
+    (
+        "early_share",
+        "the flanks change before the turn",
+        "the driven shaft overruns when the motor brakes",
+    ),
+    (
+        "over_share",
+        "the motor makes up for more than the gap",
+        "the gap that the controller believes is too large there",
+    ),
+    (
+        "thrown_share",
+        "the motor throws the driven shaft off the flank that it meets",
+        "choose a longer judgement.jump_s",
+    ),
+)
+"""Share of the cases of a group → what happens in them, and why."""
 
 
 @dataclass(frozen=True)
@@ -98,19 +120,12 @@ class SweepTable(PlottedResult):
     def _group(self, name: str, mask: np.ndarray) -> dict[str, Any]:
         gap = _without_nan(self.columns["residual_gap_deg"][mask])
         interference = _without_nan(self.columns["interference_mm"][mask])
-        numbers = {
-            name: _spread(_without_nan(self.columns[name][mask]))
-            for name in (
-                "lost_motion_deg",
-                "output_error_deg",
-                "largest_jump_deg",
-                "wrong_flank_deg",
-            )
-        }
+        numbers = {name: _spread(_without_nan(self.columns[name][mask])) for name in _NUMBERS}
         interferes = interference > NEAR_MM
         draws = None
         if "draw" in self.columns:
             draws = self.columns["draw"][mask & ~np.isnan(self.columns["interference_mm"])]
+        over, thrown = (_share(np.asarray(one)[mask]) for one in overdone(self.columns))
         early = _without_nan(self.columns["early_jump_deg"][mask])
         allowed = 1.01 * max(self.spec.judgement.margin_mm, 0.0) * self.closing / DEG + NEAR_DEG
         return {
@@ -122,6 +137,8 @@ class SweepTable(PlottedResult):
             "interfering_share": _share(interferes),
             "interfering_share_95": _share_interval(interferes, draws),
             "early_share": None if math.isnan(self.closing) else _share(early > allowed),
+            "over_share": over,
+            "thrown_share": thrown,
             **numbers,
         }
 
@@ -274,11 +291,11 @@ def _text(table: SweepTable) -> str:
         ("lost motion", "deg"),
         ("output error", "deg"),
     ]
-    early = [group for group in record["groups"] if group["early_share"]]
     remarks = [
-        f"{group['name']}: the flanks change before the turn in {100 * group['early_share']:.1f} %"
-        " of the cases; the driven shaft overruns when the motor brakes."
-        for group in early
+        f"{group['name']}: {what} in {100 * group[share]:.1f} % of the cases; {why}."
+        for share, what, why in _REMARKS
+        for group in record["groups"]
+        if group[share]
     ]
     lines = [*remarks, *[""] * bool(remarks), key_values(head, title=table.pair), ""]
     lines += [text_table(rows, headers)]
