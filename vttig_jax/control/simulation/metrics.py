@@ -127,8 +127,8 @@ def metrics_of(
       carries after it, rebounds from this flank included.
     - `over_compensation_deg`: lost motion with its sign, positive where the motor makes up for more
       than the gap. - `thrown_back_deg`: largest distance of the driven shaft from the other flank
-      after it was met, while the reference does not brake. Both only if the controller moves the
-      motor.
+      after they met, while the reference does not brake. Both exist only if the controller moves
+      the motor.
 
     Interference, travel and axial step are those of the reversal, which ends with the command to
     open the gap after the turn. If the motion never turns back, they are those of the whole run.
