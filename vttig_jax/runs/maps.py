@@ -272,8 +272,11 @@ def read_map_file(path: Path, pair: "GearPair | Drive", gap: str = "mean") -> "F
         with warnings.catch_warnings(action="ignore"):  # of an empty file
             table = np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8")
     except (OSError, ValueError, IndexError) as error:
+        why = "its lines do not have the same number of cells"
+        if isinstance(error, OSError):
+            why = "there is no such file" if isinstance(error, FileNotFoundError) else str(error)
         raise InputError(
-            f"no map can be read here ({error}); name a run folder, or the CSV of `vttig map`."
+            f"no map can be read here: {why}; name a run folder, or the CSV of `vttig map`."
         ) from None
     columns = table.dtype.names or ()
     flanks, given, mean = ("te_a_deg", "te_b_deg"), set(columns), gap == "mean"

@@ -10,7 +10,7 @@ import click
 from ...base.errors import UsageError, VttigError
 from ...base.logger import LOGGER
 from ...control.scenario.tables import Gap
-from ...runs.map_table import columns_of, csv_text, map_record, map_table, shift_first
+from ...runs.map_table import columns_of, csv_text, map_record, map_table, resolution, shift_first
 from ...runs.maps import lowered_map
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
@@ -159,7 +159,8 @@ def command(
             asked,
         )
     _write(out, text, overwrite)
-    output.emit(record, f"{shown}\nwritten to {out}")
+    rows = f": {resolution(fit, step_deg)}" if suffix == ".csv" else ""
+    output.emit(record, f"{shown}\nwritten to {out}{rows}")
 
 
 def _check_options(out: Path, suffix: str, quantity: QuantityName, *, overwrite: bool) -> None:

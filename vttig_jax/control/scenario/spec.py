@@ -334,6 +334,8 @@ def _read(
 def spec_table(spec: ScenarioSpec) -> dict[str, Any]:
     """Return the specification as a TOML table, the inverse of `parse_scenario_spec`."""
     table = plain_table(replace(spec, sweep=None))
+    if spec.rig is not None:  # the plant has its map
+        del table["plant_map"]
     return table if spec.sweep is None else {**table, "sweep": spec.sweep.table}
 
 

@@ -52,9 +52,7 @@ def simulation_text(run: "Simulation") -> str:
 def sentences(run: "Simulation") -> Iterator[str]:
     """Yield the remarks about a run, each of them one sentence."""
     t, outcome = run.accumulators, run.outcome
-    margin = run.spec.judgement.margin_mm * float(run.case.bounds.closing_sum)
-    allowed = NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
-    if float(t.early_jump) > allowed:
+    if run.changes_early:
         wrong = float(t.wrong_travel) / DEG
         yield (
             f"The flanks change before the turn, with a jump of {_angle(float(t.early_jump))}, and"
@@ -97,7 +95,7 @@ def sentences(run: "Simulation") -> Iterator[str]:
             f"The motor is at servo.torque_limit_Nm for {float(t.limited_s):.3g} s; the driving"
             f" shaft is up to {_angle(float(t.following_error))} away from its target."
         )
-    if outcome == "ok" and run.case.controller.closes and float(t.residual_gap) > allowed:
+    if outcome == "ok" and run.case.controller.closes and float(t.residual_gap) > run.allowed:
         yield (
             f"The motion turns with {_angle(float(t.residual_gap))} of backlash left, more than"
             " judgement.margin_mm allows."
@@ -136,8 +134,8 @@ def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
     yield "transmission error", f"{shown}, as the encoders show it"
     if run.servo:
         yield "following error", f"{_angle(float(t.following_error))} of the driving shaft at most"
-    moves, closes = run.case.controller.advances, run.case.controller.closes
-    if closes or not moves:
+    closes = run.case.controller.closes
+    if closes:
         yield "closing begins", _detection(run)
     if run.turns:
         _, open_gap = run.place(run.case.motion.turn_s)
@@ -294,6 +292,17 @@ class Simulation(PlottedResult):
     def remarks(self) -> tuple[str, ...]:
         """Sentences about the run that a reader must not overlook."""
         return tuple(sentences(self))
+
+    @property
+    def allowed(self) -> float:
+        """Gap that the margin of the controller leaves, rad, with a tolerance."""
+        margin = self.spec.judgement.margin_mm * float(self.case.bounds.closing_sum)
+        return NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
+
+    @property
+    def changes_early(self) -> bool:
+        """Whether the flanks change before the turn, with more than the allowed gap."""
+        return float(self.accumulators.early_jump) > self.allowed
 
     @property
     def controller(self) -> str:

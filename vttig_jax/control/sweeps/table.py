@@ -18,7 +18,7 @@ from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
 from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM, overdone
 from ..simulation.result import flanks_text
 from .blocks import REFUSED, Rows
-from .cases import Recipe
+from .cases import MOST_VALUES, Recipe
 from .store import HEADER, TABLE, read_table
 
 _NUMBERS = (
@@ -85,13 +85,28 @@ class SweepTable(PlottedResult):
         """Number of cases by outcome, most frequent first."""
         return dict(Counter(self.columns["outcome"].tolist()).most_common())
 
-    def groups(self) -> list[tuple[str, np.ndarray]]:
-        """Return the groups of cases with equal text values on all axes: name, and mask of rows."""
+    def groups(self, listed: bool = False) -> list[tuple[str, np.ndarray]]:
+        """Return the groups of cases with equal text values on all axes: name, and mask of rows.
+
+        With `listed`, cases of a group also have equal numbers on each axis that the file lists
+        value by value, if these are few; the values of a range stay together.
+        """
         texts = [axis for axis in self.axes if self.columns[axis].dtype.kind == "U"]
-        if not texts:
+        given = {} if self.spec.sweep is None or not listed else self.spec.sweep.axes
+        numbers = [
+            axis
+            for axis in self.axes
+            if axis not in texts
+            and isinstance(values := given.get(axis), tuple)
+            and len(values) <= MOST_VALUES
+        ]
+        if not texts and not numbers:
             return [("all", np.ones(len(self.columns["case"]), bool))]
-        keys = list(zip(*(self.columns[axis].tolist() for axis in texts), strict=True))
-        names = [", ".join(key) for key in keys]
+        shown = [self.columns[axis].tolist() for axis in texts]
+        for axis in numbers:
+            name = axis.rpartition(".")[2]
+            shown.append([f"{name} {value:g}" for value in self.columns[axis]])
+        names = [", ".join(key) for key in zip(*shown, strict=True)]
         return [
             (group, np.array([name == group for name in names])) for group in dict.fromkeys(names)
         ]
@@ -111,7 +126,7 @@ class SweepTable(PlottedResult):
             "devices": self.devices,
             "axes": list(self.axes),
             "outcomes": self.outcomes,
-            "groups": [self._group(name, mask) for name, mask in self.groups()],
+            "groups": [self._group(name, mask) for name, mask in self.groups(listed=True)],
             "refused": [{"case": case, "why": why} for case, why in self.refusals],
             "table": None if self.path is None else self.path.name,
             "scenario": spec_table(self.spec),
