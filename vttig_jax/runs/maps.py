@@ -16,9 +16,6 @@ from .run_file import CHECKPOINT
 
 logger = logging.getLogger("vttig_jax")
 
-_PER_CYCLE = 8
-"""Angles in a cycle of the highest order at which the edge of a band is computed: chosen."""
-
 if TYPE_CHECKING:
     from ..control.scenario.spec import ScenarioSpec
     from ..control.simulation.build import Maps
@@ -147,8 +144,9 @@ def _band(draws: "GapDraws") -> "tuple[Any, Band]":
 
     from ..base.units import REV
     from ..posterior.summary.bands import MOST_ROWS, streamed_band
+    from ..posterior.summary.gap_draws import PER_PERIOD
 
-    step = REV / (_PER_CYCLE * math.ceil(draws.mean_model.highest_order))
+    step = REV / (PER_PERIOD * math.ceil(draws.mean_model.highest_order))
     rows = min(round(draws.pair.hunting_turns * REV / step), MOST_ROWS)
     angle = step * np.arange(rows)
     return angle, streamed_band(draws.chunks(angle))

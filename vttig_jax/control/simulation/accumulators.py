@@ -228,7 +228,10 @@ def add_plant_step(
         error = jnp.where(counts, jnp.maximum(error, tracking.error), error)
         limited_s += jnp.where(counts & tracking.limited, step, 0.0)
     in_reversal, travels = counts & ~old.opened, counts & ~old.retracted
-    early = counts & (time < run.turn_s)
+    early, rebound = counts & (time < run.turn_s), old.rebound
+    if rebound is not None:
+        met_before = counts & ~jnp.isnan(old.gap)
+        rebound = jnp.where(met_before, jnp.maximum(rebound, apart), rebound)
     carrier = jnp.where(old.carrier == 0, -run.other_flank, old.carrier)  # before any contact
     # In a closed gap rounding decides which flank is met; the state of the plant then tells it.
     met = jnp.where(contact.gap > _CLOSED, contact.side, 0.0)
@@ -258,11 +261,5 @@ def add_plant_step(
         ),
         blocked=old.blocked | stops,
         blocked_s=jnp.where(stops, time, old.blocked_s),
-        rebound=(
-            None
-            if old.rebound is None
-            else jnp.where(
-                counts & ~jnp.isnan(old.gap), jnp.maximum(old.rebound, apart), old.rebound
-            )
-        ),
+        rebound=rebound,
     )

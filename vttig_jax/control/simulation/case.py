@@ -282,11 +282,9 @@ def _plant_step(
     turned = shafts.angle - plant.shafts.angle
     apart = jnp.zeros(())
     if case.controller.advances:
-        bounds = shafts.flanks
-        apart = jnp.where(
-            run.other_flank > 0, bounds.upper - shafts.offset, shafts.offset - bounds.lower
-        )
-        apart = jnp.where(point.speed * point.acceleration < 0, 0.0, apart)
+        ends = shafts.flanks.upper - shafts.offset, shafts.offset - shafts.flanks.lower
+        brakes = point.speed * point.acceleration < 0
+        apart = jnp.where(brakes, 0.0, jnp.where(run.other_flank > 0, *ends))
     accumulators = add_plant_step(
         plant.accumulators, run, end, step, *changes, turned=turned, side=shafts.side, apart=apart
     )

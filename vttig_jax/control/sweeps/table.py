@@ -27,24 +27,15 @@ _NUMBERS = (
 )
 """Metrics whose mean, range and maximum a report of a sweep also has."""
 
-_REMARKS = (
-    (
-        "early_share",
-        "the flanks change before the turn",
-        "the driven shaft overruns when the motor brakes",
-    ),
-    (
-        "over_share",
-        "the motor makes up for more than the gap",
-        "the gap that the controller believes is too large there",
-    ),
-    (
-        "thrown_share",
-        "the motor throws the driven shaft off the flank that it meets",
-        "choose a longer judgement.jump_s",
-    ),
-)
-"""Share of the cases of a group → what happens in them, and why."""
+_REMARKS = {
+    "early_share": "of the cases the flanks change before the turn; the driven shaft overruns when"
+    " the motor brakes.",
+    "over_share": "of the cases the motor makes up for more than the gap; the gap that the"
+    " controller believes is too large there.",
+    "thrown_share": "of the cases the motor throws the driven shaft off the flank that it meets;"
+    " choose a longer judgement.jump_s.",
+}
+"""Share of the cases of a group → end of its remark."""
 
 
 @dataclass(frozen=True)
@@ -307,8 +298,8 @@ def _text(table: SweepTable) -> str:
         ("output error", "deg"),
     ]
     remarks = [
-        f"{group['name']}: {what} in {100 * group[share]:.1f} % of the cases; {why}."
-        for share, what, why in _REMARKS
+        f"{group['name']}: in {100 * group[share]:.1f} % {what}"
+        for share, what in _REMARKS.items()
         for group in record["groups"]
         if group[share]
     ]

@@ -15,7 +15,11 @@ from ..sweeps.blocks import REFUSED, Rows
 from .free_keys import FreeKey
 from .search import Objective, Stage
 
-_NOTHING = (np.nan, np.nan, np.nan)
+_METRICS = (
+    *("residual_gap_deg", "interference_mm", "actuator_travel_mm"),
+    *("lost_motion_deg", "thrown_back_deg"),
+)
+"""Metrics of which a score has means and maxima."""
 
 
 @dataclass(frozen=True)
@@ -77,30 +81,32 @@ def score_of(
     """Return the score of a sweep from the rows of `SweepWork.run`; see `costs_of`."""
     costs = costs_of(rows, weight, closing, moves)
     costs = costs[np.isfinite(costs)]
-    gap = rows["residual_gap_deg"][~np.isnan(rows["residual_gap_deg"])]
-    over = rows["interference_mm"][~np.isnan(rows["interference_mm"])]
-    travel = rows["actuator_travel_mm"][~np.isnan(rows["actuator_travel_mm"])]
-    lost, thrown = (rows[n][~np.isnan(rows[n])] for n in ("lost_motion_deg", "thrown_back_deg"))
+    gap, over, travel, lost, thrown = (_spread(rows[name]) for name in _METRICS)
+    interferes = rows["interference_mm"][~np.isnan(rows["interference_mm"])] > NEAR_MM
     worst = objective == "worst"
     cost = np.inf if not len(costs) else costs.max() if worst else costs.mean()
-    mean, high, most = (gap.mean(), np.quantile(gap, 0.95), gap.max()) if len(gap) else _NOTHING
-    share, average, farthest = _NOTHING
-    if len(over):
-        share, average, farthest = np.mean(over > NEAR_MM), over.mean(), over.max()
     return Score(
         cost_deg=float(cost),
-        gap_mean_deg=float(mean),
-        gap_high95_deg=float(high),
-        gap_max_deg=float(most),
-        interfering_share=float(share),
-        interference_mean_mm=float(average),
-        interference_max_mm=float(farthest),
-        travel_mean_mm=float(travel.mean()) if len(travel) else np.nan,
-        lost_mean_deg=float(lost.mean()) if len(lost) else np.nan,
-        lost_max_deg=float(lost.max()) if len(lost) else np.nan,
-        thrown_max_deg=float(thrown.max()) if len(thrown) else np.nan,
+        gap_mean_deg=gap[0],
+        gap_high95_deg=gap[1],
+        gap_max_deg=gap[2],
+        interfering_share=float(interferes.mean()) if len(interferes) else np.nan,
+        interference_mean_mm=over[0],
+        interference_max_mm=over[2],
+        travel_mean_mm=travel[0],
+        lost_mean_deg=lost[0],
+        lost_max_deg=lost[2],
+        thrown_max_deg=thrown[2],
         outcomes=dict(Counter(rows["outcome"].tolist()).most_common()),
     )
+
+
+def _spread(values: np.ndarray) -> tuple[float, float, float]:
+    """Return the mean, the 95 % quantile and the maximum; NaN without values."""
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return np.nan, np.nan, np.nan
+    return float(known.mean()), float(np.quantile(known, 0.95)), float(known.max())
 
 
 @dataclass(frozen=True)
