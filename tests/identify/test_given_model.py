@@ -15,9 +15,9 @@ from scipy.optimize import least_squares
 import vttig_jax
 from vttig_jax.base.errors import InputError, NoAnswerError, UsageError
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.result import Fit
-from vttig_jax.identify.identification import fit
 from vttig_jax.identify.fit_settings import FitSettings
+from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.kinematics.exact import ExactModel
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments

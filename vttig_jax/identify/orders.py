@@ -28,8 +28,8 @@ SIDES: dict[int, Flank] = {1: "A", -1: "B"}
 _RANKS = {"driving": 0, "driven": 1, "mesh": 2}
 
 CLEAR = 4.0
-"""Standard errors of a significant order: noise alone passes it once in three thousand orders, and a
-table has some thirty."""
+"""Standard errors of a significant order: noise alone passes it once in three thousand orders, and
+a table has some thirty."""
 
 
 @dataclass(frozen=True)
