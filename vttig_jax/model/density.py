@@ -93,7 +93,7 @@ def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
     return jax.lax.scan(longer, first, (partial, jnp.asarray(_FLIPS)))[0]
 
 
-def weights(theta: Float[Array, " p"], on: Float[Array, " groups"]) -> Float[Array, " w"]:
+def weights(theta: Float[Array, " p"], on: Float[Numbers, " groups"]) -> Float[Array, " w"]:
     """Return the weights f_i f_j/σ² of the windows, followed by 1/τ² of every group."""
     taps = whitening(_partial(theta))
     return jnp.concatenate(
@@ -110,10 +110,10 @@ def _partial(theta: Float[Array, " p"]) -> Float[Array, " lags"]:
 
 def _explicit(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
     """Return the terms of −2 ln L that depend on θ alone."""
-    count = jnp.sum(logs.member > 0, axis=0) * logs.on
-    noise = 2 * logs.rows * theta[LAGS]
-    ends = logs.runs * jnp.sum(_LAG * jnp.log1p(-(_partial(theta) ** 2)))
-    return noise - ends + 2 * count @ theta[LAGS + 1 :] + logs.constant
+    count = jnp.sum(jnp.asarray(logs.member) > 0, axis=0) * jnp.asarray(logs.on)
+    noise = 2 * jnp.asarray(logs.rows) * theta[LAGS]
+    ends = jnp.asarray(logs.runs) * jnp.sum(_LAG * jnp.log1p(-(_partial(theta) ** 2)))
+    return noise - ends + 2 * count @ theta[LAGS + 1 :] + jnp.asarray(logs.constant)
 
 
 def _penalty(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
@@ -187,7 +187,7 @@ def _moments(
     factor = jnp.linalg.cholesky(half[places])
     inverse = jax.scipy.linalg.solve_triangular(factor, jnp.eye(LAGS + 1), lower=True)
     partial = jnp.clip(-inverse[1:, 0] / jnp.diag(inverse)[1:], -0.97, 0.97)
-    count = jnp.sum(logs.member > 0, axis=0) * logs.on
+    count = jnp.sum(jnp.asarray(logs.member) > 0, axis=0) * jnp.asarray(logs.on)
     squares = by_weight[len(FIRST) :] + 2 * logs.usual**2
     tau = jnp.where(logs.on > 0, 0.5 * jnp.log(squares / (count + 2)), jnp.log(logs.usual))
     return jnp.concatenate([jnp.arctanh(partial), -jnp.log(inverse[-1:, -1]), tau])

@@ -41,14 +41,24 @@ BATCH = 16
 class Target(Protocol):
     """Density for `run_ensembles`.
 
-    `names`, `units`: of the coordinates. `identity`: JSON values that tell one density from
-    another. `log_density` maps points, shape (n, d), to n values, −inf outside the support.
+    `log_density` maps points, shape (n, d), to n values, −inf outside the support.
     `around` proposes points near the density.
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    identity: dict
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        ...
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates."""
+        ...
+
+    @property
+    def identity(self) -> dict:
+        """JSON values that tell one density from another."""
+        ...
 
     def around(self) -> Proposal:
         """Return a proposal with a pool of weighted draws."""
