@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.columns import Assumptions
-from ..model.lines import found_lines
+from ..model.lines import found_lines, refined
 from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
 from ..model.parameter import Parameter, undetermined
 from ..model.parameters import (
@@ -252,29 +253,22 @@ def fitted(
         assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)
         given = searched(given, shafts, drive, orders, assumed)
 
-    def once(lines: Sequence[float], delay_s: float, given: GivenModel | None):
-        if given is not None:
-            return fitted_given(
-                given, shafts, drive, orders, lines=lines, delay_s=delay_s, assumed=assumed
-            )
-        return (
-            mixed_fit(
-                shafts,
-                pair,
-                orders,
-                one_zero=one_zero,
-                lines=lines,
-                delay_s=delay_s,
-                assumed=assumed,
-            ),
-            None,
-        )
-
-    core, given = once((), fixed_s, given)
-    lines = found_lines(core)
-    if lines and settings.lines == "join":
-        cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
-        core, given = once(cycles, core.delay_s, given)
+    fit = partial(mixed_fit, shafts, pair, orders, one_zero=one_zero, assumed=assumed)
+    own = partial(fitted_given, shafts=shafts, drive=drive, orders=orders, assumed=assumed)
+    if given is None:
+        core = fit(delay_s=fixed_s)
+    else:
+        core, given = own(given, delay_s=fixed_s)
+    lines, start = found_lines(core), core.delay_s
+    if not lines or settings.lines != "join":
+        return core, lines, given
+    cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
+    if given is not None:
+        core, given = own(given, lines=cycles, delay_s=start)
+    elif one_zero:
+        core, lines = refined(lines, lambda at, shifts: fit(lines=at, given=shifts, delay_s=start))
+    else:
+        core = fit(lines=cycles, delay_s=start)
     return core, lines, given
 
 
