@@ -266,7 +266,11 @@ def fitted(
     if given is not None:
         core, given = own(given, lines=cycles, delay_s=start)
     elif one_zero:
-        core, lines = refined(lines, lambda at, shifts: fit(lines=at, given=shifts, delay_s=start))
+        core, lines = refined(
+            lines,
+            core.scope.turns["driving"],
+            lambda at, shifts: fit(lines=at, given=shifts, delay_s=start),
+        )
     else:
         core = fit(lines=cycles, delay_s=start)
     return core, lines, given
