@@ -4,10 +4,10 @@ import json
 
 import click
 import pytest
+from vttig_jax.posterior.calibration.scenarios import SCENARIOS
 
 from vttig_jax.cli.main import VERBS
 from vttig_jax.cli.verbs.calibrate import _NAMES, command
-from vttig_jax.posterior.calibration.scenarios import SCENARIOS
 
 QUICK = ("calibrate", "--scenario", "encoders_left_out", "--short", "--rigs", "60")
 

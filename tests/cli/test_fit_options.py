@@ -8,13 +8,13 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from vttig_jax.identify.report import parameters
 
 from tests.cli.drive import DELAY_S, FIRST_ARCSEC, TORQUE_ARCSEC, write_drive, write_pair
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.verbs.fit import ON_REQUEST, command
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.report import parameters
 from vttig_jax.identify.fit_settings import fields
+from vttig_jax.identify.identification import fit
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig as make_paper_rig

@@ -11,8 +11,8 @@ from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.backlash import backlash_map, contact_map
 from vttig_jax.identify.identification import fit
-from vttig_jax.model.parameter import Parameter
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.model.parameter import Parameter
 from vttig_jax.pair.load import pair_from_spec, pair_spec
 
 ANGLES = np.linspace(0.0, 16 * REV, 500)

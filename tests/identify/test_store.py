@@ -8,10 +8,10 @@ import pytest
 
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.base.files.json_io import dumps
-from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.identify.result import Fit
-from vttig_jax.identify.identification import fit
 from vttig_jax.identify.archive import fit_arrays, read_fit
+from vttig_jax.identify.backlash import backlash_map
+from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 
 
 def _write(result: Fit, folder) -> None:

@@ -9,10 +9,10 @@ import pytest
 
 from tests.identify.quick import quick_rig
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit as identified
 from vttig_jax.identify.orders import Order
 from vttig_jax.identify.records import Checks, Noise
+from vttig_jax.identify.result import Fit
 from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.pair.gear_pair import Drive, Flank

@@ -10,8 +10,8 @@ import pytest
 import vttig_jax
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.errors import ScenarioError
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.kinematics import BacklashMap, closed_model
 from vttig_jax.logs.read import read_log
 from vttig_jax.pair.gear_pair import Gear, GearPair

@@ -13,8 +13,8 @@ from tests.base.files.disk_states import recorded
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.errors import InputError, LogError, UsageError
 from vttig_jax.cli.main import main
-from vttig_jax.identify.identification import fit
 from vttig_jax.identify.fit_settings import FitSettings
+from vttig_jax.identify.identification import fit
 from vttig_jax.logs.read import read_log
 from vttig_jax.pair.gear_pair import GearPair
 from vttig_jax.pair.load import load_pair, pair_from_spec, spec_of

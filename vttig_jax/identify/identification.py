@@ -180,7 +180,8 @@ def identified(
         refuse_slip(one, segments[-1])
     where = ", ".join(one.source for one in logs)
     shafts = [
-        on_flank(shafts_of(*both), settings.flank) for both in zip(logs, segments, strict=True)
+        on_flank(without_axial(shafts_of(log, own), log, pair), settings.flank)
+        for log, own in zip(logs, segments, strict=True)
     ]
     shafts, short = usable(shafts, waves_of(pair, orders), where)
     one_zero = len(logs) == 1 or have_one_zero(logs, settings)
@@ -200,8 +201,10 @@ def told_by(
     """
     encoders, gears = not settings.perfect_encoders, not settings.perfect_gears
     both = len(core.scope.flanks) == 2
-    told = quantities_of(core, pair, encoders=both and encoders, gears=gears)
-    if not np.all(np.isfinite(told.mean)) or not np.all(np.isfinite(told.covariance)):
+    told = None
+    if np.all(np.isfinite(core.posterior.at.hessian)):
+        told = quantities_of(core, pair, encoders=both and encoders, gears=gears)
+    if told is None or not np.all(np.isfinite(told.covariance)):
         raise NoAnswerError(
             "the fit found no largest density, so that it has no numbers; list fewer orders in"
             " [fit], or record more turns.",
@@ -217,6 +220,20 @@ def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
         return tuple(run for run in runs if flank in (None, SIDES[run[2]]))
 
     return replace(shafts, runs=kept(shafts.runs), ramps=kept(shafts.ramps))
+
+
+def without_axial(shafts: Shafts, log: EncoderLog, pair: GearPair | Drive) -> Shafts:
+    """Return the log without the transmission error that a logged axial position s causes.
+
+    It is + s tan β_L/R₂ on flank A and − s tan β_R/R₂ on flank B.
+    """
+    if log.axial_mm is None or isinstance(pair, Drive):
+        return shafts
+    error, radius = shafts.error.copy(), float(pair.reference_radii[1])
+    slope = {1: float(pair.taper[0]) / radius, -1: -float(pair.taper[1]) / radius}
+    for start, stop, side in (*shafts.runs, *shafts.ramps):
+        error[start:stop] -= slope[side] * log.axial_mm[start:stop]
+    return replace(shafts, error=error)
 
 
 def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:

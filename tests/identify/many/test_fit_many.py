@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from vttig_jax.identify.many.batch_model import BatchShape, rounded_up
+from vttig_jax.identify.many.batches import Shapes, logs_at_once
+from vttig_jax.identify.many.codes import Code
+from vttig_jax.identify.many.preparation import batch_settings, prepare
 
 import vttig_jax
 from vttig_jax.base.errors import LogError, NoAnswerError
 from vttig_jax.identify import FitTable
 from vttig_jax.identify.many import fit_many as fit_many_module
-from vttig_jax.identify.many.batch_model import BatchShape, rounded_up
-from vttig_jax.identify.many.batches import Shapes, logs_at_once
-from vttig_jax.identify.many.codes import Code
 from vttig_jax.identify.many.fit_many import Unread, fit_columns
-from vttig_jax.identify.many.preparation import batch_settings, prepare
 from vttig_jax.identify.many.table import joined, table_of
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.rig import PassMotion, paper_pair, paper_rig

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from scipy import stats
-
 from vttig_jax.posterior.calibration.coverage import (
     Cell,
     Coverage,

@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
-
-from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.kinematics.harmonic import CombinedModel
-from vttig_jax.posterior.calibration import rigs
 from vttig_jax.posterior.calibration.coverage import uniformity
 from vttig_jax.posterior.calibration.program import Program
 from vttig_jax.posterior.calibration.rigs import ar_noise
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS, Scenario
+
+from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.kinematics.harmonic import CombinedModel
+from vttig_jax.posterior.calibration import rigs
 from vttig_jax.rig.imperfections import random_orders
 
 ORDERS = SCENARIOS["orders"]

@@ -11,23 +11,23 @@ import jsonschema
 import msgspec
 import numpy as np
 import pytest
-
-from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.identify.compress.block_rows import block_seconds, log_rows
 from vttig_jax.identify.compress.harmonic_summary import summarise
 from vttig_jax.identify.compress.regressors import Drift, read_channels
 from vttig_jax.identify.noise.noise_model import NoiseModel, whiten
 from vttig_jax.identify.solve.least_squares import Solution, solve
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.segments import Segment
-from vttig_jax.pair.load import pair_from_spec, pair_spec
-from vttig_jax.pair.schema import LogLayout
-from vttig_jax.posterior.calibration.calibrate import Calibration, calibrate
 from vttig_jax.posterior.calibration.case_result import CaseResult
 from vttig_jax.posterior.calibration.coverage import rejected
 from vttig_jax.posterior.calibration.program import Batch, Program
 from vttig_jax.posterior.calibration.sampled_subset import sampled_coverage
 from vttig_jax.posterior.calibration.scenarios import SCENARIOS, terms_of
+
+from vttig_jax.base.files.json_io import dumps, load_schema
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.segments import Segment
+from vttig_jax.pair.load import pair_from_spec, pair_spec
+from vttig_jax.pair.schema import LogLayout
+from vttig_jax.posterior.calibration.calibrate import Calibration, calibrate
 
 RIGHT = ("white", "ar_4ms75", "counts")
 

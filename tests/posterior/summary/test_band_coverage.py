@@ -10,6 +10,10 @@ from itertools import pairwise
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from vttig_jax.posterior.calibration.program import Program
+from vttig_jax.posterior.calibration.rigs import Rig, order_terms
+from vttig_jax.posterior.calibration.sampled_subset import RigEvidence
+from vttig_jax.posterior.calibration.scenarios import SCENARIOS
 
 from benchmarks.band_coverage import Held, drawn_gap, grid, judged, rigs_of, share, true_gap
 from vttig_jax.base.units import DEG
@@ -17,10 +21,6 @@ from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.schema import HarmonicOrders
-from vttig_jax.posterior.calibration.program import Program
-from vttig_jax.posterior.calibration.rigs import Rig, order_terms
-from vttig_jax.posterior.calibration.sampled_subset import RigEvidence
-from vttig_jax.posterior.calibration.scenarios import SCENARIOS
 from vttig_jax.posterior.summary.bands import streamed_band
 
 pytestmark = pytest.mark.slow
