@@ -16,8 +16,8 @@ import numpy as np
 import vttig_jax
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.rig.paper import paper_rig
 from vttig_jax.rig.synthetic import SyntheticRig

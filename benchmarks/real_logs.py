@@ -14,8 +14,8 @@ import numpy as np
 
 import vttig_jax
 from vttig_jax.base.angles import difference_deg
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig

@@ -21,8 +21,8 @@ from scipy.stats import binomtest
 
 import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig.imperfections import EncoderError, Noise, OrderError, Shaft

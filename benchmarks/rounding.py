@@ -24,8 +24,8 @@ from jaxtyping import Float
 import vttig_jax
 from vttig_jax.base.errors import VttigError
 from vttig_jax.base.units import DEG
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.logs.channel.channel import Channel
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive, GearPair

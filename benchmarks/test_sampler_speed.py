@@ -10,13 +10,13 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
-
-from vttig_jax.base.runtime import enable_x64
-from vttig_jax.identify.identification import fit
 from vttig_jax.posterior.density.density import FitTarget, fit_target
 from vttig_jax.posterior.density.likelihood import Likelihood
 from vttig_jax.posterior.sampling.ensembles import run_ensembles
 from vttig_jax.posterior.sampling.joint_moves import MOVES
+
+from vttig_jax.base.runtime import enable_x64
+from vttig_jax.identify.identification import fit
 from vttig_jax.rig.paper import paper_rig
 
 from .environment import write

@@ -26,12 +26,12 @@ BOUNDS = {
     "geometry": (4558, 62),  # 2800
     "logs": (10324, 286),  # 7400
     "rig": (326, 1),  # 260
-    "identify": (11155, 237),  # 9000 together with posterior
+    "identify": (11162, 237),  # 9000 together with posterior
     "posterior": (6061, 108),
-    "control": (6738, 79),  # 3600
+    "control": (6950, 80),  # 3600
     "plotting": (2012, 53),  # 2000 together with the report
-    "runs": (1748, 3),  # 900
-    "cli": (3833, 19),  # 2600
+    "runs": (1810, 3),  # 900
+    "cli": (3902, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

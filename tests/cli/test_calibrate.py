@@ -1,67 +1,70 @@
-"""`vttig calibrate`: coverage tables, exit codes, files."""
+"""`vttig calibrate`: a run folder in, coverage out; exit codes and files."""
 
 import json
 
-import click
 import pytest
-from vttig_jax.posterior.calibration.scenarios import SCENARIOS
+import tomli_w
 
-from vttig_jax.cli.main import VERBS
-from vttig_jax.cli.verbs.calibrate import _NAMES, command
-
-QUICK = ("calibrate", "--scenario", "encoders_left_out", "--short", "--rigs", "60")
-
-
-@pytest.fixture(autouse=True)
-def _verb(monkeypatch):
-    monkeypatch.setitem(VERBS, "calibrate", ("vttig_jax.cli.verbs.calibrate:command", "Check."))
+from vttig_jax.cli.verbs.demo import log_csv
+from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.pair_file import spec_table
+from vttig_jax.posterior.calibration import calibrate as room
+from vttig_jax.rig import PassMotion, paper_rig
 
 
-def test_names_are_those_of_the_scenarios():
-    assert list(SCENARIOS) == list(_NAMES)
-    scenario = next(p for p in command.params if p.name == "names")
-    assert isinstance(scenario.type, click.Choice)
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rig")
+    rig = paper_rig(motion=PassMotion(speed_rpm=240.0, reversal_deg=3600.0, ramp_s=0.2))
+    (folder / "log.csv").write_text(log_csv(rig.log(0)))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    return folder
 
 
-@pytest.mark.portable
-def test_a_wrong_model_is_seen_to_fail(vttig_json):
-    code, record = vttig_json(*QUICK)
-    assert code == 0
-    assert record["calibrated"] and record["cases"][0]["verdict"] == "seen to fail"
+@pytest.fixture
+def run(vttig, logged, tmp_path):
+    options = ("--pair", logged / "pair.toml", "--out", tmp_path / "run", "--no-figures")
+    assert vttig("fit", logged / "log.csv", *options)[0] == 0
+    return tmp_path / "run"
 
 
-def test_table_and_file(vttig, tmp_path):
+def test_table_and_file(vttig, run, tmp_path):
     out = tmp_path / "found"
-    code, text, _ = vttig(*QUICK, "--out", out)
-    assert code == 0
-    assert "encoders_left_out (short)" in text
+    code, text, _ = vttig("calibrate", run, "--rigs", "30", "--out", out)
+    assert code == 0 and "calibrated: yes" in text and "driving_eccentricity_mm" in text
     record = json.loads((out / "calibration.json").read_text())
-    assert record["schema"] == "vttig.calibrate/1" and record["seed"] == 0
-    assert vttig(*QUICK, "--out", out)[0] == 2
+    assert record["schema"] == "vttig.calibrate/2" and record["rigs"] == 30
+    assert vttig("calibrate", run, "--rigs", "30", "--out", out)[0] == 2
 
 
-def test_intervals_that_do_not_hold_are_exit_4(vttig, monkeypatch):
-    from dataclasses import replace
-
-    wrong = replace(SCENARIOS["encoders_left_out"], holds=True)
-    monkeypatch.setitem(SCENARIOS, "encoders_left_out", wrong)
-    code, out, err = vttig(*QUICK)
+def test_intervals_that_do_not_hold_are_exit_4(vttig, run, monkeypatch):
+    monkeypatch.setattr(room, "TOLERATED", 0.999999)
+    code, out, err = vttig("calibrate", run, "--rigs", "40")
     assert code == 4
     assert "calibrated: NO" in out
-    assert "intervals do not hold in encoders_left_out (short)" in err
+    assert "too narrow" in err
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "code", "said"),
     [
-        (("--rigs", "3"), "20"),
-        (("--rigs", "1000000000000"), "1000000"),
-        (("--rigs", "50", "--posterior", "51"), "--posterior 51 is more than --rigs 50"),
-        (("--scenario", "rainbow"), "rainbow"),
-        (("--overwrite",), "--out"),
-        (("--seed", "-1"), "-1"),
+        ((), 2, "RUN"),
+        (("nowhere",), 2, "no such run"),
+        (("nowhere", "--rigs", "3"), 2, "20"),
+        (("nowhere", "--overwrite"), 2, "--out"),
+        (("nowhere", "--seed", "-1"), 2, "-1"),
     ],
 )
-def test_usage(vttig, arguments, said):
-    code, _, err = vttig("calibrate", *arguments)
-    assert code == 2 and said in err
+def test_usage(vttig, arguments, code, said):
+    found, _, err = vttig("calibrate", *arguments)
+    assert found == code and said in err
+
+
+def test_a_changed_log_is_refused(vttig, logged, run):
+    text = (logged / "log.csv").read_text()
+    (logged / "log.csv").write_text(text.replace("\n", "\n", 1) + "# more\n")
+    try:
+        code, _, err = vttig("calibrate", run)
+    finally:
+        (logged / "log.csv").write_text(text)
+    assert code == 3 and "changed" in err

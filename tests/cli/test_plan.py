@@ -88,10 +88,9 @@ def test_options_that_change_something_else(planned):
             plain["parameters"][gap]["std"]
             > 2 * planned("--delay", known)["parameters"][gap]["std"]
         )
-    small = planned("--assume", "delay_s=0")["parameters"]  # the fit allows for it all the same
-    assert 1.2 < small[gap]["std"] / plain["parameters"][gap]["std"] < 1.5
-    assert plain["parameters"]["delay_s"]["significant"] and not small["delay_s"]["significant"]
-    assert planned("--delay", "free")["parameters"][gap] == plain["parameters"][gap]
+    small = planned("--assume", "delay_s=0")["parameters"]
+    assert small["delay_s"]["assumed"] == 0.0 and not small["delay_s"]["significant"]
+    assert plain["parameters"]["delay_s"]["assumed"] is None
     assert not planned("--delay", "off")["parameters"]["delay_s"]["determined"]
     assert planned("--delay", "0.001")["conditional_on"] == ["given_delay"]
 
@@ -104,7 +103,7 @@ def test_perfect_encoders_pay_less(vttig_json, tmp_path):
     (_, plain), (_, perfect) = (
         vttig_json(*common, *noise, *more) for more in ((), ("--perfect-encoders",))
     )
-    assert perfect["conditional_on"] == ["perfect_encoders"]
+    assert "perfect_encoders" in perfect["conditional_on"]
     stds = [r["parameters"]["driven_eccentricity_mm"]["std"] for r in (plain, perfect)]
     assert stds[0] > 2.5 * stds[1]
     assert plain["noise"]["counting_std_deg"] == pytest.approx(0.001325, rel=1e-3)
@@ -161,7 +160,7 @@ def test_the_rate_of_the_pair_file_is_the_default(vttig_json, pair):
             2,
             "memory of --noise-std-deg",
         ),
-        ("--turns 1.2 --rate-hz 200 --noise-std-deg 1", 4, "full revolution"),
+        ("--turns 0.9 --rate-hz 200 --noise-std-deg 1", 4, "full revolution"),
         (
             "--rate-hz 200 --noise-std-deg 1 --directions forward --want constant_backlash_deg=1",
             4,

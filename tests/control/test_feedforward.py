@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 import vttig_jax
 from tests.control.motion_points import at
 from tests.control.scenarios import CLOSING, INSTANT, PAIR, Run, spec_of, together
+from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.units import DEG
 from vttig_jax.control.controllers.controller import Command, Controller, Measurement, NoController
 from vttig_jax.control.controllers.feedforward import FeedforwardController
@@ -133,6 +134,45 @@ def test_too_much_is_as_bad_as_too_little():
     assert wrong["lost_motion_deg"] == pytest.approx(9 * mean_gap, rel=0.1)
     for name in ("lost_motion_deg", "output_error_deg", "output_error_rms_deg"):
         assert wrong[name] > 4 * right[name] > 0
+
+
+@pytest.mark.parametrize("more", [-0.01, 0.0, 0.004])
+def test_the_sign_of_the_compensation_is_told(more):
+    """Believed less true gap; only too much has a remark, in a run and in a sweep."""
+
+    def believed(angle, name):
+        return _flank(name, angle) + more * DEG * (name == "B")
+
+    settings = {**BASE, "controller": "feedforward"}
+    found = vttig_jax.simulate(spec_of(settings), PAIR, controller_map=believed)
+    assert found.metrics["over_compensation_deg"] == pytest.approx(more, abs=5e-5)
+    assert len(found.remarks) == (more > 0)
+    spec = sweep_spec({"seed": [0]}, **{k.replace(".", "__"): v for k, v in settings.items()})
+    table = vttig_jax.sweep(spec, PAIR, controller_map=believed)
+    assert table.to_json()["groups"][0]["over_share"] == (more > 0)
+
+
+def test_a_jump_that_throws_the_driven_shaft_back_is_told():
+    """A quick jump hits it, and it flies on until its friction stops it."""
+    rigid = {**BASE, "plant": "rigid", "controller": "feedforward"}
+    quick, slow = (
+        simulate(spec_of(rigid, {"judgement.jump_s": jump_s}), PAIR) for jump_s in (0.002, 0.05)
+    )
+    gap = found_number(quick, "largest_jump_deg")
+    assert found_number(quick, "thrown_back_deg") > 0.8 * gap
+    assert found_number(slow, "thrown_back_deg") < 0.1 * gap
+    assert len(quick.remarks) == 1 and slow.remarks == ()
+    play = simulate(spec_of(rigid, {"plant": "play", "judgement.jump_s": 0.002}), PAIR)
+    assert found_number(play, "thrown_back_deg") < 1e-6 * gap
+
+
+def test_who_moves_no_motor_neither_makes_up_nor_throws(none):
+    found = metrics(none)
+    assert np.isnan(found["over_compensation_deg"]) and np.isnan(found["thrown_back_deg"])
+
+
+def found_number(run: Any, name: str) -> float:
+    return float(run.metrics[name])
 
 
 def test_a_gap_that_is_closed_before_the_turn_is_crossed_at_once():

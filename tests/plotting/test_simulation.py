@@ -146,7 +146,7 @@ def test_the_words(run):
             *("motor brakes", "controller closes", "motor turns"),
         ],
         ["closes the gap", "commanded", "reached", "commanded too far"],
-        ["driving shaft", "observer's estimate"],
+        ["reference", "observer's estimate"],
     ]
 
 

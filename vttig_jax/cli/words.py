@@ -25,8 +25,40 @@ WORDS: Mapping[str, tuple[str, str]] = {
         "closure",
         "difference between two passes over the same pairs of teeth, where gears repeat",
     ),
-    r"\bjump at\b": ("jump", "step of the driven shaft at a reversal, where it changes flanks"),
+    r"\bjump +\d|\bjump at\b|\blargest jump\b": (
+        "jump",
+        "step of the driven shaft at a reversal, where it changes flanks",
+    ),
     r"\bj_v\b": ("j_v", "the part of the backlash that the eccentricities make"),
+    r"\blost motion\b": (
+        "lost motion",
+        "how far the driven shaft is, on the way back, from where the first flank would hold it",
+    ),
+    r"\binterference\b|\binterferes?\b": (
+        "interference",
+        "distance by which the controller closes further than the gap allows",
+    ),
+    r"error of the output|\boutput error\b": (
+        "error of the output",
+        "how far the driven shaft is from the ratio times the angle that the motion asks for",
+    ),
+    r"\bgap left\b|backlash at the turn": (
+        "gap left",
+        "backlash that is open when the motion turns; residual_gap_deg in tables",
+    ),
+    r"\bwrong flank\b": (
+        "wrong flank",
+        "travel before the turn with the flank in contact that carries after it",
+    ),
+    r"\baxial step\b": (
+        "axial step",
+        "turn of the driven shaft by the axial shift that closes the gap",
+    ),
+    r"closing begins|closes at": (
+        "closing begins",
+        "the first command to close the gap after the motor began to brake",
+    ),
+    r"\blane-steps?\b": ("lane-step", "one time step of one case"),
     r"hardest to tell apart": (
         "hardest to tell apart",
         "the combination of parameters that the log determines worst (the weakest direction)",

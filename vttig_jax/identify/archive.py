@@ -156,6 +156,13 @@ def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = No
     folder = Path(folder)
     settle_if_free(folder)
     missing = [name for name in ("fit.json", "summary.npz") if not (folder / name).is_file()]
+    if missing == ["summary.npz"]:
+        raise UsageError(
+            "only the report of the fit is here (fit.json), which `vttig simulate` can run with;"
+            " its numbers (summary.npz), from which a map is made, are missing: make them again"
+            f" from the log, `vttig fit --run {folder / 'run.toml'} --out …`.",
+            where=str(folder),
+        )
     if missing:
         raise UsageError(
             f"no fit here ({' and '.join(missing)} missing); make one with `vttig fit LOG --pair"

@@ -253,6 +253,11 @@ def assumptions_of(settings: FitSettings) -> Assumptions:
     return assumed if ratio is None else replace(assumed, ratio=ratio)
 
 
+def known_delay(settings: FitSettings) -> float:
+    """Return the delay that the settings give, s; 0 if it is fitted or taken as zero."""
+    return float(settings.delay) if isinstance(settings.delay, int | float) else 0.0
+
+
 def fitted(
     shafts: Sequence[Shafts],
     pair: GearPair | Drive,
@@ -264,7 +269,7 @@ def fitted(
 ) -> tuple[MixedFit, list[Line], GivenModel | None]:
     """Fit the mixed model, and once more with the lines that the residual has."""
     assumed = assumptions_of(settings)
-    fixed_s = float(settings.delay) if isinstance(settings.delay, (int, float)) else 0.0
+    fixed_s = known_delay(settings)
     drive = Drive(pair.ratio)  # a flank model takes the place of the gears
     if given is not None:
         assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)

@@ -27,13 +27,17 @@ SIDES: dict[int, Flank] = {1: "A", -1: "B"}
 
 _RANKS = {"driving": 0, "driven": 1, "mesh": 2}
 
+CLEAR = 4.0
+"""Standard errors of a significant order: noise alone passes it once in three thousand orders, and
+a table has some thirty."""
+
 
 @dataclass(frozen=True)
 class Order:
     """Harmonic a sin(k φ_shaft + p) of the transmission error of one flank, at the driven gear.
 
     The phase p of a fractional order holds for the zero of the shaft angle of the log. An order is
-    `significant` if its amplitude is at least three standard errors.
+    `significant` if its amplitude is at least `CLEAR` standard errors.
     """
 
     shaft: str
@@ -91,7 +95,7 @@ def order_table(core: MixedFit) -> tuple[Order, ...]:
         if std > LARGEST["arcsec"]:
             continue
         shaft = "driving" if wave.shaft == "line" else wave.shaft
-        significant = amplitude >= SIGNIFICANT * std
+        significant = amplitude >= CLEAR * std
         table.append(Order(shaft, wave.order, SIDES[side], amplitude, std, phase_deg, significant))
     return tuple(sorted(table, key=lambda o: (_RANKS[o.shaft], o.order, o.flank)))
 

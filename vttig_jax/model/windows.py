@@ -22,7 +22,8 @@ def windows(
         apart[place : place + b - a + 1] = rows[a : b + 1]
         place += b - a + 1 + LAGS
     ends = [np.concatenate([rows[first + lag], rows[last - lag]]) for lag in range(LAGS)]
-    where = {pair: place for place, pair in enumerate(zip(FIRST, SECOND, strict=True))}
+    pairs = zip(FIRST.tolist(), SECOND.tolist(), strict=True)
+    where = {pair: place for place, pair in enumerate(pairs)}
     found = np.empty((len(FIRST), q, q))
     for lag in range(LAGS + 1):
         product = apart[: total - lag].T @ apart[lag:]

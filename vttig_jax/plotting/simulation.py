@@ -49,8 +49,8 @@ class _Rows:
 
     `time` is in s. True and `measured` TE (`error`) and flanks A and B (`lower`, `upper`) are in
     the unit of TE. Axial shifts are in mm: commanded, `reached`, and needed to close the gap. The
-    speed of the driving shaft and its estimate (`observed`) are in rpm. `output` is the error of
-    the driven shaft in the unit of TE.
+    speed of the reference and the estimate of the driving shaft (`observed`) are in rpm. `output`
+    is the error of the driven shaft in the unit of TE.
     """
 
     time: Float[np.ndarray, " n"]
@@ -79,9 +79,9 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     and flank B, which approach each other as the gap closes. The next row shows three axial shifts:
     commanded, reached, and needed to close the gap; the excess of the command is filled. For a
     controller that shifts no gear it shows the deviation of the driven shaft from i φ₁ of the
-    reference. The last
-    row shows the speed of the driving shaft and the observer's estimate. Vertical lines mark the
-    times when the motor brakes and turns and when the controller closes.
+    reference. The last row shows the speed of the reference and the observer's estimate of the
+    driving shaft. Vertical lines mark the times when the motor brakes and turns and when the
+    controller closes.
 
     **Arguments**
     - `found`: a run with a trace (`trace_every`), preferably of every period.
@@ -281,7 +281,7 @@ def _draw_output(ax: Axes, rows: _Rows) -> Handles:
 def _draw_speed(ax: Axes, rows: _Rows) -> Handles:
     observed = _line(ax, rows.time, rows.observed, _OBSERVED, 0.8)
     return {
-        "driving shaft": _line(ax, rows.time, rows.speed, MODEL_COLOUR, 1.0),
+        "reference": _line(ax, rows.time, rows.speed, MODEL_COLOUR, 1.0),
         "observer's estimate": observed,
     }
 

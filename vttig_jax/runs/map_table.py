@@ -138,6 +138,15 @@ def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:
     }
 
 
+def resolution(fit: "Fit", step_deg: float) -> str:
+    """Return a sentence about how finely rows at steps of `step_deg` have the highest order."""
+    order = fit.model.highest_order
+    return (
+        f"{360.0 / step_deg / order:.3g} rows in a cycle of the highest order, {order:g} a driving"
+        " turn; the extremes above also lie between the rows"
+    )
+
+
 def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
     """Return an array of shape (rows, columns) as CSV with a header; NaN becomes an empty field."""
     import numpy as np

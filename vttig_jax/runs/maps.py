@@ -5,6 +5,7 @@ They are read here, so that the simulator does not import the modules of fits an
 
 import json
 import logging
+import math
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +19,11 @@ logger = logging.getLogger("vttig_jax")
 if TYPE_CHECKING:
     from ..control.scenario.spec import ScenarioSpec
     from ..control.simulation.build import Maps
+    from ..kinematics.backlash_map import BacklashMap
     from ..kinematics.flank_model import FlankModel
     from ..pair.eccentricities import Eccentricities
     from ..pair.gear_pair import Drive, GearPair
+    from ..posterior.summary.bands import Band
     from ..posterior.summary.gap_draws import GapDraws
     from ..posterior.summary.posterior import Posterior
 
@@ -41,7 +44,7 @@ def opened_maps(
 
     **Raises** `ScenarioError` for a map that cannot be read or belongs to other gears.
     """
-    from ..control.scenario.spec import names_of_maps
+    from ..control.scenario.spec import lower_maps, names_of_maps
     from ..control.simulation.build import Maps
     from ..control.simulation.simulate import load_gears
 
@@ -53,37 +56,93 @@ def opened_maps(
     elif pair is None and not runs:
         raise ScenarioError("missing; name the pair file, relative to this file.", where="pair")
     draws = None
-    for name in names:
+    sources = {name: (name, "mean") for name in names} | lower_maps(spec)
+    for believed, (name, gap) in sources.items():
         try:
+            if name in (given or ()):
+                raise InputError("it has no draws; name a run folder or its map.csv.")
             if name not in runs:
                 assert pair is not None
-                named[name] = read_map_file(folder / name, pair)
+                named[believed] = read_map_file(folder / name, pair, gap)
                 continue
             run = runs[name]
             pair = run.pair if pair is None else pair
             _require_same_gears(run.pair, pair, folder / name)
-            if spec.sweep is not None and spec.rig is not None and name == spec.rig.run:
+            if believed == name and spec.sweep and spec.rig and name == spec.rig.run:
                 draws = _drawn_models(run, spec)
-            named[name] = _run_model(run, spec.constant_backlash_deg)
+            named[believed] = _run_model(run, spec.constant_backlash_deg, gap)
         except VttigError as error:
             message = (
                 error.message if error.where in ("", name) else f"{error.where}: {error.message}"
             )
-            raise ScenarioError(message, where=f"map {name!r}") from None
+            raise ScenarioError(message, where=f"map {believed!r}") from None
     assert pair is not None
     return pair, Maps(named, *(draws or (None, 0)))
 
 
-def _run_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel":
-    """Return both flanks of a run folder: the mean of the draws, or else the fit."""
+def _run_model(run: Run, constant_backlash_deg: float | None, gap: str) -> "FlankModel":
+    """Return both flanks of a run folder: the mean of the draws, or else the fit.
+
+    With another `gap` than "mean", flank B lies above flank A by this edge of the band.
+    """
     from ..identify.backlash import contact_map
     from ..pair.gear_pair import Drive
 
-    if constant_backlash_deg is None and (run.folder / CHECKPOINT).exists():
-        return _gap_draws(run).mean_model
+    drawn = constant_backlash_deg is None and (run.folder / CHECKPOINT).exists()
+    if gap != "mean" and not drawn:
+        raise InputError(
+            f"no band: it takes draws (`vttig sample {run.folder}`) with their own constant"
+            ' backlash; without them write controller_gap = "mean".'
+        )
+    if drawn:
+        draws = _gap_draws(run)
+        return draws.mean_model if gap == "mean" else _lower_model(draws, gap)
     if isinstance(run.pair, Drive):
         return _orders_model(run, constant_backlash_deg)
     return contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)[1]
+
+
+def _lower_model(draws: "GapDraws", gap: str) -> "FlankModel":
+    """Return the mean flank A, and a flank B above it by an edge of the band of the gap."""
+    import numpy as np
+
+    angle, band = _band(draws)
+    first = np.asarray(draws.mean_model.transmission_error(angle, "A"))
+    return _splines(angle, [first, first + band.edges[gap]], draws.pair)
+
+
+def lowered_map(run: Run, gap: str) -> "tuple[BacklashMap, float]":
+    """Return the map of the posterior mean that is nowhere above an edge of its band.
+
+    For a header of harmonics: it is the mean less the largest distance to this edge, which is
+    returned too, rad.
+    """
+    from dataclasses import replace
+
+    import numpy as np
+
+    from ..kinematics.backlash_map import BacklashMap
+
+    draws = _gap_draws(run)
+    _, band = _band(draws)
+    distance = float(np.max(band.centre - band.edges[gap]))
+    mean = draws.mean_model
+    lowered = replace(mean, offset=mean.offset - np.array([0.0, distance]))
+    return BacklashMap(lowered, None, draws.pair), distance
+
+
+def _band(draws: "GapDraws") -> "tuple[Any, Band]":
+    """Return driving angles (rad) over the hunting period, and the band of the gap there."""
+    import numpy as np
+
+    from ..base.units import REV
+    from ..posterior.summary.bands import MOST_ROWS, streamed_band
+    from ..posterior.summary.gap_draws import PER_PERIOD
+
+    step = REV / (PER_PERIOD * math.ceil(draws.mean_model.highest_order))
+    rows = min(round(draws.pair.hunting_turns * REV / step), MOST_ROWS)
+    angle = step * np.arange(rows)
+    return angle, streamed_band(draws.chunks(angle))
 
 
 def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel":
@@ -173,40 +232,45 @@ def _gap_draws(run: Run) -> "GapDraws":
     return gap_draws(posterior)
 
 
-def read_map_file(path: Path, pair: "GearPair | Drive") -> "FlankModel":
+def read_map_file(path: Path, pair: "GearPair | Drive", gap: str = "mean") -> "FlankModel":
     """Return the flanks of a map file, such as `vttig map --out map.csv` writes it.
 
     The rows stand at even steps of `driving_deg`. The flanks are `te_a_deg` and `te_b_deg`; a file
-    with `backlash_deg` alone has a perfect flank A. Cubic splines pass through all rows. The map is
-    periodic if the rows cover the hunting period.
+    with `backlash_deg` alone has a perfect flank A. Another `gap` than "mean" is a column of its
+    own, such as `low95_deg`. Cubic splines pass through all rows. The map is periodic if the rows
+    cover the hunting period.
 
     **Raises** `InputError` for a file that is no such table.
     """
     import numpy as np
-    from scipy.interpolate import CubicSpline
 
-    from ..base.units import DEG, REV
-    from ..kinematics.flank_table import FlankTable
+    from ..base.units import DEG
 
     try:
         with warnings.catch_warnings(action="ignore"):  # of an empty file
             table = np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8")
     except (OSError, ValueError, IndexError) as error:
+        why = "its lines do not have the same number of cells"
+        if isinstance(error, OSError):
+            why = "there is no such file" if isinstance(error, FileNotFoundError) else str(error)
         raise InputError(
-            f"no map can be read here ({error}); name a run folder, or the CSV of `vttig map`."
+            f"no map can be read here: {why}; name a run folder, or the CSV of `vttig map`."
         ) from None
     columns = table.dtype.names or ()
-    flanks, given = ("te_a_deg", "te_b_deg"), set(columns)
-    if not {"driving_deg", *flanks} <= given and not {"driving_deg", "backlash_deg"} <= given:
+    flanks, given, mean = ("te_a_deg", "te_b_deg"), set(columns), gap == "mean"
+    single = "backlash_deg" if mean else f"{gap}_deg"
+    both = mean and set(flanks) <= given
+    if "driving_deg" not in given or not (both or single in given):
         raise InputError(
-            "a map has the columns driving_deg and te_a_deg, te_b_deg or backlash_deg, but this"
-            f" file has {', '.join(columns) or 'none'}; write it with `vttig map --out`."
+            f"a map has the columns driving_deg and {'te_a_deg, te_b_deg or ' * mean}{single}, but"
+            f" this file has {', '.join(columns) or 'none'}; write it with `vttig map --out`"
+            f"{'' if mean else ' after `vttig sample`'}."
         )
     angle = np.atleast_1d(table["driving_deg"]) * DEG
-    if set(flanks) <= given:
+    if both:
         errors = [np.atleast_1d(table[name]) * DEG for name in flanks]
     else:
-        errors = [np.zeros(len(angle)), np.atleast_1d(table["backlash_deg"]) * DEG]
+        errors = [np.zeros(len(angle)), np.atleast_1d(table[single]) * DEG]
     if len(angle) < 4 or not np.all(np.isfinite([angle, *errors])):
         raise InputError(
             f"a map needs four rows or more, each with all numbers, but here are {len(angle)} rows"
@@ -220,6 +284,18 @@ def read_map_file(path: Path, pair: "GearPair | Drive") -> "FlankModel":
             "the rows of a map stand at even, rising steps of driving_deg, but these do not; write"
             " it with `vttig map --out`."
         )
+    return _splines(angle, errors, pair)
+
+
+def _splines(angle: Any, errors: list[Any], pair: "GearPair | Drive") -> "FlankModel":
+    """Return the flanks with cubic splines through both errors (rad) at even driving angles."""
+    import numpy as np
+    from scipy.interpolate import CubicSpline
+
+    from ..base.units import REV
+    from ..kinematics.flank_table import FlankTable
+
+    step = (angle[-1] - angle[0]) / (len(angle) - 1)
     turns = len(angle) * step / REV / pair.hunting_turns
     periodic = bool(abs(turns - round(turns)) < 1e-6 and round(turns) >= 1)
     nodes = []

@@ -53,8 +53,15 @@ class PaperRuns:
         te = ["", "mean", "max", "min", "range", "jump", "as read"]
         reversal = ["", ("left at turn", "°"), ("jump", "°"), ("met at", "°")]
         reversal += [("axial step", "°"), ("closes at", "°"), ("delay", "ms"), ("too far", "mm")]
+        early = [
+            f"{run}: the flanks change before the turn with {', '.join(names)}; the driven shaft"
+            " overruns when the motor brakes."
+            for run in self.runs
+            if (names := [name for name, one in run.simulated.items() if one.changes_early])
+        ]
         return "\n\n".join(
             [
+                *early,
                 "TE of the whole runs beside Table 3, in degrees",
                 text_table([row for run in self.runs for row in _te_rows(run)], te),
                 "The reversals, simulated",

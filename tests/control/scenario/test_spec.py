@@ -53,6 +53,7 @@ def test_the_contracts_example(write):
 
 DEFAULTS = """
 plant_map = "eccentricities"
+controller_gap = "mean"
 plant = "rigid"
 controller = "acceleration"
 flanks = "exact"
@@ -173,7 +174,8 @@ def values_of(one):
 FREE = [
     name
     for name in KEYS
-    if name.partition(".")[0] not in ("motion", "sampling", "constant_backlash_deg")
+    if name.partition(".")[0]
+    not in ("motion", "sampling", "constant_backlash_deg", "controller_gap")
     or name == "motion.stop_s"
 ]
 

@@ -1,15 +1,21 @@
 """The summary of a sweep, group by group."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.control.sweep_files import assert_close, table_of
+from tests.control.sweep_files import assert_close, sweep_spec, table_of
 from vttig_jax.control.simulation.metrics import METRICS
+
+ADVANCING = ("over_compensation_deg", "thrown_back_deg")
 
 
 def summary(names: np.ndarray, **changed: np.ndarray):
     table = table_of(controller=names)
-    table.columns.update(changed)
+    unknown = np.full(len(names), np.nan)  # numbers of controllers that move the motor: no remark
+    table.columns.update(over_compensation_deg=unknown, thrown_back_deg=unknown)
+    table.columns.update({k: v for k, v in changed.items() if k not in ADVANCING})
     groups = {group["name"]: group for group in table.to_json()["groups"]}
     lines = {line.split()[0]: line for line in str(table).splitlines() if line}
     return groups, lines
@@ -25,6 +31,17 @@ def test_the_motion_lost_tells_a_feedforward_controller_from_none():
     )
     assert groups["feedforward"]["lost_motion_deg"]["mean"] == pytest.approx(0.002)
     assert "0.03000" in lines["none"].split() and "0.00200" in lines["feedforward"].split()
+
+
+def test_a_listed_axis_has_a_row_for_each_number():
+    spec = sweep_spec({"judgement.margin_mm": [0.0, 0.02], "seed": {"from": 0, "to": 3, "num": 4}})
+    margins = np.repeat([0.0, 0.02], 4)
+    table = table_of(**{"judgement.margin_mm": margins, "seed": np.tile(np.arange(4), 2)})
+    table = replace(table, spec=spec)
+    groups = table.to_json()["groups"]
+    assert [group["name"] for group in groups] == ["margin_mm 0", "margin_mm 0.02"]
+    assert [group["cases"] for group in groups] == [4, 4]
+    assert [name for name, _ in table.groups()] == ["all"]
 
 
 def test_refused_cases_take_no_part():

@@ -101,7 +101,7 @@ def test_slopes_are_those_of_central_differences(search):
     assert not np.allclose(slopes, sharper, rtol=2e-4, atol=1e-7 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("controller", SETTINGS)
+@pytest.mark.parametrize("controller", ["acceleration", "predictive"])
 def test_sharp_judgements_are_the_hard_ones(controller):
     # Counts as they are; the whole run beside its part around the brakes.
     made = recipe(controller, driving_encoder__counts_per_rev=90_000)
@@ -275,11 +275,37 @@ def test_bad_arguments_are_one_sentence(given, words):
     assert str(caught.value).count("\n") == 0
 
 
-@pytest.mark.parametrize("controller", ["none", "feedforward"])
-def test_a_controller_without_settings_is_refused(controller):
+def test_a_controller_without_settings_is_refused():
     with pytest.raises(ScenarioError, match="nothing to tune") as caught:
-        tune(spec_of(controller), PAIR)
+        tune(spec_of("none"), PAIR)
     assert caught.value.where == "controller"
+
+
+GAP, JUMP = "map.constant_backlash_deg", "judgement.jump_s"
+
+
+@pytest.mark.parametrize("start", [0.5, 1.7])
+def test_the_compensation_of_the_motor_ends_at_the_gap_of_the_plant(start):
+    """Whether it begins with too little or too much."""
+    true = RIG["constant_backlash_deg"]
+    settings: Any = {"map__constant_backlash_deg": start * true}
+    found = tune(spec_of("feedforward", (300.0, 420.0), **settings), PAIR)
+    assert set(found.values) == {GAP} and found.improved
+    assert found.values[GAP] == pytest.approx(true, rel=0.01)
+    assert found.before.lost_mean_deg == pytest.approx(abs(1 - start) * true, rel=0.1)
+    assert found.after.lost_mean_deg < 0.02 * found.before.lost_mean_deg
+    assert found.notes == ()
+    hit = tune(spec_of("feedforward", (300.0, 420.0), **settings, plant="rigid"), PAIR)
+    assert any("jump_s" in note for note in hit.notes)
+    assert found.spec.map.constant_backlash_deg == found.values[GAP]
+
+
+def test_the_gap_of_a_map_has_to_be_given_to_be_tuned():
+    maps = Maps({"RUN": MAPS.named["RUN"]})
+    spec = spec_of("feedforward", eccentricities=None, plant_map="RUN")
+    with pytest.raises(ValueError, match="no start"):
+        tune(spec, PAIR, maps=maps)
+    assert set(tune(spec, PAIR, maps=maps, free=[JUMP]).values) == {JUMP}
 
 
 def test_axes_that_cannot_be_tuned_over():

@@ -1,4 +1,4 @@
-"""Planned noise against brute force: its averages, its whitening, and counting that is frozen."""
+"""Planned noise against brute force: its averages, and counting that is frozen."""
 
 from fractions import Fraction
 
@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import solve, toeplitz
+from scipy.linalg import toeplitz
 
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.pair.schema import Encoder, GearTable
 from vttig_jax.posterior.planning.noise import PlannedNoise, counting_std, frozen_counts
-from vttig_jax.rig.imperfections import Noise
 from vttig_jax.rig.paper import paper_pair
 
 pytestmark = pytest.mark.smoke
@@ -43,51 +42,6 @@ def test_counting_joins_the_white_part():
     counting = PlannedNoise(0.003, 0.01).autocovariance(7, 500.0, 3, 0.004 * DEG)
     white = PlannedNoise(0.003, 0.01, 0.004).autocovariance(7, 500.0, 3)
     np.testing.assert_allclose(counting, white, rtol=1e-14)
-
-
-@pytest.mark.parametrize("correlation_s", [0.0, 0.005, 0.5])
-def test_whitened_rows_have_the_information_of_the_full_covariance(correlation_s):
-    noise = PlannedNoise(0.002, correlation_s, 0.001)
-    blocks = noise.of_blocks(5, 1000.0)
-    phase = np.linspace(0, 9, 400)
-    rows = np.stack([np.ones(400), np.cos(phase), np.sin(7 * phase), phase], axis=1)
-    known = toeplitz(noise.autocovariance(5, 1000.0, 399))
-    expected = rows.T @ solve(known, rows, assume_a="pos")
-    white = blocks.whitened(rows)
-    np.testing.assert_allclose(white.T @ white, expected, rtol=1e-5, atol=1e-6 * expected[0, 0])
-    if correlation_s:
-        # Without the first rows' own covariance the information is another one.
-        late = white[len(blocks.filter) - 1 :]
-        assert abs((late.T @ late)[0, 0] / expected[0, 0] - 1) > 1e-3
-
-
-def test_a_higher_order_changes_nothing():
-    noise = PlannedNoise(0.002, 0.00475)
-    chosen = noise.of_blocks(11, 1987.0, counting_std(paper_pair()))
-    higher = noise.of_blocks(11, 1987.0, counting_std(paper_pair()), order=200)
-    assert 8 <= len(chosen.filter) - 1 <= 64
-    assert chosen.innovation_std == pytest.approx(higher.innovation_std, rel=1e-9)
-    assert chosen.filter.sum() == pytest.approx(higher.filter.sum(), rel=1e-4)
-    lower = noise.of_blocks(11, 1987.0, counting_std(paper_pair()), order=1)
-    assert abs(lower.filter.sum() / higher.filter.sum() - 1) > 0.02
-
-
-def test_white_noise_needs_no_autoregression():
-    blocks = PlannedNoise(0.002).of_blocks(4, 1000.0)
-    assert len(blocks.filter) == 1
-    assert blocks.innovation_std == pytest.approx(0.001 * DEG)
-
-
-def test_whitened_noise_of_the_rig_is_white():
-    noise = Noise(0.002, 0.00475)
-    path = noise.draw(400_000, 1987.0, np.random.default_rng(0))
-    means = path.reshape(-1, 10).mean(axis=1)[:, None]
-    white = PlannedNoise(0.002, 0.00475).of_blocks(10, 1987.0).whitened(means)[:, 0]
-    assert white.var() == pytest.approx(1.0, abs=0.04)
-    lagged = [white[k:] @ white[:-k] / len(white) for k in (1, 2, 3)]
-    np.testing.assert_allclose(lagged, 0.0, atol=0.02)
-    other = PlannedNoise(0.002, 0.02).of_blocks(10, 1987.0).whitened(means)[:, 0]
-    assert abs(other[1:] @ other[:-1] / len(other)) > 0.1  # the check can fail
 
 
 @pytest.mark.parametrize("name", ["std_deg", "correlation_s", "white_std_deg"])

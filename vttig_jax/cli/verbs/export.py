@@ -9,7 +9,9 @@ import click
 
 from ...base.errors import UsageError, VttigError
 from ...base.logger import LOGGER
-from ...runs.map_table import columns_of, csv_text, map_record, map_table, shift_first
+from ...control.scenario.tables import Gap
+from ...runs.map_table import columns_of, csv_text, map_record, map_table, resolution, shift_first
+from ...runs.maps import lowered_map
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
@@ -26,8 +28,8 @@ if TYPE_CHECKING:
 
 _OPTIONS = {
     ".csv": ("step_deg",),
-    ".json": ("tolerance_arcsec", "accuracy_arcsec"),
-    ".h": ("tolerance_arcsec", "accuracy_arcsec", "name"),
+    ".json": ("tolerance_arcsec", "accuracy_arcsec", "gap"),
+    ".h": ("tolerance_arcsec", "accuracy_arcsec", "gap", "name"),
 }
 """Suffix of the file → the options that are valid only for some suffixes and valid for this one."""
 
@@ -78,6 +80,12 @@ vttig export run --quantity error --out error.csv
 )
 @click.option("--step-deg", type=STEP_DEG, default=1.0, help="With .csv: distance of the rows.")
 @click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
+@click.option(
+    "--gap",
+    type=click.Choice(get_args(Gap)[1:]),
+    help="With .h and .json, after `vttig sample`: the mean gap, lowered until it is nowhere above"
+    " this edge of its band. The table of `vttig map` has the edge itself as a column.",
+)
 @click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 def command(
     output: Output,
@@ -89,6 +97,7 @@ def command(
     accuracy_arcsec: float,
     step_deg: float,
     constant_backlash_deg: float | None,
+    gap: str | None,
     overwrite: bool,
 ) -> None:
     """Write the backlash map, or the transmission error, of the fit in RUN for a controller.
@@ -115,6 +124,10 @@ def command(
     else:
         shift = quantity == "shift"
         grid, contact = _maps(opened, constant_backlash_deg, header=suffix == ".h", shift=shift)
+        lowered = None
+        if gap is not None:
+            grid, distance = lowered_map(opened, gap)
+            lowered = gap, distance / DEG
         if suffix == ".csv":
             text, record, shown = _table(fit, grid, step_deg, out, quantity)
         else:
@@ -127,11 +140,17 @@ def command(
             )
             interval = _interval(fit) if constant_backlash_deg is None else None
             record, shown = _record(fit, compensation, out, interval), str(compensation)
+            if lowered is not None:
+                record |= {"gap": gap, "lowered_deg": lowered[1]}
             text = dumps(record) + "\n"
             if suffix == ".h":
-                origin = _origin(opened.record, fit, interval)
+                origin = _origin(opened.record, fit, interval, lowered)
                 text = _header(compensation, origin, name, shift=shift)
-    if (run_folder / CHECKPOINT).exists() and (quantity, suffix) != ("error", ".csv"):
+    if (
+        gap is None
+        and (run_folder / CHECKPOINT).exists()
+        and (quantity, suffix) != ("error", ".csv")
+    ):
         asked = " --quantity error" if quantity == "error" else ""
         LOGGER.warning(
             "these are the values of the fit; its draws know how far they may be wrong:"
@@ -140,7 +159,8 @@ def command(
             asked,
         )
     _write(out, text, overwrite)
-    output.emit(record, f"{shown}\nwritten to {out}")
+    rows = f": {resolution(fit, step_deg)}" if suffix == ".csv" else ""
+    output.emit(record, f"{shown}\nwritten to {out}{rows}")
 
 
 def _check_options(out: Path, suffix: str, quantity: QuantityName, *, overwrite: bool) -> None:
@@ -151,6 +171,11 @@ def _check_options(out: Path, suffix: str, quantity: QuantityName, *, overwrite:
     others = {option for options in _OPTIONS.values() for option in options} - set(_OPTIONS[suffix])
     if wrong := given(sorted(others)):
         raise UsageError(f"a {suffix} file takes no {' and no '.join(wrong)}; leave it out.")
+    if len(given({"gap", "constant_backlash_deg"})) == 2:
+        raise UsageError(
+            "--gap is that of the draws, which have a constant backlash of their own; leave out"
+            " --constant-backlash-deg."
+        )
     if quantity == "error":
         if suffix == ".h":
             raise UsageError(
@@ -158,7 +183,7 @@ def _check_options(out: Path, suffix: str, quantity: QuantityName, *, overwrite:
                 " .csv or .json.",
                 where=str(out),
             )
-        if wrong := given({"tolerance_arcsec", "constant_backlash_deg"}):
+        if wrong := given({"tolerance_arcsec", "constant_backlash_deg", "gap"}):
             raise UsageError(f"--quantity error takes no {' and no '.join(wrong)}; leave it out.")
     if out.exists() and not overwrite:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
@@ -292,7 +317,12 @@ def _header(
     return c_header(compensation, origin, name=prefix, quantity="shift" if shift else "backlash")
 
 
-def _origin(run: RunRecord, fit: "Fit", interval: tuple[float, float] | None) -> "HeaderOrigin":
+def _origin(
+    run: RunRecord,
+    fit: "Fit",
+    interval: tuple[float, float] | None,
+    lowered: tuple[str, float] | None,
+) -> "HeaderOrigin":
     import vttig_jax
 
     from ...control.compensation.c_header import HeaderOrigin
@@ -305,6 +335,7 @@ def _origin(run: RunRecord, fit: "Fit", interval: tuple[float, float] | None) ->
         sha256=fit.sha256,
         readings=shaft_readings(run, fit),
         backlash_deg=interval,
+        lowered_deg=lowered,
     )
 
 

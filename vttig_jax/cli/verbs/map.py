@@ -13,6 +13,7 @@ from ...runs.map_table import (
     csv_text,
     map_record,
     map_table,
+    resolution,
     shift_first,
 )
 from ...runs.run import Run
@@ -133,6 +134,7 @@ def command(
     record |= {"quantity": quantity, "run": run.record.digest}
     if out is not None:
         _write(out, csv_text(table, columns), record, overwrite)
+        shown = f"{shown}\n\n{out}: {resolution(fit, step_deg)}"
     else:
         shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {len(table)} rows"
     output.emit(record, shown)

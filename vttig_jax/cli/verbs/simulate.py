@@ -133,7 +133,8 @@ def command(
         from ...plotting.simulation import plot_simulation
 
         _write(figure, png(plot_simulation(found)), overwrite)
-    output.emit(found.to_json(), found)
+    written = [f"written to {path}" for path in (trace, figure) if path is not None]
+    output.emit(found.to_json(), "\n".join([str(found), *written]))
 
 
 def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
@@ -150,12 +151,15 @@ def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
         )
     vttig_jax.enable_x64()
     kept = RunFolder(out, overwrite=overwrite, results=(TABLE,)) if out else nullcontext()
+    names: list[str] = []
     with kept as folder, output.progress(5 * len(CONTROLLERS), "simulate") as bar:
         found = simulate_paper(trace_every=0 if folder is None else 1, progress=bar.update)
         if folder is not None:
             for name, data in found.files().items():
                 folder.write_bytes(name, data)
-    output.emit(found.to_json(), found)
+                names.append(name)
+    shown = str(found) if out is None else f"{found}\n\nwritten to {out}: {', '.join(names)}"
+    output.emit(found.to_json(), shown)
 
 
 def _print_defaults() -> None:

@@ -89,7 +89,9 @@ def command(
     Minimises the backlash left at the turn plus the weighted interference over speeds, turns, and
     rigs drawn from a posterior where SWEEP has rig = { from = "RUN", draws = 200 }. The slopes come
     from smoothed judgements; what is printed, before and after, is the full simulation of all cases
-    as `vttig sweep` has it, and values that it does not find better are not taken.
+    as `vttig sweep` has it, and values that it does not find better are not taken. For the
+    controller feedforward, which moves no gear, it minimises the lost motion over the gap that the
+    motor makes up for (map.constant_backlash_deg), without slopes.
     """
     _check_out(scenario, out, overwrite=overwrite)
     keys = [key for key, _ in free] or None

@@ -198,6 +198,7 @@ class HeaderOrigin:
     - `conditional_on`: assumptions of the fit. - `sha256`: digest of the logs, "" for none.
     - `readings`: units and origins of both encoder readings; None where they are not known.
     - `backlash_deg`: 95 % interval of the fitted constant backlash, degrees; None for none.
+    - `lowered_deg`: edge of a band, and by how much the mean gap is lowered for it, degrees.
     """
 
     pair: str
@@ -207,6 +208,7 @@ class HeaderOrigin:
     sha256: str = ""
     readings: tuple[ShaftReading, ShaftReading] | None = None
     backlash_deg: tuple[float, float] | None = None
+    lowered_deg: tuple[str, float] | None = None
 
 
 def identifier_of(name: str) -> str:
@@ -377,6 +379,12 @@ def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity
         low, high = origin.backlash_deg
         paragraphs.append(
             f"The constant backlash of the fit lies between {low:.6g} and {high:.6g} deg (95 %)."
+        )
+    if origin.lowered_deg:
+        edge, less = origin.lowered_deg
+        paragraphs.append(
+            f"The gap is the mean of the posterior less {less:.6f} deg, so that it is nowhere above"
+            f" the edge {edge} of its band."
         )
     if origin.conditional_on:
         assumed = ", ".join(map(_plain, origin.conditional_on))

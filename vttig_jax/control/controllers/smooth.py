@@ -118,12 +118,8 @@ class SmoothPredictiveController(Controller):
         stops = smooth_step((speed_loss - speed) / (speed + jnp.asarray(hard.least_speed)), width)
         least = (speed + _TINY * hard.least_speed) / (_LONGEST_STOP * hard.horizon)
         stop_angle = stops * 0.5 * seen.speed * speed / jnp.maximum(deceleration, least)
-        steps = (jnp.zeros(()), seen.speed * hard.lead, stop_angle)
-        gaps = [hard.bounds.gap(seen.driving + step) for step in steps]
-        lowest = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
-        shift = jnp.maximum(hard.bounds.closed_at(lowest) - hard.margin, 0.0)
         closes = moved * (1 - (1 - stands) * (1 - stops))
-        return SmoothPredictiveState(moved), closes * shift
+        return SmoothPredictiveState(moved), closes * hard.shift(seen, stop_angle)
 
 
 def smoothed(controller: Controller, width: Float[Array, ""] | float) -> Controller:

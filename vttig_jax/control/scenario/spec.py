@@ -7,6 +7,7 @@ attribute `where` names file and key. This module needs no jax.
 
 import math
 from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,6 +23,7 @@ from .tables import (
     EncoderTable,
     Flanks,
     FrictionTable,
+    Gap,
     InertiaTable,
     JudgementTable,
     LoadTable,
@@ -73,6 +75,12 @@ def check_rig(spec: "ScenarioSpec") -> None:
             ' "eccentricities" for a controller that closes by these.',
             where="eccentricities",
         )
+    if spec.controller_gap != "mean" and believed_map(spec) == ECCENTRICITIES:
+        raise ScenarioError(
+            "given, but [eccentricities] have no band; name a run folder with draws, or its"
+            " map.csv, as controller_map.",
+            where="controller_gap",
+        )
     if spec.constant_backlash_deg is not None and not names_of_maps(spec):
         raise ScenarioError(
             "replaces the gap of a run folder, but none is named; write"
@@ -90,6 +98,32 @@ def names_of_maps(spec: "ScenarioSpec") -> tuple[str, ...]:
     for which in ("plant_map", "controller_map"):
         named += [getattr(spec, which) or "", *_texts(axes.get(which, ()))]
     return tuple(dict.fromkeys(name for name in named if name not in ("", ECCENTRICITIES)))
+
+
+def believed_map(spec: "ScenarioSpec") -> str:
+    """Return the name of the map that the controller believes, or "eccentricities"."""
+    if spec.controller_map is not None or spec.eccentricities is not None:
+        return spec.controller_map or ECCENTRICITIES
+    return spec.plant_map if spec.rig is None else spec.rig.run
+
+
+def believed_flanks(spec: "ScenarioSpec") -> str:
+    """Return the name of the flanks that the controller believes, such as "low95 of RUN"."""
+    name, gap = believed_map(spec), spec.controller_gap
+    return name if gap == "mean" else f"{gap} of {name}"
+
+
+def lower_maps(spec: "ScenarioSpec") -> dict[str, tuple[str, Gap]]:
+    """Return which edges of bands a scenario or sweep believes: name → (map, edge)."""
+    axes = {} if spec.sweep is None else spec.sweep.axes
+    keys = ("plant_map", "controller_map", "controller_gap")
+    values = [_texts(axes.get(key, ())) or [getattr(spec, key)] for key in keys]
+    cases = [replace(spec, **dict(zip(keys, case, strict=True))) for case in product(*values)]
+    return {
+        believed_flanks(case): (believed_map(case), case.controller_gap)
+        for case in cases
+        if case.controller_gap != "mean" and believed_map(case) != ECCENTRICITIES
+    }
 
 
 def _texts(axis: Any) -> list[str]:
@@ -185,6 +219,9 @@ class ScenarioSpec(Table, frozen=True):
             examples=["RUN"],
         ),
     ] = None
+    controller_gap: Annotated[
+        Gap, key("gap of that map: mean, or an edge of its band in map.csv")
+    ] = "mean"
     constant_backlash_deg: (
         Annotated[
             float,
@@ -297,6 +334,8 @@ def _read(
 def spec_table(spec: ScenarioSpec) -> dict[str, Any]:
     """Return the specification as a TOML table, the inverse of `parse_scenario_spec`."""
     table = plain_table(replace(spec, sweep=None))
+    if spec.rig is not None:  # the plant has its map
+        del table["plant_map"]
     return table if spec.sweep is None else {**table, "sweep": spec.sweep.table}
 
 

@@ -16,6 +16,7 @@ MotionKind = Literal["trapezoid", "s_curve", "sine", "recorded"]
 Event = Literal["reversal", "slow_down", "aborted", "emergency_stop"]
 Observer = Literal["alpha_beta_gamma", "difference"]
 TurnSource = Literal["known", "located", "unknown"]
+Gap = Literal["mean", "low95", "low95_simultaneous"]
 
 _ANY = {"ge": -1e6, "le": 1e6}
 _POSITIVE = {"gt": 0, "le": 1e9}

@@ -1,6 +1,7 @@
 """Accumulators of a run: sums, extremes and first times, updated in every period and plant step."""
 
 from dataclasses import fields, replace
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -62,6 +63,9 @@ class Accumulators(eqx.Module):
       `output_start` in the first sample: the largest after the turn, and the sum of its squares.
     - `lost`: ∫ |φ₂ − i φ₁ − TE| dφ₁ after the turn, with φ₁ of the reference and TE
       of the flank that carries first.
+    - `beyond`, `rebound`: None unless the controller moves the motor. ∫ of the same difference, not
+      its amount, positive beyond that flank; and the largest distance from the other flank since it
+      was met, while the reference does not brake.
     - `commanded`: last command, mm. - `blocked`, `blocked_s`: whether and since when the drive is
       blocked by contact on both flanks.
     """
@@ -101,10 +105,15 @@ class Accumulators(eqx.Module):
     commanded: Float[Numbers, "*shape"]
     blocked: Bool[Numbers, "*shape"]
     blocked_s: Float[Numbers, "*shape"]
+    beyond: Float[Numbers, "*shape"] | None = None
+    rebound: Float[Numbers, "*shape"] | None = None
 
 
-def empty_accumulators(output: Float[Array, ""]) -> Accumulators:
-    """Return the accumulators before the first sample, in which φ₂ − i φ₁ is `output`, rad."""
+def empty_accumulators(output: Float[Array, ""], advances: bool = False) -> Accumulators:
+    """Return the accumulators before the first sample, in which φ₂ − i φ₁ is `output`, rad.
+
+    `advances`: whether the controller moves the motor.
+    """
     zero, never = jnp.zeros(()), jnp.full((), jnp.nan, float)
     zeros = (
         *("samples", "total", "false_closings", "largest_command", "interference", "travel"),
@@ -112,8 +121,11 @@ def empty_accumulators(output: Float[Array, ""]) -> Accumulators:
         *("largest_jump", "early_jump", "wrong_travel", "output_error", "output_squares"),
         "lost",
     )
-    values = {field.name: never for field in fields(Accumulators)} | dict.fromkeys(zeros, zero)
+    values: dict[str, Any] = {field.name: never for field in fields(Accumulators)} | dict.fromkeys(
+        zeros, zero
+    )
     values |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
+    values |= dict.fromkeys(("beyond", "rebound"), zero if advances else None)
     return Accumulators(**values | {"output_start": output})
 
 
@@ -155,11 +167,15 @@ def add_sample(
     gap = open_gap - (run.closing[0] + run.closing[1]) * carriage.reached
     in_reversal = counts & ~old.opened
     output, back = jnp.abs(output - old.output_start), counts & (time > run.turn_s)
+    lost, beyond = jnp.where(back, run.period * jnp.abs(speed), 0.0) * lost, old.beyond
+    if beyond is not None:
+        beyond = beyond - run.other_flank * lost
     return replace(
         old,
         output_error=jnp.where(back, jnp.maximum(old.output_error, output), old.output_error),
         output_squares=old.output_squares + jnp.where(counts, output**2, 0.0),
-        lost=old.lost + jnp.where(back, run.period * jnp.abs(speed * lost), 0.0),
+        lost=old.lost + jnp.abs(lost),
+        beyond=beyond,
         samples=old.samples + counts,
         total=old.total + jnp.where(counts, error, 0.0),
         highest=jnp.where(counts, jnp.fmax(old.highest, error), old.highest),
@@ -194,12 +210,14 @@ def add_plant_step(
     tracking: Tracking | None = None,
     turned: Float[Array, ""] | float = 0.0,
     side: Float[Array, ""] | float = 0.0,
+    apart: Float[Array, ""] | float = 0.0,
 ) -> Accumulators:
     """Return the accumulators after a plant step of length `step` that ends at `time`, both in s.
 
     `contact`: first new contact in the step. `travel`: movement of the actuator, mm. `blocked`:
     whether the drive blocks. `tracking`: tracking error and torque limit of a servo motor, or None.
     `turned`: rotation of the driving shaft in the step, rad. `side`: loaded flank at its end.
+    `apart`: distance from the other flank at its end, rad.
     """
     counts = (time <= run.duration_s) & ~old.blocked
     meets = counts & (contact.side == run.other_flank)
@@ -210,7 +228,10 @@ def add_plant_step(
         error = jnp.where(counts, jnp.maximum(error, tracking.error), error)
         limited_s += jnp.where(counts & tracking.limited, step, 0.0)
     in_reversal, travels = counts & ~old.opened, counts & ~old.retracted
-    early = counts & (time < run.turn_s)
+    early, rebound = counts & (time < run.turn_s), old.rebound
+    if rebound is not None:
+        met_before = counts & ~jnp.isnan(old.gap)
+        rebound = jnp.where(met_before, jnp.maximum(rebound, apart), rebound)
     carrier = jnp.where(old.carrier == 0, -run.other_flank, old.carrier)  # before any contact
     # In a closed gap rounding decides which flank is met; the state of the plant then tells it.
     met = jnp.where(contact.gap > _CLOSED, contact.side, 0.0)
@@ -240,4 +261,5 @@ def add_plant_step(
         ),
         blocked=old.blocked | stops,
         blocked_s=jnp.where(stops, time, old.blocked_s),
+        rebound=rebound,
     )

@@ -119,7 +119,7 @@ def initial_state(case: Case) -> State:
         carriage=case.actuator.at_rest(),
         estimate=MotionEstimate(driving, still, still),
         controller=case.controller.start(),
-        accumulators=empty_accumulators(flanks.lower),
+        accumulators=empty_accumulators(flanks.lower, case.controller.advances),
         lead=no_lead() if case.controller.advances else None,
         target=point if _can_deviate(case) else None,
         motor=case.drive.start(point),
@@ -280,8 +280,13 @@ def _plant_step(
     travel = slide.end - slide.start
     changes = contact, carriage, travel, blocked, case.drive.tracking(motor, shafts)
     turned = shafts.angle - plant.shafts.angle
+    apart = jnp.zeros(())
+    if case.controller.advances:
+        ends = shafts.flanks.upper - shafts.offset, shafts.offset - shafts.flanks.lower
+        brakes = point.speed * point.acceleration < 0
+        apart = jnp.where(brakes, 0.0, jnp.where(run.other_flank > 0, *ends))
     accumulators = add_plant_step(
-        plant.accumulators, run, end, step, *changes, turned=turned, side=shafts.side
+        plant.accumulators, run, end, step, *changes, turned=turned, side=shafts.side, apart=apart
     )
     kept = point if _can_deviate(case) else None
     return _PlantState(shafts, carriage, accumulators, kept, motor)

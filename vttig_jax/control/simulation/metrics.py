@@ -1,5 +1,6 @@
 """Metrics and outcome of one run or of an array of runs."""
 
+from collections.abc import Mapping
 from typing import Any, Literal, get_args
 
 import equinox as eqx
@@ -42,6 +43,8 @@ METRICS = (
     "largest_jump_deg",
     "early_jump_deg",
     "wrong_flank_deg",
+    "over_compensation_deg",
+    "thrown_back_deg",
 )
 
 NEAR_MM, NEAR_DEG = 1e-4, 1e-6
@@ -122,11 +125,16 @@ def metrics_of(
       anywhere in the run and before the turn.
     - `wrong_flank_deg`: travel of the driving shaft before the turn with the flank in contact that
       carries after it, rebounds from this flank included.
+    - `over_compensation_deg`: lost motion with its sign, positive where the motor makes up for more
+      than the gap. - `thrown_back_deg`: largest distance of the driven shaft from the other flank
+      after they met, while the reference does not brake. Both exist only if the controller moves
+      the motor.
 
     Interference, travel and axial step are those of the reversal, which ends with the command to
     open the gap after the turn. If the motion never turns back, they are those of the whole run.
     """
     f, t, xp = inputs, accumulators, namespace(inputs, accumulators)
+    none = xp.full_like(t.total, np.nan)
     values = (
         t.total / t.samples / DEG,
         t.highest / DEG,
@@ -145,8 +153,22 @@ def metrics_of(
         t.largest_jump / DEG,
         t.early_jump / DEG,
         t.wrong_travel / DEG,
+        none if t.beyond is None else t.beyond / f.way_back / DEG,
+        none if t.rebound is None else t.rebound / DEG,
     )
     return {name: xp.asarray(value) for name, value in zip(METRICS, values, strict=True)}
+
+
+def overdone(metrics: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return whether the motor makes up for too much, and whether it throws the driven shaft back.
+
+    Too much is over 1 % of the gap; thrown back is a shaft that flies over half of it.
+    """
+    gap = metrics["largest_jump_deg"]
+    return (
+        metrics["over_compensation_deg"] > 0.01 * gap + NEAR_DEG,
+        metrics["thrown_back_deg"] > 0.5 * gap + NEAR_DEG,
+    )
 
 
 def outcome_codes(inputs: MetricInputs, accumulators: Accumulators) -> Int[Numbers, "*shape"]:

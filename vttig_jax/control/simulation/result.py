@@ -15,7 +15,7 @@ from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import NoController
 from ..hardware.shaft_drive import Prescribed
-from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, spec_table
+from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks, spec_table
 from .accumulators import Accumulators
 from .case import Case, Sample
 from .metrics import (
@@ -26,6 +26,7 @@ from .metrics import (
     metric_inputs_of,
     metrics_of,
     outcomes_of,
+    overdone,
 )
 
 _EVENTS = {
@@ -51,15 +52,28 @@ def simulation_text(run: "Simulation") -> str:
 def sentences(run: "Simulation") -> Iterator[str]:
     """Yield the remarks about a run, each of them one sentence."""
     t, outcome = run.accumulators, run.outcome
-    margin = run.spec.judgement.margin_mm * float(run.case.bounds.closing_sum)
-    allowed = NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
-    if float(t.early_jump) > allowed:
+    if run.changes_early:
         wrong = float(t.wrong_travel) / DEG
         yield (
             f"The flanks change before the turn, with a jump of {_angle(float(t.early_jump))}, and"
             f" the driving shaft then turns by {wrong:.3g}° with the wrong flank in contact: the"
             " driven shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more"
             " friction or load on the driven shaft."
+        )
+    values = metrics_of(*run.numbers)
+    over, thrown = overdone(values)
+    if over:
+        yield (
+            "The controller makes up for more than the gap: on the way back the driven shaft is on"
+            f" the average {_angle(float(values['over_compensation_deg']) * DEG)} beyond the place"
+            " where the first flank would hold it; the gap that the controller believes is too"
+            " large by as much (controller_map, map.constant_backlash_deg)."
+        )
+    if thrown:
+        yield (
+            "The motor throws the driven shaft off the flank that it meets, by up to"
+            f" {_angle(float(values['thrown_back_deg']) * DEG)} of the gap: it crosses the gap too"
+            f" quickly; choose a longer judgement.jump_s than {run.spec.judgement.jump_s:g} s."
         )
     if outcome != "ok":
         yield _ending(run)
@@ -81,7 +95,7 @@ def sentences(run: "Simulation") -> Iterator[str]:
             f"The motor is at servo.torque_limit_Nm for {float(t.limited_s):.3g} s; the driving"
             f" shaft is up to {_angle(float(t.following_error))} away from its target."
         )
-    if outcome == "ok" and run.case.controller.closes and float(t.residual_gap) > allowed:
+    if outcome == "ok" and run.case.controller.closes and float(t.residual_gap) > run.allowed:
         yield (
             f"The motion turns with {_angle(float(t.residual_gap))} of backlash left, more than"
             " judgement.margin_mm allows."
@@ -120,8 +134,8 @@ def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
     yield "transmission error", f"{shown}, as the encoders show it"
     if run.servo:
         yield "following error", f"{_angle(float(t.following_error))} of the driving shaft at most"
-    moves, closes = run.case.controller.advances, run.case.controller.closes
-    if closes or not moves:
+    closes = run.case.controller.closes
+    if closes:
         yield "closing begins", _detection(run)
     if run.turns:
         _, open_gap = run.place(run.case.motion.turn_s)
@@ -183,13 +197,12 @@ def flanks_text(spec: ScenarioSpec, closes: bool = True) -> str:
     """Return as text where the flanks of plant and controller come from."""
     given = f"[eccentricities] ({spec.flanks})"
     plant = spec.plant_map if spec.rig is None else spec.rig.run
-    plant = given if plant == ECCENTRICITIES else f"map {plant}"
+    plant, believed = (
+        given if name == ECCENTRICITIES else f"map {name}"
+        for name in (plant, believed_flanks(spec))
+    )
     if not closes:
         return plant
-    believed = spec.controller_map
-    if believed is None:
-        believed = ECCENTRICITIES if spec.eccentricities is not None else plant
-    believed = given if believed == ECCENTRICITIES else f"map {believed}".replace("map map", "map")
     own = " with [map]" if plain_table(spec.map) else ""
     return f"{plant}; the controller believes {believed}{own}"
 
@@ -260,7 +273,7 @@ class Simulation(PlottedResult):
     @property
     def metrics(self) -> dict[str, float | str | None]:
         """Metrics of `metrics_of` and the outcome; None for events that did not happen."""
-        values = metrics_of(*self._numbers)
+        values = metrics_of(*self.numbers)
         return {name: _finite(float(value)) for name, value in values.items()} | {
             "outcome": self.outcome
         }
@@ -268,10 +281,10 @@ class Simulation(PlottedResult):
     @property
     def outcome(self) -> Outcome:
         """Outcome of the run. If several apply, the first in the order of `Outcome` counts."""
-        return outcomes_of(*self._numbers).item()
+        return outcomes_of(*self.numbers).item()
 
     @property
-    def _numbers(self) -> tuple[MetricInputs, Accumulators]:
+    def numbers(self) -> tuple[MetricInputs, Accumulators]:
         """Inputs of the metrics as NumPy arrays."""
         return jax.tree.map(np.asarray, (metric_inputs_of(self.case), self.accumulators))
 
@@ -279,6 +292,17 @@ class Simulation(PlottedResult):
     def remarks(self) -> tuple[str, ...]:
         """Sentences about the run that a reader must not overlook."""
         return tuple(sentences(self))
+
+    @property
+    def allowed(self) -> float:
+        """Gap that the margin of the controller leaves, rad, with a tolerance."""
+        margin = self.spec.judgement.margin_mm * float(self.case.bounds.closing_sum)
+        return NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
+
+    @property
+    def changes_early(self) -> bool:
+        """Whether the flanks change before the turn, with more than the allowed gap."""
+        return float(self.accumulators.early_jump) > self.allowed
 
     @property
     def controller(self) -> str:

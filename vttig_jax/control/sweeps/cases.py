@@ -23,8 +23,9 @@ from .case_leaves import CaseLeaves, LeafCache
 DRAW = "draw"
 """Name of the axis of maps drawn from a posterior; this axis varies slowest."""
 
-_MOST_TEXTS = 16
-"""All values of a text axis are examined if there are at most this number of them; chosen value."""
+MOST_VALUES = 16
+"""All values of a text axis are examined, and a report has a row for each value of a listed axis,
+if there are at most this number of them; chosen value."""
 
 
 class SweepCases:
@@ -84,7 +85,7 @@ class SweepCases:
         return math.prod(
             length
             for group, length in zip(self._groups, self._lengths[bool(self.draws) :], strict=True)
-            if length <= _MOST_TEXTS and any(self.kind(name) is str for name in group)
+            if length <= MOST_VALUES and any(self.kind(name) is str for name in group)
         )
 
     def values(self, number: int) -> dict[str, Value]:
@@ -131,7 +132,7 @@ class SweepCases:
         for group, length in zip(names, self._lengths, strict=True):
             stride //= length
             texts = any(self.kind(name) is str for name in group)
-            indices = range(length) if texts and length <= _MOST_TEXTS else (1, length - 1)
+            indices = range(length) if texts and length <= MOST_VALUES else (1, length - 1)
             numbers |= {index * stride: None for index in indices if index < length}
         return list(numbers)
 

@@ -15,14 +15,27 @@ from ...base.files.text_tables import key_values, text_table
 from ...base.results import PlottedResult
 from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
-from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM
+from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM, overdone
 from ..simulation.result import flanks_text
 from .blocks import REFUSED, Rows
-from .cases import Recipe
+from .cases import MOST_VALUES, Recipe
 from .store import HEADER, TABLE, read_table
 
-_NUMBERS = ("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg")
+_NUMBERS = (
+    *("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg"),
+    *("over_compensation_deg", "thrown_back_deg"),
+)
 """Metrics whose mean, range and maximum a report of a sweep also has."""
+
+_REMARKS = {
+    "early_share": "of the cases the flanks change before the turn; the driven shaft overruns when"
+    " the motor brakes.",
+    "over_share": "of the cases the motor makes up for more than the gap; the gap that the"
+    " controller believes is too large there.",
+    "thrown_share": "of the cases the motor throws the driven shaft off the flank that it meets;"
+    " choose a longer judgement.jump_s.",
+}
+"""Share of the cases of a group → end of its remark."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +76,28 @@ class SweepTable(PlottedResult):
         """Number of cases by outcome, most frequent first."""
         return dict(Counter(self.columns["outcome"].tolist()).most_common())
 
-    def groups(self) -> list[tuple[str, np.ndarray]]:
-        """Return the groups of cases with equal text values on all axes: name, and mask of rows."""
+    def groups(self, listed: bool = False) -> list[tuple[str, np.ndarray]]:
+        """Return the groups of cases with equal text values on all axes: name, and mask of rows.
+
+        With `listed`, cases of a group also have equal numbers on each axis that the file lists
+        value by value, if these are few; the values of a range stay together.
+        """
         texts = [axis for axis in self.axes if self.columns[axis].dtype.kind == "U"]
-        if not texts:
+        given = {} if self.spec.sweep is None or not listed else self.spec.sweep.axes
+        numbers = [
+            axis
+            for axis in self.axes
+            if axis not in texts
+            and isinstance(values := given.get(axis), tuple)
+            and len(values) <= MOST_VALUES
+        ]
+        if not texts and not numbers:
             return [("all", np.ones(len(self.columns["case"]), bool))]
-        keys = list(zip(*(self.columns[axis].tolist() for axis in texts), strict=True))
-        names = [", ".join(key) for key in keys]
+        shown = [self.columns[axis].tolist() for axis in texts]
+        for axis in numbers:
+            name = axis.rpartition(".")[2]
+            shown.append([f"{name} {value:g}" for value in self.columns[axis]])
+        names = [", ".join(key) for key in zip(*shown, strict=True)]
         return [
             (group, np.array([name == group for name in names])) for group in dict.fromkeys(names)
         ]
@@ -89,7 +117,7 @@ class SweepTable(PlottedResult):
             "devices": self.devices,
             "axes": list(self.axes),
             "outcomes": self.outcomes,
-            "groups": [self._group(name, mask) for name, mask in self.groups()],
+            "groups": [self._group(name, mask) for name, mask in self.groups(listed=True)],
             "refused": [{"case": case, "why": why} for case, why in self.refusals],
             "table": None if self.path is None else self.path.name,
             "scenario": spec_table(self.spec),
@@ -98,19 +126,12 @@ class SweepTable(PlottedResult):
     def _group(self, name: str, mask: np.ndarray) -> dict[str, Any]:
         gap = _without_nan(self.columns["residual_gap_deg"][mask])
         interference = _without_nan(self.columns["interference_mm"][mask])
-        numbers = {
-            name: _spread(_without_nan(self.columns[name][mask]))
-            for name in (
-                "lost_motion_deg",
-                "output_error_deg",
-                "largest_jump_deg",
-                "wrong_flank_deg",
-            )
-        }
+        numbers = {name: _spread(_without_nan(self.columns[name][mask])) for name in _NUMBERS}
         interferes = interference > NEAR_MM
         draws = None
         if "draw" in self.columns:
             draws = self.columns["draw"][mask & ~np.isnan(self.columns["interference_mm"])]
+        over, thrown = (_share(np.asarray(one)[mask]) for one in overdone(self.columns))
         early = _without_nan(self.columns["early_jump_deg"][mask])
         allowed = 1.01 * max(self.spec.judgement.margin_mm, 0.0) * self.closing / DEG + NEAR_DEG
         return {
@@ -122,6 +143,8 @@ class SweepTable(PlottedResult):
             "interfering_share": _share(interferes),
             "interfering_share_95": _share_interval(interferes, draws),
             "early_share": None if math.isnan(self.closing) else _share(early > allowed),
+            "over_share": over,
+            "thrown_share": thrown,
             **numbers,
         }
 
@@ -274,11 +297,11 @@ def _text(table: SweepTable) -> str:
         ("lost motion", "deg"),
         ("output error", "deg"),
     ]
-    early = [group for group in record["groups"] if group["early_share"]]
     remarks = [
-        f"{group['name']}: the flanks change before the turn in {100 * group['early_share']:.1f} %"
-        " of the cases; the driven shaft overruns when the motor brakes."
-        for group in early
+        f"{group['name']}: in {100 * group[share]:.1f} % {what}"
+        for share, what in _REMARKS.items()
+        for group in record["groups"]
+        if group[share]
     ]
     lines = [*remarks, *[""] * bool(remarks), key_values(head, title=table.pair), ""]
     lines += [text_table(rows, headers)]

@@ -3,18 +3,19 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import Any, get_args
 
 from msgspec import Meta
 
 from ...base.files.toml_io import Key
 from ..scenario.axes import unknown_key
-from ..scenario.spec import KEYS, ScenarioSpec
+from ..scenario.spec import ECCENTRICITIES, KEYS, ScenarioSpec, believed_map
 
 _BOTH = ("judgement.bandwidth_hz", "judgement.least_rpm", "judgement.margin_mm")
 SETTINGS: Mapping[str, tuple[str, ...]] = {
     "acceleration": ("judgement.threshold_rad_s2", *_BOTH),
     "predictive": ("judgement.horizon_s", *_BOTH),
+    "feedforward": ("map.constant_backlash_deg", "judgement.jump_s"),
 }
 """Controller → its numeric settings."""
 
@@ -80,7 +81,8 @@ def free_keys(
     axes = () if spec.sweep is None else tuple(spec.sweep.axes)
     if isinstance(free, str):
         raise ValueError(f"Argument `free` must be a list of keys, but is one text: {free!r}.")
-    names = [name for name in settings if name not in axes] if free is None else list(free)
+    default = settings[:1] if spec.controller == "feedforward" else settings
+    names = [name for name in default if name not in axes] if free is None else list(free)
     if not names:
         raise ValueError(f"Argument `free` must name a key to tune: {', '.join(settings)}.")
     for name in names:
@@ -93,6 +95,12 @@ def free_keys(
             f"Argument `limits` must be for keys that are free, but `{fixed[0]}` is not; free are"
             f" {', '.join(names)}."
         )
+    for name in names:
+        if _start(spec, name) is None:
+            raise ValueError(
+                f"Argument `free` names `{name}`, but the scenario has no start for it: write its"
+                " value, because the gap of a map has no number of its own."
+            )
     return tuple(_free(KEYS[name], _start(spec, name), bounds.get(name)) for name in names)
 
 
@@ -115,12 +123,19 @@ def _check(name: str, controller: str, axes: Sequence[str]) -> None:
         )
 
 
-def _start(spec: ScenarioSpec, name: str) -> float:
-    return float(getattr(spec.judgement, name.rpartition(".")[2]))
+def _start(spec: ScenarioSpec, name: str) -> Any:
+    """Return the value of a key in the scenario, or None; a gap in [map] starts at the true one."""
+    table, _, field = name.rpartition(".")
+    value = getattr(getattr(spec, table), field)
+    if value is None and believed_map(spec) == ECCENTRICITIES:
+        value = getattr(spec.eccentricities, field)
+    return value
 
 
 def _free(key: Key, start: float, limits: tuple[float, float] | None) -> FreeKey:
-    meta = next(part for part in get_args(key.kind) if isinstance(part, Meta))
+    # A key without a default is a union with None, inside of which the annotation stands.
+    parts = [part for kind in (key.kind, *get_args(key.kind)) for part in get_args(kind)]
+    meta = next(part for part in parts if isinstance(part, Meta))
     positive = meta.gt is not None and meta.gt >= 0
     low, high = float(meta.gt if meta.ge is None else meta.ge), float(meta.le)  # type: ignore[arg-type]
     if limits is not None:

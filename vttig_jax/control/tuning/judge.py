@@ -1,6 +1,7 @@
 """Evaluation of settings by full simulation of all cases with the original controller."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..sweeps.case_leaves import CaseLeaves, leaves_of
 from ..sweeps.cases import Recipe, SweepCases
 from .free_keys import FreeKey
 from .result import Score, costs_of, score_of
-from .search import Objective
+from .search import WIDTHS, Objective, Stage
 
 SEARCHED = 256
 """Largest number of cases in the search, a chosen value; the full simulation has all cases."""
@@ -40,13 +41,34 @@ class Judge:
         self.closing = self.cases.closing
         self._scores: dict[tuple[float, ...], Score] = {}
         self.start = tuple(key.start for key in keys)
-        self.costs = costs_of(self._rows(self.start), weight, self.closing)
+        self.moves = recipe.spec.controller == "feedforward"
+        self.costs = costs_of(self._rows(self.start), weight, self.closing, self.moves)
 
     def score(self, values: tuple[float, ...]) -> Score:
         """Return the score of the given values of the keys over all cases of the sweep."""
         if values not in self._scores:
             self._scores[values] = self._score_rows(self._rows(values))
         return self._scores[values]
+
+    def compass(self) -> Iterator[Stage]:
+        """Yield the stages of a search without slopes, for a controller that moves the motor.
+
+        Every key is changed by a share of its value, up and down, as long as a score improves; the
+        share shrinks from stage to stage.
+        """
+        best = self.start
+        for width in WIDTHS:
+            before, calls, tried = self.score(best), 0, None
+            while tried != best:
+                tried = best
+                for index, key in enumerate(self.keys):
+                    for factor in (1 - width, 1 + width):
+                        value = min(max(best[index] * factor, key.low), key.high)
+                        other = (*best[:index], value, *best[index + 1 :])
+                        calls += 1
+                        if self.score(other).rank < self.score(best).rank:
+                            best = other
+            yield Stage(width, best, before.cost_deg, self.score(best).cost_deg, calls)
 
     def search_cases(self) -> list[Case]:
         """Return the cases for the search: all, or a sample without replacement.
@@ -65,14 +87,19 @@ class Judge:
         return [case for case in cases if isinstance(case, Case)]
 
     def _rows(self, values: tuple[float, ...]) -> Rows:
-        work = SweepWork(_WithSettings(self.recipe, self.cases, self.keys, values), _runner())
+        if self.moves:  # the gap of a map is no number of the built controller
+            spec = with_keys(self.recipe.spec, self.keys, values)
+            cases = dataclasses.replace(self.recipe, spec=spec).cases()
+        else:
+            cases = _WithSettings(self.recipe, self.cases, self.keys, values)
+        work = SweepWork(cases, _runner())
         blocks = [rows for _, rows in work.run_blocks(range(work.blocks), lambda steps: None)]
         rows = {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
         self._scores.setdefault(values, self._score_rows(rows))
         return rows
 
     def _score_rows(self, rows: Rows) -> Score:
-        return score_of(rows, self.objective, self.weight, self.closing)
+        return score_of(rows, self.objective, self.weight, self.closing, self.moves)
 
 
 class _WithSettings(SweepCases):
@@ -108,6 +135,8 @@ def _runner() -> BatchRunner:
 
 
 def with_keys(spec: ScenarioSpec, keys: Sequence[FreeKey], values: Sequence[float]) -> ScenarioSpec:
-    """Return the sweep with the given values of the keys in [judgement]."""
-    new = {key.name.rpartition(".")[2]: value for key, value in zip(keys, values, strict=True)}
-    return replace(spec, judgement=replace(spec.judgement, **new))
+    """Return the sweep with the given values of the keys."""
+    for key, value in zip(keys, values, strict=True):
+        table, _, field = key.name.rpartition(".")
+        spec = replace(spec, **{table: replace(getattr(spec, table), **{field: value})})
+    return spec

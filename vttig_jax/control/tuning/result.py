@@ -15,7 +15,11 @@ from ..sweeps.blocks import REFUSED, Rows
 from .free_keys import FreeKey
 from .search import Objective, Stage
 
-_NOTHING = (np.nan, np.nan, np.nan)
+_METRICS = (
+    *("residual_gap_deg", "interference_mm", "actuator_travel_mm"),
+    *("lost_motion_deg", "thrown_back_deg"),
+)
+"""Metrics of which a score has means and maxima."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,8 @@ class Score:
     - `interfering_share`, `interference_mean_mm`, `interference_max_mm`: share of the cases that
       interfere, mean and maximum of the interference, mm.
     - `travel_mean_mm`: mean travel of the actuator, mm; no part of the objective.
+    - `lost_mean_deg`, `lost_max_deg`, `thrown_max_deg`: mean and maximum of the lost motion, and
+      maximum of `thrown_back_deg`, of a controller that moves the motor.
     - `outcomes`: number of cases by outcome, most frequent first.
     """
 
@@ -41,6 +47,9 @@ class Score:
     interference_mean_mm: float
     interference_max_mm: float
     travel_mean_mm: float
+    lost_mean_deg: float
+    lost_max_deg: float
+    thrown_max_deg: float
     outcomes: dict[str, int]
 
     @property
@@ -49,44 +58,55 @@ class Score:
         return self.outcomes.get("bound", 0), self.cost_deg
 
 
-def costs_of(rows: Rows, weight: float, closing: float) -> np.ndarray:
+def costs_of(rows: Rows, weight: float, closing: float, moves: bool = False) -> np.ndarray:
     """Return the cost of every case, residual gap + weight · interference, in degrees of backlash.
 
-    The cost is infinite for a blocked drive and NaN for a refused case.
+    If the controller moves the motor (`moves`), it is the lost motion. It is infinite for a blocked
+    drive and NaN for a refused case.
 
     **Arguments**
     - `closing`: backlash per axial displacement, rad/mm.
     """
-    gap = np.where(np.isnan(rows["residual_gap_deg"]), 0.0, rows["residual_gap_deg"])
-    costs = gap + weight * rows["interference_mm"] * closing / DEG
+    left = rows["lost_motion_deg" if moves else "residual_gap_deg"]
+    costs = np.where(np.isnan(left), 0.0, left)
+    if not moves:
+        costs = costs + weight * rows["interference_mm"] * closing / DEG
     costs = np.where(rows["outcome"] == "bound", np.inf, costs)
     return np.where(rows["outcome"] == REFUSED, np.nan, costs)
 
 
-def score_of(rows: Rows, objective: Objective, weight: float, closing: float) -> Score:
+def score_of(
+    rows: Rows, objective: Objective, weight: float, closing: float, moves: bool = False
+) -> Score:
     """Return the score of a sweep from the rows of `SweepWork.run`; see `costs_of`."""
-    costs = costs_of(rows, weight, closing)
+    costs = costs_of(rows, weight, closing, moves)
     costs = costs[np.isfinite(costs)]
-    gap = rows["residual_gap_deg"][~np.isnan(rows["residual_gap_deg"])]
-    over = rows["interference_mm"][~np.isnan(rows["interference_mm"])]
-    travel = rows["actuator_travel_mm"][~np.isnan(rows["actuator_travel_mm"])]
+    gap, over, travel, lost, thrown = (_spread(rows[name]) for name in _METRICS)
+    interferes = rows["interference_mm"][~np.isnan(rows["interference_mm"])] > NEAR_MM
     worst = objective == "worst"
     cost = np.inf if not len(costs) else costs.max() if worst else costs.mean()
-    mean, high, most = (gap.mean(), np.quantile(gap, 0.95), gap.max()) if len(gap) else _NOTHING
-    share, average, farthest = _NOTHING
-    if len(over):
-        share, average, farthest = np.mean(over > NEAR_MM), over.mean(), over.max()
     return Score(
         cost_deg=float(cost),
-        gap_mean_deg=float(mean),
-        gap_high95_deg=float(high),
-        gap_max_deg=float(most),
-        interfering_share=float(share),
-        interference_mean_mm=float(average),
-        interference_max_mm=float(farthest),
-        travel_mean_mm=float(travel.mean()) if len(travel) else np.nan,
+        gap_mean_deg=gap[0],
+        gap_high95_deg=gap[1],
+        gap_max_deg=gap[2],
+        interfering_share=float(interferes.mean()) if len(interferes) else np.nan,
+        interference_mean_mm=over[0],
+        interference_max_mm=over[2],
+        travel_mean_mm=travel[0],
+        lost_mean_deg=lost[0],
+        lost_max_deg=lost[2],
+        thrown_max_deg=thrown[2],
         outcomes=dict(Counter(rows["outcome"].tolist()).most_common()),
     )
+
+
+def _spread(values: np.ndarray) -> tuple[float, float, float]:
+    """Return the mean, the 95 % quantile and the maximum; NaN without values."""
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return np.nan, np.nan, np.nan
+    return float(known.mean()), float(np.quantile(known, 0.95)), float(known.max())
 
 
 @dataclass(frozen=True)
@@ -163,9 +183,12 @@ def _text(tuned: Tuned) -> str:
     verdict = "the full simulation found nothing better"
     if tuned.improved:
         verdict = f"confirmed by the full simulation, {cost}"
+    of = "lost motion"
+    if tuned.spec.controller != "feedforward":
+        of = f"gap left + {tuned.interference_weight:g} × interference"
     head = [
         ("tuned", f"controller {tuned.spec.controller}, {tuned.cases} cases{searched}"),
-        ("objective", f"{kind} of gap left + {tuned.interference_weight:g} × interference"),
+        ("objective", f"{kind} of {of}"),
         ("result", verdict),
     ]
     settings = [
@@ -194,6 +217,13 @@ def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
         (("  by at most", "mm"), "interference_max_mm", ".4f", 1.0),
         (("actuator travel: mean", "mm"), "travel_mean_mm", ".3f", 1.0),
     ]
+    if tuned.spec.controller == "feedforward":
+        rows = [
+            rows[0],
+            (("lost motion: mean", "deg"), "lost_mean_deg", ".5f", 1.0),
+            (("  most", "deg"), "lost_max_deg", ".5f", 1.0),
+            (("thrown back: most", "deg"), "thrown_max_deg", ".5f", 1.0),
+        ]
     table = [
         (name, *[_number(factor * getattr(score, field), form) for score in scores])
         for name, field, form, factor in rows

@@ -52,7 +52,9 @@ def tune(
     Both terms are backlash in degrees of the driven gear; an interference of s mm counts as the
     backlash that a displacement by s removes. With the weight w, w degrees of residual gap cost as
     much as one degree of interference. With an uncertain map, the fraction 1/(1 + w) of the rigs
-    therefore interferes at the best margin.
+    therefore interferes at the best margin. For `feedforward`, which moves no gear, it minimises
+    the lost motion, in which too much compensation costs as much as too little; each step of that
+    search is a full simulation of all cases.
 
     The search follows the gradient of smoothed controllers (`controllers/smooth.py`), whose width
     shrinks in stages. It simulates from shortly before the braking to the speed after the turn,
@@ -65,7 +67,8 @@ def tune(
     **Arguments**
     - `spec`, `pair`, `folder`, `maps`: as for `vttig_jax.sweep`; the axes define the
       cases, and `controller` is no axis.
-    - `free`: dotted keys of [judgement], by default all numeric settings of the controller.
+    - `free`: dotted keys, by default all numeric settings of the controller; for `feedforward`
+      `map.constant_backlash_deg`, which starts at that of [eccentricities] or has to be given.
     - `limits`: key → (lowest, highest) value; by default the bounds of the key, and factors of 1000
       and 1/1000 of its start.
     - `objective`: "expected" or "worst". - `interference_weight`: at least 0.
@@ -121,24 +124,25 @@ def _check_controller(spec: ScenarioSpec) -> None:
         )
     if spec.controller not in SETTINGS:
         raise ScenarioError(
-            f'"{spec.controller}" shifts no gear and has nothing to tune; choose one of'
-            f" {', '.join(SETTINGS)}.",
+            f'"{spec.controller}" has nothing to tune; choose one of {", ".join(SETTINGS)}.',
             where="controller",
         )
 
 
 def _tuned(spec: ScenarioSpec, judge: Judge, progress: Callable[[int, int], None] | None) -> Tuned:
-    cases = judge.search_cases()
-    search = Search(cases, judge.keys, judge.objective, judge.weight)
+    search, searched = None, len(judge.cases)
+    if not judge.moves:
+        cases = judge.search_cases()
+        search, searched = Search(cases, judge.keys, judge.objective, judge.weight), len(cases)
     before, best = judge.score(judge.start), judge.start
     stages: list[Stage] = []
-    for stage in search.stages():
+    for stage in judge.compass() if search is None else search.stages():
         stages.append(stage)
         if judge.score(stage.values).rank < judge.score(best).rank:
             best = stage.values
         if progress is not None:
             progress(len(stages), len(WIDTHS))
-    if best == judge.start and stages:
+    if best == judge.start and stages and search is not None:
         best = _nearby(judge, search, stages[-1])
     best = _without_small_gains(judge, best)
     values = dict(zip((key.name for key in judge.keys), best, strict=True))
@@ -152,7 +156,7 @@ def _tuned(spec: ScenarioSpec, judge: Judge, progress: Callable[[int, int], None
         objective=judge.objective,
         interference_weight=judge.weight,
         cases=len(judge.cases),
-        searched=len(cases),
+        searched=searched,
         stages=tuple(stages),
         notes=tuple(_notes(spec, judge, values)),
     )
@@ -210,7 +214,12 @@ def _notes(scenario: ScenarioSpec, judge: Judge, values: Mapping[str, float]) ->
             f" {before.travel_mean_mm:.3g}: the controller closes and opens while the shaft runs,"
             " which the objective does not include; limit the settings that detect braking."
         )
-    if scenario.servo.motor != "prescribed":
+    if after.thrown_max_deg > 0.5 * max(after.lost_max_deg, after.gap_max_deg):
+        notes.append(
+            f"The motor throws the driven shaft back by up to {after.thrown_max_deg:.5f}°, which"
+            " the lost motion hardly contains; choose a longer judgement.jump_s."
+        )
+    if scenario.servo.motor != "prescribed" and not judge.moves:
         notes.append(
             "The search used a prescribed motion; only the full simulation has the servo motor."
         )

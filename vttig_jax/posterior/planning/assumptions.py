@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.units import ARCSEC, DEG
+from ...identify.fit_settings import LONGEST_DELAY_S
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
 
@@ -15,9 +16,6 @@ ENCODER_ARCSEC = 10.0  # default encoder error (chosen)
 AMPLITUDE_ARCSEC = 60.0  # default first order of a drive (chosen)
 SHAFTS = ("driving", "driven")
 DELAY = "delay_s"
-
-LONGEST_DELAY_S = 1.0
-"""Largest delay that a plan assumes (chosen): far beyond that of any encoder interface."""
 
 _UNITS = {"mm": 1.0, "arcsec": ARCSEC}
 

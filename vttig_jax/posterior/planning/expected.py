@@ -3,24 +3,34 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ...base.errors import LogError, NoAnswerError
+from ...identify.fit_settings import FitSettings
+from ...identify.identification import assumptions_of, known_delay
 from ...logs.motion.segments import find_segments
-from ...model.columns import Assumptions, columns_of, embedding
-from ...model.density import LAGS
+from ...model.columns import columns_of, embedding
+from ...model.density import LAGS, Compressed, Solved, solved
 from ...model.functionals import Posterior
 from ...model.gears import relation_of
 from ...model.mixed_fit import Design, MixedFit, design_of, largest
 from ...model.problem import problem_of
 from ...model.rows import Shafts
 from ...model.runs import shafts_of
+from ...model.scope import scope_of
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from .assumptions import DELAY, cartesian
 from .noise import PlannedNoise, counting_std
 from .run import PlannedRun
+
+_STEPS = 30
+"""Steps towards the expected widths (chosen); each takes off half of what is left, or more."""
+
+_solved = jax.jit(solved)
 
 
 def expected_fit(
@@ -29,24 +39,26 @@ def expected_fit(
     orders: HarmonicOrders,
     noise: PlannedNoise,
     values: Mapping[str, float],
-    *,
-    encoders: bool,
-    delay_is_fitted: bool,
+    settings: FitSettings,
 ) -> tuple[MixedFit, int]:
     """Return the fit that the log of a run is expected to get, and its number of steady passes.
 
     The rows are those of the ideal motion, and their readings are the columns times the
     coefficients of the assumed `values`. The products of the noise with itself are added in
-    expectation; its products with the columns vanish. The density of these products then has its
-    largest value at the assumed coefficients, and its curvature is the expected information.
+    expectation; its products with the columns vanish. The density of these products has its largest
+    value at the assumed coefficients and the noise; the widths of the priors are those of the
+    largest expected density. The curvature there is the expected information.
 
     **Raises** `NoAnswerError` for a run without a steady pass of one turn.
     """
     shafts, passes = _shafts(run, pair)
-    assumed = Assumptions("fitted" if delay_is_fitted else "known")
+    assumed = assumptions_of(settings)
+    delay_s = values.get(DELAY, 0.0) if settings.delay == "auto" else known_delay(settings)
     design = design_of([shafts], pair, orders, assumed=assumed)
     side = 0 if any(flank > 0 for _, _, flank in shafts.runs) else 1
-    coefficients = _coefficients(design, pair, values, side=side, encoders=encoders)
+    coefficients = _coefficients(
+        design, pair, values, side=side, encoders=not settings.perfect_encoders
+    )
     (rows,) = design.rows([shafts], 0.0)
     if not len(rows.table):
         raise NoAnswerError(
@@ -63,7 +75,7 @@ def expected_fit(
     size = rows.samples.shape[1]
     covariance = noise.autocovariance(size, run.rate_hz, LAGS, counting_std(pair))
     usual = max(float(np.std(table[:, -1])), float(np.sqrt(covariance[0])))
-    shape, delay_s = replace(design.shape, usual=usual), values.get(DELAY, 0.0)
+    shape = replace(design.shape, usual=usual)
     width = max(0.5 * shape.interval_s, abs(delay_s))
     columns = tuple(
         replace(column, width=width) if column.name == ("delay",) else column
@@ -78,7 +90,8 @@ def expected_fit(
         noise=covariance,
     )
     found = largest(problem.compressed, None)
-    posterior = Posterior(problem, np.asarray(found.value), found.aux)
+    theta, at = expected_widths(np.asarray(found.value), problem.compressed)
+    posterior = Posterior(problem, theta, at)
     steps = int(found.stats["num_steps"])
     fit = MixedFit(
         (shafts,),
@@ -92,8 +105,37 @@ def expected_fit(
         steps,
         usual,
         None,
+        scope_of([shafts], [rows], one_zero=True),
+        orders,
     )
     return fit, passes
+
+
+def expected_widths(
+    theta: Float[np.ndarray, " p"], logs: Compressed
+) -> tuple[Float[np.ndarray, " p"], Solved]:
+    """Return θ with the widths τ that have the largest expected density, and the density there.
+
+    Where the coefficients of a group are zero, their estimates are those of the noise alone, with
+    covariance W − W D W for W = M⁻¹. The expected slope of −2 ln L by ln τ is then 2 Σ_j (1 − 2
+    d_j W_jj + d_j (W D W)_jj), and that of the half-Cauchy prior 4 r²/(1 + r²) − 2 with r = τ/u.
+    Their sum grows with τ from −2, so that it has one zero.
+    """
+    theta, at = theta.copy(), _solved(jnp.asarray(theta), logs)
+    member, usual = np.asarray(logs.member), np.asarray(logs.usual)
+    on = np.asarray(logs.on) > 0
+    for _ in range(_STEPS):
+        tau = np.exp(theta[LAGS + 1 :])
+        prior = member / tau**2
+        spread = np.asarray(at.spread)
+        whole = np.asarray(logs.precision) + prior.sum(1)
+        bent = np.einsum("ij,j,ji->i", spread, whole, spread)
+        told = (member > 0).sum(0) - (2 * np.diag(spread) - bent) @ prior
+        ratio = (tau / usual) ** 2
+        balance = told + 2 * ratio / (1 + ratio)  # 1 at the zero
+        theta[LAGS + 1 :] -= np.where(on, 0.25 * np.log(np.maximum(balance, 1e-6)), 0.0)
+        at = _solved(jnp.asarray(theta), logs)
+    return theta, at
 
 
 def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
@@ -113,7 +155,9 @@ def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
             " plan more turns.",
             where="planned run",
         )
-    return replace(shafts_of(log, segments), ramps=()), len(segments.segments)
+    shafts = shafts_of(log, segments)
+    every = tuple(sorted((*shafts.runs, *shafts.ramps)))
+    return replace(shafts, runs=every, ramps=()), len(segments.segments)
 
 
 def _coefficients(

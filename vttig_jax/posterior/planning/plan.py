@@ -9,14 +9,17 @@ from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...base.units import DEG
-from ...model.parameters import FULL_TURN, parameters_of, shaft_turns
+from ...identify.fit_settings import FitSettings
+from ...identify.identification import conditions_of, told_by
+from ...identify.orders import SIDES
+from ...model.parameters import FULL_TURN
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
-from .assumptions import DELAY, LONGEST_DELAY_S, assumed_values
+from .assumptions import DELAY, assumed_values
 from .expected import expected_fit
 from .noise import PlannedNoise, counting_std
-from .result import Plan, conditions, notes, outcome_of, planned_parameter
+from .result import Plan, notes, outcome_of, planned_parameter
 from .run import Directions, PlannedRun
 
 DelayChoice = Literal["auto", "off"] | float
@@ -42,17 +45,16 @@ class Assumptions:
     delay: DelayChoice
 
     def __post_init__(self):
-        is_known = isinstance(self.delay, float | int)
-        if not (self.delay in ("auto", "off") or (is_known and abs(self.delay) <= LONGEST_DELAY_S)):
-            raise ValueError(
-                'Argument `delay` must be "auto", "off" or a number of seconds within'
-                f" ±{LONGEST_DELAY_S:g} s, but is {self.delay!r}."
-            )
-        if self.delay != "auto" and DELAY in self.values:
+        if self.settings.delay != "auto" and DELAY in self.values:
             raise ValueError(
                 'Argument `assumed` must hold a delay_s only if `delay` is "auto", but'
                 f" `delay` is {self.delay!r}, so that no delay is fitted."
             )
+
+    @property
+    def settings(self) -> FitSettings:
+        """Settings of the fit for which the run is planned."""
+        return FitSettings(perfect_encoders=self.perfect_encoders, delay=self.delay)
 
 
 @one_blas_thread
@@ -148,32 +150,24 @@ def plan_of_run(
             "Argument `noise` must not be zero if the pair file gives no counts of the encoders,"
             " but it is: every standard error would be zero."
         )
-    encoders = not assumptions.perfect_encoders
-    fit, passes = expected_fit(
-        run,
-        pair,
-        assumptions.orders,
-        noise,
-        assumptions.values,
-        encoders=encoders,
-        delay_is_fitted=assumptions.delay == "auto",
-    )
-    fitted = parameters_of(fit, pair, encoders=encoders)
+    settings = assumptions.settings
+    fit, passes = expected_fit(run, pair, assumptions.orders, noise, assumptions.values, settings)
+    fitted = told_by(fit, pair, settings, "planned run")[1]
     fitted = {name: p for name, p in fitted.items() if name not in BESIDE}
     parameters = {
         name: planned_parameter(parameter, assumptions.values.get(name), wanted.get(name))
         for name, parameter in fitted.items()
     }
-    turns = shaft_turns(fit)
-    short = tuple(shaft for shaft, number in turns.items() if number < FULL_TURN)
-    if not any(parameter.determined for parameter in fitted.values()):
+    short = tuple(shaft for shaft, turns in fit.scope.turns.items() if turns < FULL_TURN)
+    outcome = outcome_of(fitted)
+    if outcome == "not_determined":
         raise NoAnswerError(
             f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns;"
             " plan more turns.",
             where="planned run",
         )
     (rows,) = fit.rows
-    flanks = tuple(flank for flank, side in (("A", 1), ("B", -1)) if (rows.side == side).any())
+    flanks = tuple(SIDES[side] for side in fit.scope.flanks)
     size = rows.samples.shape[1]
     return Plan(
         pair=pair,
@@ -185,8 +179,8 @@ def plan_of_run(
         row_s=size / run.rate_hz,
         row_std_deg=math.sqrt(noise.autocovariance(size, run.rate_hz, 1, counting)[0]) / DEG,
         flanks=flanks,
-        conditional_on=conditions(pair, flanks, assumptions.delay, encoders=encoders),
-        outcome=outcome_of(parameters),
+        conditional_on=conditions_of(fit, pair, settings, fitted),
+        outcome=outcome,
         short=short,
         notes=notes(pair, run, assumptions.orders, noise, fit, passes),
     )

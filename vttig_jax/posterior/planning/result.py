@@ -1,6 +1,7 @@
 """Result of a plan: its classes, report and JSON object, and the notes on it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,12 +13,11 @@ from ...model.columns import KNOWN
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
 from ...model.parameter import Parameter
+from ...model.parameters import LEFT_OUT
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from .noise import PlannedNoise, frozen_counts
 from .run import PlannedRun
-
-LEFT_OUT = ("not in the model of this log",)
 
 
 @dataclass(frozen=True)
@@ -210,17 +210,7 @@ def _noise(plan: Plan) -> str:
     return " + ".join(parts)
 
 
-def conditions(
-    pair: GearPair | Drive, flanks: tuple[str, ...], delay: str | float, *, encoders: bool
-) -> tuple[str, ...]:
-    """Return the assumptions behind the standard errors, by the same names as in a fit."""
-    names: tuple[str, ...] = ()
-    if isinstance(pair, GearPair) and not (encoders and len(flanks) == 2):
-        names += ("perfect_encoders",)
-    return names if isinstance(delay, str) else (*names, "given_delay")
-
-
-def outcome_of(parameters: dict[str, PlannedParameter]) -> str:
+def outcome_of(parameters: Mapping[str, Parameter]) -> str:
     """Return the outcome that the fit of the run will have."""
     asked = [p for name, p in parameters.items() if name != "delay_s" and p.reason not in LEFT_OUT]
     told = [p.determined for p in asked]
@@ -281,7 +271,7 @@ def _delay_notes(fit: MixedFit, *, one_speed: bool) -> list[str]:
     elif one_speed:
         sentences.append(
             "only the ramps tell the delay from the constant backlash, and all of them are counted:"
-            " the driven side must stay on its flank while the drive speeds up; a second speed"
+            " the driven side must stay on its flank while the drive slows down; a second speed"
             " tells them apart without the ramps"
         )
     return sentences

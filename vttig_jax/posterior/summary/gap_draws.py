@@ -25,7 +25,7 @@ from .draws import SmallestGap
 _CHUNK = 256
 """Angles per block (chosen): 8 MB of curves for 4000 draws."""
 
-_PER_PERIOD = 8  # grid points per period of the highest order (chosen)
+PER_PERIOD = 8  # grid points per period of the highest order (chosen)
 _LIMIT_PLACES, _LIMIT_DRAWS = 200, 2000  # angles and draws for the upper limit (chosen)
 _CANDIDATES = 6  # local minima of a draw that are refined (chosen)
 _NEWTON = 4  # Newton steps to a minimum (chosen)
@@ -150,7 +150,7 @@ class GapDraws:
 
         The angles are points of a grid over the hunting period with this step, rad.
         """
-        width = REV / (_PER_PERIOD * math.ceil(self.mean_model.highest_order))
+        width = REV / (PER_PERIOD * math.ceil(self.mean_model.highest_order))
         count = round(self.pair.hunting_turns * REV / width)
         if count > _MOST_POINTS:
             raise PairError(
