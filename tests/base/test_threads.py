@@ -43,8 +43,9 @@ def test_threads_are_given_back_after_an_error():
 
 @pytest.mark.usefixtures("two_threads")
 def test_a_fit_and_its_checks_use_one(monkeypatch):
-    from vttig_jax.identify import build_result as assemble
     from vttig_jax.identify.report import residual_tests as diagnostics
+
+    from vttig_jax.identify import build_result as assemble
     from vttig_jax.rig.motion import PassMotion
     from vttig_jax.rig.paper import paper_rig
 

@@ -19,7 +19,7 @@ from ..model.density import LAGS, whitening
 from ..model.mixed_fit import MixedFit, residuals
 from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
-from ..model.rows import BENDS, KNOTS, PARTS
+from ..model.rows import BENDS
 from ..pair.gear_pair import Drive, GearPair
 from .orders import SIDES
 from .records import (
@@ -142,12 +142,13 @@ def delay_by_parts(core: MixedFit) -> tuple[DelayOfPart, ...]:
     index, found = core.posterior.problem.index, []
     for log, shafts in enumerate(core.shafts):
         rows = []
-        for k in range(PARTS):
+        parts = sum(name[:2] == ("part", log) for name in index)
+        for k in range(parts):
             row = core.posterior.row(("delay",))
             row[index["part", log, k]] = 1.0
             rows.append(row)
         mean, covariance, _ = core.posterior.told(np.stack(rows))
-        times = np.linspace(shafts.time[0], shafts.time[-1], PARTS)
+        times = np.linspace(shafts.time[0], shafts.time[-1], parts)
         stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         found += [
             DelayOfPart(log + 1, float(t), core.delay_s + float(d), float(s))
@@ -181,8 +182,10 @@ def drift_arcsec(core: MixedFit) -> float:
     """Return the largest less the smallest level of a log."""
     index, moved = core.posterior.problem.index, core.posterior.moved
     spans = [
-        float(np.ptp(np.cumsum([0.0, *(moved[index["drift", log, k]] for k in range(KNOTS))])))
-        for log in range(len(core.rows))
+        float(
+            np.ptp(np.cumsum([0.0, *(moved[at] for name, at in index.items() if name[:2] == kind)]))
+        )
+        for kind in (("drift", log) for log in range(len(core.rows)))
     ]
     return max(spans) / ARCSEC
 
@@ -210,13 +213,15 @@ def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarr
     """Return the rows of every run, less the delay, as curves, and their residuals, rad."""
     curves, found, place = [], [], 0
     left, good = core.residual, good_rows(core)
-    for rows, level in zip(core.rows, core.scope.levels, strict=True):
+    for shafts, rows in zip(core.shafts, core.rows, strict=True):
+        late = shafts.driving - shafts.delayed(core.delay_s)
+        error = (shafts.error + shafts.ratio * late)[rows.samples].mean(1)
         for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
             own = np.arange(first, last + 1)
             own = own[good[place + own]]
             if len(own):
-                error = rows.table[own, -1] + level
-                curves.append(TECurve(SIDES[int(side)], rows.angle[own], error, rows.time[own]))
+                flank = SIDES[int(side)]
+                curves.append(TECurve(flank, rows.angle[own], error[own], rows.time[own]))
                 found.append(left[place + own])
         place += len(rows.table)
     return tuple(curves), tuple(found)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.columns import Assumptions
-from ..model.lines import found_lines
+from ..model.lines import found_lines, refined
 from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
 from ..model.parameter import Parameter, undetermined
 from ..model.parameters import (
@@ -179,7 +180,8 @@ def identified(
         refuse_slip(one, segments[-1])
     where = ", ".join(one.source for one in logs)
     shafts = [
-        on_flank(shafts_of(*both), settings.flank) for both in zip(logs, segments, strict=True)
+        on_flank(without_axial(shafts_of(log, own), log, pair), settings.flank)
+        for log, own in zip(logs, segments, strict=True)
     ]
     shafts, short = usable(shafts, waves_of(pair, orders), where)
     one_zero = len(logs) == 1 or have_one_zero(logs, settings)
@@ -199,8 +201,10 @@ def told_by(
     """
     encoders, gears = not settings.perfect_encoders, not settings.perfect_gears
     both = len(core.scope.flanks) == 2
-    told = quantities_of(core, pair, encoders=both and encoders, gears=gears)
-    if not np.all(np.isfinite(told.mean)) or not np.all(np.isfinite(told.covariance)):
+    told = None
+    if np.all(np.isfinite(core.posterior.at.hessian)):
+        told = quantities_of(core, pair, encoders=both and encoders, gears=gears)
+    if told is None or not np.all(np.isfinite(told.covariance)):
         raise NoAnswerError(
             "the fit found no largest density, so that it has no numbers; list fewer orders in"
             " [fit], or record more turns.",
@@ -216,6 +220,20 @@ def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
         return tuple(run for run in runs if flank in (None, SIDES[run[2]]))
 
     return replace(shafts, runs=kept(shafts.runs), ramps=kept(shafts.ramps))
+
+
+def without_axial(shafts: Shafts, log: EncoderLog, pair: GearPair | Drive) -> Shafts:
+    """Return the log without the transmission error that a logged axial position s causes.
+
+    It is + s tan β_L/R₂ on flank A and − s tan β_R/R₂ on flank B.
+    """
+    if log.axial_mm is None or isinstance(pair, Drive):
+        return shafts
+    error, radius = shafts.error.copy(), float(pair.reference_radii[1])
+    slope = {1: float(pair.taper[0]) / radius, -1: -float(pair.taper[1]) / radius}
+    for start, stop, side in (*shafts.runs, *shafts.ramps):
+        error[start:stop] -= slope[side] * log.axial_mm[start:stop]
+    return replace(shafts, error=error)
 
 
 def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
@@ -257,29 +275,26 @@ def fitted(
         assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)
         given = searched(given, shafts, drive, orders, assumed)
 
-    def once(lines: Sequence[float], delay_s: float, given: GivenModel | None):
-        if given is not None:
-            return fitted_given(
-                given, shafts, drive, orders, lines=lines, delay_s=delay_s, assumed=assumed
-            )
-        return (
-            mixed_fit(
-                shafts,
-                pair,
-                orders,
-                one_zero=one_zero,
-                lines=lines,
-                delay_s=delay_s,
-                assumed=assumed,
-            ),
-            None,
+    fit = partial(mixed_fit, shafts, pair, orders, one_zero=one_zero, assumed=assumed)
+    own = partial(fitted_given, shafts=shafts, drive=drive, orders=orders, assumed=assumed)
+    if given is None:
+        core = fit(delay_s=fixed_s)
+    else:
+        core, given = own(given, delay_s=fixed_s)
+    lines, start = found_lines(core), core.delay_s
+    if not lines or settings.lines != "join":
+        return core, lines, given
+    cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
+    if given is not None:
+        core, given = own(given, lines=cycles, delay_s=start)
+    elif one_zero:
+        core, lines = refined(
+            lines,
+            core.scope.turns["driving"],
+            lambda at, shifts: fit(lines=at, given=shifts, delay_s=start),
         )
-
-    core, given = once((), fixed_s, given)
-    lines = found_lines(core)
-    if lines and settings.lines == "join":
-        cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
-        core, given = once(cycles, core.delay_s, given)
+    else:
+        core = fit(lines=cycles, delay_s=start)
     return core, lines, given
 
 

@@ -1,11 +1,18 @@
 """Lines of the residual that are no order of the model: their frequencies become columns."""
 
-import numpy as np
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Float
+
+from ..base.units import ARCSEC, DEG
 from ..logs.lines.rows import Stretch, highest_resolved
 from ..logs.lines.search import Line, find_lines
 from .mixed_fit import MixedFit
+from .rows import Rows, Shafts
 
+_SETTLED, _MOST_FITS, _RESOLVED = 0.3, 3, 2.0
 _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
 
 
@@ -32,4 +39,96 @@ def found_lines(fit: MixedFit) -> list[Line]:
         line
         for line in lines
         if all(abs(line.cycles_per_rev - k) > _APART * line.cycles_std for k in known)
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Shifts:
+    """Derivatives of lines by their frequencies c: φ₁ (S cos cφ₁ − C sin cφ₁), as `Extra` columns.
+
+    **Arguments**
+    - `cycles`: frequencies, cycles per driving turn.
+    - `waves`: S and C of every line, rad: coefficients of the sine and the cosine.
+    - `alone`: whether the frequency is a parameter.
+    """
+
+    cycles: tuple[float, ...]
+    waves: Float[np.ndarray, "lines 2"]
+    alone: tuple[bool, ...]
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the lines."""
+        return tuple(f"line {place}" for place, free in enumerate(self.alone) if free)
+
+    @property
+    def highest_order(self) -> float:
+        """Highest frequency."""
+        return max(self.cycles)
+
+    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+        """Return the rows with the derivatives as columns."""
+        angle = rows.angle - np.mean(rows.angle) if len(rows.angle) else rows.angle
+        names = [name for name in rows.names if name != ("y",)]
+        own = []
+        for cycles, (sine, cosine), free in zip(self.cycles, self.waves, self.alone, strict=True):
+            if not free:
+                continue
+            wave = [rows.table[:, rows.names["line", cycles, part]] for part in ("cos", "sin")]
+            own.append(angle * (sine * wave[0] - cosine * wave[1]))
+        names += [("given", name) for name in self.told]
+        return replace(
+            rows,
+            names={name: place for place, name in enumerate((*names, ("y",)))},
+            table=np.column_stack([rows.table[:, :-1], *own, rows.table[:, -1]]),
+        )
+
+
+def refined(
+    lines: Sequence[Line],
+    turns: float,
+    fit: Callable[[tuple[float, ...], Shifts], MixedFit],
+) -> tuple[MixedFit, list[Line]]:
+    """Return the fit with lines as orders, and the lines with the frequencies of that fit.
+
+    The frequency is not linear: its derivative is a column, and the fit is repeated until the steps
+    are small. Lines that `turns` driving turns do not resolve keep their frequencies. `fit` is a
+    function of the frequencies and their derivatives.
+    """
+    cycles = np.array([float(f"{line.cycles_per_rev:.7g}") for line in lines])
+    apart = np.abs(cycles[:, None] - cycles) + np.where(np.eye(len(lines)) > 0, np.inf, 0.0)
+    alone = apart.min(axis=1) > _RESOLVED / turns
+    phase = np.array([line.phase_deg for line in lines]) * DEG
+    size = np.array([line.amplitude_arcsec for line in lines]) * ARCSEC
+    waves = np.stack([size * np.cos(phase), size * np.sin(phase)], axis=1)
+    number = 0
+    while True:
+        number += 1
+        shifts = Shifts(tuple(map(float, cycles)), waves, tuple(map(bool, alone)))
+        core = fit(shifts.cycles, shifts)
+        posterior, index = core.posterior, core.posterior.problem.index
+        steps = {
+            place: posterior.one(posterior.row(("given", f"line {place}")))
+            for place in np.flatnonzero(alone).tolist()
+        }
+        moved = cycles.copy()
+        for place, step in steps.items():
+            moved[place] += step.value
+        waves = np.array(
+            [
+                [posterior.moved[index["line", c, part, False, 0]] for part in ("sin", "cos")]
+                for c in shifts.cycles
+            ]
+        )
+        settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
+        if settled or number == _MOST_FITS:
+            break
+        cycles = np.array([float(f"{one:.7g}") for one in moved])
+    return core, [
+        replace(
+            line,
+            cycles_per_rev=float(moved[place]),
+            cycles_std=steps[place].std if place in steps else line.cycles_std,
+        )
+        for place, line in enumerate(lines)
     ]

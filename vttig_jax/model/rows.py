@@ -289,7 +289,7 @@ def rows_of(
         table[own, -1] = mean(
             shafts.error[index] - level + shafts.ratio * (shafts.driving[index] - angle)
         )
-    if kinds[1] is not None:
+    if kinds[1] is not None and len(table):
         table[:, kinds[1]] -= table[:, kinds[1]].mean()
     return Rows(
         names,
