@@ -2,13 +2,17 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 
 from tests.posterior.made import drive_fit, quick_fit, quick_posterior, short_rig
 from vttig_jax.base.errors import InputError
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
+from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.sampler import read_posterior, sample, settings_of
 
 
@@ -98,3 +102,29 @@ def test_the_flank_model_of_a_draw_has_its_first_orders():
     assert mean.offset.shape == (len(found.flat), 2) and several.offset.shape == (2, 2)
     gap = several.offset[:, 1] - several.offset[:, 0]
     np.testing.assert_allclose(gap, found.values("constant_backlash")[[3, 5]], atol=1e-12)
+
+
+class Wavy(eqx.Module):
+    """Two waves of the driving shaft and a gap, in rad."""
+
+    gap: Array
+    wave: Array
+
+    def transmission_error(self, angle: Array, flank: str) -> Array:
+        side = -0.5 if flank == "A" else 0.5
+        return side * self.gap + self.wave[0] * jnp.sin(angle) + self.wave[1] * jnp.cos(angle)
+
+
+def test_a_flank_model_of_the_user_is_sampled():
+    rig = short_rig()
+    orders = HarmonicOrders(driving_orders=(2, 3), driven_orders=(1, 2, 3), mesh_orders=0)
+    start = Wavy(jnp.asarray(0.0), jnp.zeros(2))
+    result = fit(rig.log(0), rig.pair, model=start, orders=orders)
+    found = sample(result, steps=100)
+    told = [name for name, one in result.parameters.items() if one.determined]
+    assert "model.wave[0]" in told
+    for name in told:
+        drawn, known = found.parameters[name], result.parameters[name]
+        assert drawn.value == pytest.approx(known.value, abs=0.3 * known.std), name
+        assert drawn.std == pytest.approx(known.std, rel=0.4), name
+    assert str(found) and found.to_json()["smallest_gap"] is None

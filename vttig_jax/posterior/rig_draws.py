@@ -1,7 +1,7 @@
 """Draws of a rig: coefficients given θ, eccentricities, and the flank model of every draw."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import equinox as eqx
@@ -15,7 +15,7 @@ from ..identify.result import Fit
 from ..model.density import Compressed, normal
 from ..model.gears import GEARS, Relation
 from ..model.parameters import Quantities, quantities_of
-from ..pair.gear_pair import GearPair
+from ..pair.gear_pair import Drive, GearPair
 from .target import FitTarget, Tie, batches
 
 _STEPS = 3
@@ -40,19 +40,36 @@ class RigDraws:
 
 
 def quantities(fit: Fit) -> Quantities:
-    """Return the quantities of a fit under its assumptions on encoders and gears."""
-    return quantities_of(
+    """Return the quantities of a fit under its assumptions on encoders and gears.
+
+    The parameters of a flank model of the user have columns of their own.
+    """
+    posterior = fit.core.posterior
+    told = quantities_of(
         fit.core,
-        fit.pair,
+        fit.pair if fit.given is None else Drive(fit.pair.ratio),
         encoders="perfect_encoders" not in fit.conditional_on,
         gears="perfect_gears" not in fit.conditional_on,
+    )
+    index = posterior.problem.index
+    if not (names := tuple(n for n in fit.covariance_names if ("given", n) in index)):
+        return told
+    rows = np.stack([posterior.row(("given", name)) for name in names])
+    values = fit.values[[fit.covariance_names.index(name) for name in names]]
+    return replace(
+        told,
+        names=(*told.names, *names),
+        rows=np.concatenate([told.rows, rows]),
+        shift=np.append(told.shift, values - rows @ posterior.moved),
     )
 
 
 def unit_of(fit: Fit, name: str) -> str:
     """Return the unit of a quantity."""
-    if name in GEARS and isinstance(fit.pair, GearPair):
+    if name in GEARS and isinstance(fit.pair, GearPair) and fit.given is None:
         return "mm"
+    if name.startswith("model"):
+        return fit.parameters[name].unit
     return {"delay": "s", "ratio": "1", "torque": "rad/unit of torque"}.get(name, "rad")
 
 

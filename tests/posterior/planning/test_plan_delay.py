@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from vttig_jax.identify.result import Fit
 from vttig_jax.identify.identification import fit
+from vttig_jax.identify.result import Fit
 from vttig_jax.posterior.planning.noise import PlannedNoise
 from vttig_jax.posterior.planning.plan import plan
 from vttig_jax.posterior.planning.result import Plan

@@ -133,7 +133,7 @@ def test_the_rig_of_the_mean_is_near_that_of_the_fit(posterior):
 
 
 def test_an_unknown_coordinate_is_refused(posterior):
-    with pytest.raises(ValueError, match="`name` must be one of .*nonesuch"):
+    with pytest.raises(ValueError, match="nonesuch"):
         posterior.values("nonesuch")
 
 
@@ -142,7 +142,8 @@ def test_json_fits_its_schema(posterior):
     validator = jsonschema.Draft202012Validator(load_schema("vttig.posterior/1"))
     validator.validate(record)
     assert record["parameters"]["driven_eccentricity_mm"]["median"] > 0
-    assert record["smallest_gap"]["safe_closing_mm"]["low95"] > 0
+    closing = record["smallest_gap"]["safe_closing_mm"]
+    assert closing["low95"] < closing["median"] < closing["high95"]
     assert record["correlation"]["names"] == list(posterior.physical)
     assert set(record["diagnosis"]["r_hat"]) == set(posterior.chains.header.names)
     assert record["converged"] == posterior.diagnosis.converged and record["prior"]

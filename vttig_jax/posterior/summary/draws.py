@@ -99,6 +99,8 @@ def shown_unit(name: str, unit: str) -> tuple[str, float]:
 
 def reported_name(fit: Fit, quantity: str) -> str | None:
     """Return the parameter that reports a quantity of a fit, for a component its amplitude."""
+    if quantity in fit.parameters:
+        return quantity
     source = quantity.removesuffix("_x").removesuffix("_y")
     ends = ("", "_deg", "_s", "_eccentricity_mm", "_amplitude_arcsec", "_arcsec")
     return next((f"{source}{end}" for end in ends if f"{source}{end}" in fit.parameters), None)
@@ -118,11 +120,13 @@ def parameters_of_draws(
     }
     for place, quantity in enumerate(names):
         name = reported_name(fit, quantity)
-        if name is None or quantity.endswith("_y") or not fit.parameters[name].determined:
+        if name is None or not fit.parameters[name].determined:
             continue
         unit = fit.parameters[name].unit
         scale = {"deg": DEG, "arcsec": ARCSEC}.get(unit, 1.0)
-        if quantity.endswith("_x"):
+        if name != quantity and quantity.endswith("_y"):
+            continue
+        if name != quantity and quantity.endswith("_x"):
             phase = f"{quantity.removesuffix('_x')}_phase_deg"
             pair = polar_of_draws((name, phase), unit, flat[:, place : place + 2] / scale)
             found |= {one.name: one for one in pair}

@@ -6,6 +6,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -121,9 +122,14 @@ class Posterior(PlottedResult):
 
     def model(self, draw: Any = slice(None)) -> OrderModel:
         """Return the flank model of a draw, or those of several, stacked along a first axis."""
-        ratio = jnp.broadcast_to(float(self.fit.pair.ratio), np.shape(self.offset[draw])[:-1])
-        parts = (jnp.asarray(part[draw]) for part in (self.offset, self.cosine, self.sine))
-        return OrderModel(ratio, self.fit.model.terms, *parts)
+        parts = [jnp.asarray(part[draw]) for part in (self.offset, self.cosine, self.sine)]
+        ratio = jnp.full(parts[0].shape[:-1], float(self.fit.pair.ratio))
+        terms = self.fit.model.terms
+
+        def one(ratio, offset, cosine, sine):
+            return OrderModel(ratio, terms, offset, cosine, sine)
+
+        return (jax.vmap(one) if ratio.ndim else one)(ratio, *parts)
 
     @cached_property
     def smallest_gap(self) -> SmallestGap:
@@ -295,7 +301,16 @@ def gap_draws(posterior: Posterior) -> "GapDraws":
 
 
 def flank_draws(posterior: Posterior) -> "GapDraws":
-    """Return drawn coefficients of both flanks, rad."""
+    """Return drawn coefficients of both flanks, rad.
+
+    **Raises** `NoAnswerError` for a flank model of the user, which a map of orders does not hold.
+    """
+    if posterior.fit.given is not None:
+        raise NoAnswerError(
+            "draws of a flank model of your own have no map; take its parameters from"
+            " `Posterior.draws`.",
+            where=posterior.fit.source,
+        )
     return GapDraws(
         pair=posterior.fit.pair,
         terms=tuple(posterior.fit.model.terms),
