@@ -32,7 +32,9 @@ LAGS = 8
 FIRST, SECOND = np.triu_indices(LAGS + 1)
 """Lags (i, j) of every window, i ≤ j."""
 
-_WIDTHS = np.array([2.5, 0.5, 0.4, 0.3] + [0.2] * (LAGS - 4))
+MEMORY = np.array([2.5, 0.5, 0.4, 0.3] + [0.2] * (LAGS - 4))
+"""Prior widths of atanh π_k."""
+
 _LAG = np.arange(1.0, LAGS + 1)
 _FLIPS = np.stack([np.pad(np.eye(k + 2)[::-1], (0, LAGS - k - 1)) for k in range(LAGS)])
 _JITTER = 1e-11
@@ -48,7 +50,7 @@ class Compressed(eqx.Module):
     - `precision`: precision of a prior of known width; 0 for a flat prior.
     - `centre`: c, the value at which a column is centred.
     - `usual`: scale of the prior of each τ. - `on`: 1 for groups in the model, 0 for others.
-    - `constant`: Σ ln sd² over the columns of groups.
+    - `constant`: Σ ln sd² over the columns of groups. - `memory`: prior widths of atanh π_k.
     """
 
     windows: Float[Numbers, "pairs all all"]
@@ -60,6 +62,7 @@ class Compressed(eqx.Module):
     usual: Float[Numbers, " groups"]
     on: Float[Numbers, " groups"]
     constant: Float[Numbers, ""]
+    memory: Float[Numbers, " lags"]
 
 
 class Solved(eqx.Module):
@@ -120,7 +123,9 @@ def _penalty(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
     """Return −2 ln of the prior of θ; a group that is off is held at its usual scale."""
     far = theta[LAGS + 1 :] - jnp.log(logs.usual)
     cauchy = 2 * jnp.logaddexp(0.0, 2 * far) - 2 * far
-    return jnp.sum((theta[:LAGS] / _WIDTHS) ** 2) + jnp.sum(jnp.where(logs.on > 0, cauchy, far**2))
+    return jnp.sum((theta[:LAGS] / jnp.asarray(logs.memory)) ** 2) + jnp.sum(
+        jnp.where(logs.on > 0, cauchy, far**2)
+    )
 
 
 def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:

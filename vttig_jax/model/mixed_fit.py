@@ -14,7 +14,7 @@ from ..base.units import REV
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .columns import GROUPS, Assumptions, Column, Shape, columns_of, embedding
-from .density import LAGS, Compressed
+from .density import LAGS, MEMORY, Compressed
 from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
@@ -24,6 +24,10 @@ from .scope import Scope, scope_of
 
 MOST_PASSES, MOMENTS = 7, 2
 _SMALL = 4.0
+SINGLE_TURN, _FORGETFUL = 1.5, 0.1
+"""Turns up to which a log is a table of one turn, and the prior widths of atanh π_k there: orders
+and noise that remembers look the same in it, and the orders are what one looks for."""
+
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
 
@@ -196,6 +200,8 @@ def mixed_fit(
         shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed, given=given
     )
     free = any(column.name == ("delay",) for column in design.columns)
+    range_turns = max(np.ptp([one.driving[[a, b - 1]] for a, b, _ in one.runs]) for one in shafts)
+    memory = MEMORY if range_turns > SINGLE_TURN * REV else np.full(LAGS, _FORGETFUL)
     theta, weights, share, noise, steps = None, None, 0.0, 0.0, 0
     number, last, settled = 0, 0.0, not free
     while True:
@@ -220,6 +226,7 @@ def mixed_fit(
             weights,
             centres={("delay",): delay_s},
             usual=design.scales(noise),
+            memory=memory,
         )
         found = largest(problem.compressed, theta)
         theta = np.asarray(found.value)
@@ -347,6 +354,8 @@ def outlying(
     if not (certain or is_heavy(residual)):
         return None, 0.0, spread(residual)
     weight, share = weights_of(x, y)
+    heavy = x * weight[:, None]
+    residual = y - x @ np.linalg.solve(heavy.T @ x + hold, heavy.T @ y)
     if share > _MOST_OUTLIERS:
         return None, 0.0, spread(residual)
     residual = residual[weight > 0.5]

@@ -133,26 +133,16 @@ class Shafts:
         return replace(self, good=good, speed=speed)
 
     def delayed(self, delay_s: float) -> Float[np.ndarray, " n"]:
-        """Return φ₁(t − d) by cubic interpolation of good samples; outliers keep their distance."""
-        if delay_s == 0 and self.good is None:
+        """Return φ₁(t − d) = φ₁(t) less the integral of the smoothed speed over the delay.
+
+        It is the smoothed speed that the column of the delay has, so that the delay of the next
+        pass is the sum of both.
+        """
+        if delay_s == 0:
             return self.driving
-        good = np.ones(len(self.time), bool) if self.good is None else self.good
-        time, first = np.unique(self.time, return_index=True)
-        kept = first[good[first]]
-        time, angle = self.time[kept], self.driving[kept]
-        slope = np.gradient(angle, time)
-        asked = np.clip(self.time - delay_s, time[0], time[-1])
-        left = np.clip(np.searchsorted(time, asked, "right") - 1, 0, len(time) - 2)
-        step = time[left + 1] - time[left]
-        x = (asked - time[left]) / step
-        rise = angle[left + 1] - angle[left]
-        low, high = slope[left] * step, slope[left + 1] * step
-        bend = (1 - x) * (low - rise) - x * (high - rise)
-        moved = angle[left] + x * rise + x * (1 - x) * bend
-        outliers = np.flatnonzero(~good)
-        distance = self.driving[outliers] - np.interp(self.time[outliers], time, angle)
-        moved[outliers] += distance
-        return moved
+        mean = 0.5 * (self.speed[1:] + self.speed[:-1])
+        path = np.concatenate([[0.0], np.cumsum(mean * np.diff(self.time))])
+        return self.driving + np.interp(self.time - delay_s, self.time, path) - path
 
 
 @dataclass(frozen=True, eq=False)

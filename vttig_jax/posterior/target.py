@@ -190,6 +190,7 @@ class FitTarget:
             usual=logs.usual,
             on=logs.on,
             constant=logs.constant,
+            memory=logs.memory,
         )
 
     def thetas(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n p"]:
