@@ -14,7 +14,7 @@ does not depend on the length of the logs. With D = diag(prior precision), M = G
                  + rᵀ G r + (β̂ + c)ᵀ D (β̂ + c)
 
 with r = (β̂, −1), N rows and R runs. θ holds the partial autocorrelations as atanh π_k, ln σ and the
-ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 1 down to 0.2;
+ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 1 down to 0.4;
 τ is half-Cauchy around its usual scale, as a density of ln τ.
 """
 
@@ -32,7 +32,7 @@ LAGS = 8
 FIRST, SECOND = np.triu_indices(LAGS + 1)
 """Lags (i, j) of every window, i ≤ j."""
 
-MEMORY = np.array([2.5, 0.5, 0.4, 0.3] + [0.2] * (LAGS - 4))
+MEMORY = np.array([2.5, 0.7, 0.7] + [0.4] * (LAGS - 3))
 """Prior widths of atanh π_k."""
 
 _LAG = np.arange(1.0, LAGS + 1)

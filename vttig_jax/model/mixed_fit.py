@@ -19,7 +19,7 @@ from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Extra, Resolution, Rows, Shafts, Wave, joined, rows_of, travel
+from .rows import BENDS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
 MOST_PASSES, MOMENTS = 7, 2
@@ -108,7 +108,6 @@ class Design:
                 self.row_s,
                 delay_s,
                 self.bends,
-                self.shape.resolution,
                 ratio=any(column.name == ("ratio",) for column in self.columns),
             )
             for one in shafts
@@ -162,11 +161,9 @@ def design_of(
         one_zero=one_zero,
         interval_s=max(one.interval_s for one in shafts),
         usual=1.0,
-        resolution=Resolution.of(min(map(travel, shafts))),
     )
-    cycles = [wave.cycles(ratio) for wave in waves] + (
-        [] if given is None else [given.highest_order]
-    )
+    cycles = [wave.cycles(ratio) for wave in waves]
+    cycles += [] if given is None else [given.highest_order]
     row_s = row_duration(shafts, max(cycles, default=1.0))
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
@@ -200,8 +197,7 @@ def mixed_fit(
         shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed, given=given
     )
     free = any(column.name == ("delay",) for column in design.columns)
-    range_turns = max(np.ptp([one.driving[[a, b - 1]] for a, b, _ in one.runs]) for one in shafts)
-    memory = MEMORY if range_turns > SINGLE_TURN * REV else np.full(LAGS, _FORGETFUL)
+    memory = MEMORY if range_of(shafts) > SINGLE_TURN else np.full(LAGS, _FORGETFUL)
     theta, weights, share, noise, steps = None, None, 0.0, 0.0, 0
     number, last, settled = 0, 0.0, not free
     while True:
@@ -318,6 +314,12 @@ def usual_error(rows: Sequence[Rows]) -> float:
                 left.append(error - x @ np.linalg.lstsq(x, error, rcond=None)[0])
     every = np.concatenate(left)
     return max(1.4826 * float(np.median(np.abs(every - np.median(every)))), 1e-9)
+
+
+def range_of(shafts: Sequence[Shafts]) -> float:
+    """Return the range of the driving shaft in turns, in the log that covers most."""
+    ends = [one.driving[[[a, b - 1] for a, b, _ in one.runs]] for one in shafts]
+    return max(float(np.ptp(angles)) for angles in ends) / REV
 
 
 def row_duration(shafts: Sequence[Shafts], highest: float) -> float:
