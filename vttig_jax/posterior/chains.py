@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ..base.errors import InputError, UsageError
 from .checkpoint import Checkpoint, Header, Record, read
 from .convergence import Diagnosis, after_burn_in, diagnose
+from .proposal import Proposal
 from .target import BATCH, Target
 from .until import BLOCK_STEPS, Progress, Until
 
@@ -194,23 +195,12 @@ class _Run:
 
     def __init__(self, target: Target, header: Header, record: Record | None):
         self.header = header
-        around = target.around()
-        moves = [(emcee.moves.MHMove(around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
-        seeds = np.random.SeedSequence(header.seed).spawn(header.ensembles + 1)
-        twisters = [np.random.RandomState(np.random.MT19937(one)) for one in seeds]
+        self.around = target.around() if record is None else Proposal.read(record.proposal)
+        moves = [(emcee.moves.MHMove(self.around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
         shape = header.walkers, len(header.names)
-        starts = around.starts(header.ensembles * header.walkers, twisters[-1])
-        if len(starts) < header.ensembles * header.walkers:
-            raise ValueError(
-                f"Argument `walkers` must give at most {len(starts)} walkers in all, but"
-                f" {header.ensembles} ensembles of {header.walkers} are asked for."
-            )
-        self.ensembles, self._states = [], []
-        for number, twister in enumerate(twisters[:-1]):
-            backend = Backend()
+        backends = [Backend() for _ in range(header.ensembles)]
+        for number, backend in enumerate(backends):
             backend.reset(*shape)
-            own = starts[number :: header.ensembles]
-            state = emcee.State(own, random_state=twister.get_state())
             if record is not None:
                 backend.chain, backend.log_prob = record.draws[number], record.log_density[number]
                 backend.accepted = record.accepted[number].astype(float)
@@ -218,14 +208,33 @@ class _Run:
                 position, has_gauss, gauss = record.rest[number].tolist()
                 key = record.keys[number]
                 backend.random_state = "MT19937", key, int(position), int(has_gauss), gauss
-                state = backend.get_last_sample()
-            self.ensembles.append(
-                emcee.EnsembleSampler(
-                    *shape, target.log_density, vectorize=True, moves=moves, backend=backend
-                )
+        self.ensembles = [
+            emcee.EnsembleSampler(
+                *shape, target.log_density, vectorize=True, moves=moves, backend=backend
             )
-            self._states.append(state)
-        self.record = record or self._recorded(0)
+            for backend in backends
+        ]
+        if record is None:
+            self._states = self._starts()
+            self.record = self._recorded(0)
+        else:
+            self._states, self.record = [one.get_last_sample() for one in backends], record
+
+    def _starts(self) -> list[emcee.State]:
+        """Return different points of the pool for every ensemble, with a random generator each."""
+        header, pool = self.header, len(self.around.pool)
+        if header.ensembles * header.walkers > pool:
+            raise ValueError(
+                f"Argument `walkers` must give at most {pool} walkers in all, but"
+                f" {header.ensembles} ensembles of {header.walkers} are asked for."
+            )
+        seeds = np.random.SeedSequence(header.seed).spawn(header.ensembles + 1)
+        *own, first = [np.random.RandomState(np.random.MT19937(one)) for one in seeds]
+        points = self.around.starts(header.ensembles * header.walkers, first)
+        return [
+            emcee.State(points[number :: header.ensembles], random_state=one.get_state())
+            for number, one in enumerate(own)
+        ]
 
     @property
     def steps(self) -> int:
@@ -249,6 +258,7 @@ class _Run:
         return Record(
             np.stack([one.chain[:stored] for one in backends]),
             np.stack([one.log_prob[:stored] for one in backends]),
+            self.around.table,
             np.stack([one.accepted for one in backends]).astype(int),
             np.stack([state[1] for state in states]).astype(np.uint32),
             np.array([state[2:5] for state in states], float),

@@ -49,6 +49,18 @@ class Proposal:
         factor = np.linalg.cholesky(spread[np.ix_(order, order)])
         return cls(mean, factor, order, freedom, np.empty((0, len(mean))), np.empty(0))
 
+    @property
+    def table(self) -> Float[np.ndarray, "d columns"]:
+        """Mean, order, freedom and factor as columns, for a file."""
+        return np.column_stack([self.mean, self.order, self.freedom, self.factor])
+
+    @classmethod
+    def read(cls, table: Float[np.ndarray, "d columns"]) -> "Proposal":
+        """Return the proposal of a `table`, without its pool."""
+        mean, order, freedom = table[:, :3].T
+        empty = np.empty((0, len(mean)))
+        return cls(mean, table[:, 3:], order.astype(int), freedom, empty, np.empty(0))
+
     def draw(self, count: int, random: np.random.RandomState) -> Float[np.ndarray, "n d"]:
         """Return draws."""
         z = random.standard_t(np.broadcast_to(self.freedom, (count, len(self.freedom))))
@@ -66,8 +78,6 @@ class Proposal:
 
     def improved(self, log_density: Callable) -> "Proposal":
         """Return the proposal with the moments of a density, from weighted draws.
-
-        The random numbers are fixed, so that a run that goes on has the same proposal.
 
         **Raises** `NoAnswerError` for a density that is nowhere finite.
         """
