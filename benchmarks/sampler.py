@@ -1,9 +1,9 @@
 """What sampling costs, and its intervals and bands beside those of the fit and the truth.
 
-    OPENBLAS_NUM_THREADS=1 python -m benchmarks.sampler [--rigs 6]
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.sampler [--rigs 20]
 
-Writes results/sampler.json; times are process times. The logs are those of `paper_rig`, short ones of
-five turns there and back for the bands.
+Writes results/sampler.json; times are process times. The logs are those of `paper_rig`, short ones
+of five turns there and back for intervals and bands.
 """
 
 import argparse
