@@ -46,9 +46,20 @@ class Target(Protocol):
     `around` proposes points near the density.
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    identity: dict
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        ...
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates."""
+        ...
+
+    @property
+    def identity(self) -> dict:
+        """Values that tell the density from another one."""
+        ...
 
     def around(self) -> Proposal:
         """Return a proposal with a pool of weighted draws."""
