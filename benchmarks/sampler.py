@@ -70,8 +70,9 @@ def beside(seed: int) -> dict[str, Any]:
     ratios = {}
     for name, known in result.parameters.items():
         drawn = found.parameters[name]
-        if known.low95 is not None and known.high95 is not None and drawn.low95 is not None:
-            ratios[name] = (drawn.high95 - drawn.low95) / (known.high95 - known.low95)
+        ends: list[Any] = [known.low95, known.high95, drawn.low95, drawn.high95]
+        if None not in ends:
+            ratios[name] = (ends[3] - ends[2]) / (ends[1] - ends[0])
     banded = band_map(found, STEP_DEG)
     gap, band = np.asarray(rig.flank_model().backlash(banded.driving_angle)), banded.band
     inside = lambda low, high: (gap >= low) & (gap <= high)  # noqa: E731

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import emcee
 import numpy as np
@@ -14,7 +15,6 @@ from jaxtyping import Float
 from ..base.errors import InputError, UsageError
 from .checkpoint import Checkpoint, Header, Record, read
 from .convergence import Diagnosis, after_burn_in, diagnose
-from .proposal import Proposal
 from .target import BATCH, Target
 from .until import BLOCK_STEPS, Progress, Until
 
@@ -195,7 +195,7 @@ class _Run:
 
     def __init__(self, target: Target, header: Header, record: Record | None):
         self.header = header
-        self.around = target.around() if record is None else Proposal.read(record.proposal)
+        self.around = target.around()
         moves = [(emcee.moves.MHMove(self.around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
         shape = header.walkers, len(header.names)
         backends = [Backend() for _ in range(header.ensembles)]
@@ -214,6 +214,7 @@ class _Run:
             )
             for backend in backends
         ]
+        self._states: list[Any]
         if record is None:
             self._states = self._starts()
             self.record = self._recorded(0)
@@ -243,22 +244,19 @@ class _Run:
 
     def advance(self, steps: int) -> None:
         """Advance every ensemble by `steps` steps, a multiple of `THIN`."""
-        for number, one in enumerate(self.ensembles):
-            self._states[number] = one.run_mcmc(
-                self._states[number],
-                steps // THIN,
-                thin_by=THIN,
-                skip_initial_state_check=True,
-            )
+        stored, settings = steps // THIN, {"thin_by": THIN, "skip_initial_state_check": True}
+        self._states = [
+            one.run_mcmc(state, stored, **settings)
+            for one, state in zip(self.ensembles, self._states, strict=True)
+        ]
         self.record = self._recorded((self.steps + steps) // THIN)
 
     def _recorded(self, stored: int) -> Record:
         backends = [one.backend for one in self.ensembles]
-        states = [state.random_state for state in self._states]
+        states: list[Any] = [state.random_state for state in self._states]
         return Record(
             np.stack([one.chain[:stored] for one in backends]),
             np.stack([one.log_prob[:stored] for one in backends]),
-            self.around.table,
             np.stack([one.accepted for one in backends]).astype(int),
             np.stack([state[1] for state in states]).astype(np.uint32),
             np.array([state[2:5] for state in states], float),

@@ -41,7 +41,8 @@ BATCH = 16
 class Target(Protocol):
     """Density for `run_ensembles`.
 
-    `log_density` maps points, shape (n, d), to n values, −inf outside the support.
+    `names`, `units`: of the coordinates. `identity`: JSON values that tell one density from
+    another. `log_density` maps points, shape (n, d), to n values, −inf outside the support.
     `around` proposes points near the density.
     """
 
@@ -57,7 +58,7 @@ class Target(Protocol):
 
     @property
     def identity(self) -> dict:
-        """JSON values that tell one density from another."""
+        """Values that tell the density from another one."""
         ...
 
     def around(self) -> Proposal:
