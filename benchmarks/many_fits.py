@@ -75,6 +75,7 @@ def _gate(table: FitTable, logs: list[EncoderLog], pair: Any) -> float:
 def _logs(drawn: list[EncoderLog], pair: Any, count: int) -> Iterator[EncoderLog]:
     for number in range(count):
         log = drawn[number % DRAWN]
+        assert log.driven is not None  # a log of two encoders
         more = np.random.default_rng(number).normal(0.0, 0.3, len(log)).round().astype(int)
         yield EncoderLog.from_arrays(
             log.time, log.driving.reading, log.driven.reading + more, pair=pair
