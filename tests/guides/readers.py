@@ -28,7 +28,6 @@ SHORTER = {
     "python -m benchmarks.calibration --rigs 60 --short": (
         "python -m benchmarks.calibration --rigs 2 --short --case white"
     ),
-    "python -m benchmarks.residual_check": "python -m benchmarks.residual_check --rigs 2",
 }
 """Command that takes minutes → the same command for fewer rigs, which runs in its place."""
 
