@@ -48,7 +48,7 @@ def _prints(source: str) -> bool:
     return isinstance(ast.parse(source).body[0], ast.Expr) and "enable_x64" not in source
 
 
-SLOW = ("calibrate", "contact_model", "fit_arrays", "fit_many", "sampler", "sweep", "tune")
+SLOW = ("calibrate", "contact_model", "fit_many", "sampler", "sweep", "tune")
 """Modules whose examples take over five seconds, mostly to compile; `-m slow` runs them."""
 
 FOUND = [

@@ -21,23 +21,13 @@ NAMED = {
 """Page → names of the files that its TOML and CSV blocks show, in their order."""
 
 SHORTER = {
-    "vttig calibrate": "vttig calibrate --scenario encoders_left_out --short --rigs 60",
-    "vttig calibrate --scenario ar_4ms75 --rigs 500": (
-        "vttig calibrate --scenario ar_4ms75 --rigs 60"
+    "vttig calibrate demo": "vttig calibrate demo --rigs 20",
+    "vttig calibrate demo --rigs 1000 --out calibration": (
+        "vttig calibrate demo --rigs 20 --out calibration"
     ),
-    "vttig calibrate --scenario ar_4ms75 --short --rigs 500": (
-        "vttig calibrate --scenario ar_4ms75 --short --rigs 60"
+    "python -m benchmarks.calibration --rigs 60 --short": (
+        "python -m benchmarks.calibration --rigs 2 --short --case white"
     ),
-    "vttig calibrate --scenario encoders --rigs 400 --posterior 400": (
-        "vttig calibrate --scenario encoders --short --rigs 60 --posterior 1"
-    ),
-    "vttig calibrate --scenario ar_4ms75 --short --rigs 400 --posterior 400": (
-        "vttig calibrate --scenario ar_4ms75 --short --rigs 60 --posterior 1"
-    ),
-    "python -m benchmarks.calibration": (
-        "python -m benchmarks.calibration --rigs 20 --scenario white"
-    ),
-    "python -m benchmarks.residual_check": "python -m benchmarks.residual_check --rigs 2",
 }
 """Command that takes minutes → the same command for fewer rigs, which runs in its place."""
 
@@ -122,5 +112,12 @@ HAVE: dict[str, Callable[[Path], None]] = {
 }
 """Page with commands → what its reader has, beside the demo where `DEMO` lists the page."""
 
-DEMO = ("README.md", "docs/from_log_to_map.md", "docs/gear.md", "docs/reversals.md")
+DEMO = (
+    "README.md",
+    "docs/calibration.md",
+    "docs/from_log_to_map.md",
+    "docs/gear.md",
+    "docs/reversals.md",
+    "docs/what_a_log_tells.md",
+)
 """Pages whose reader has run `vttig demo --out demo`."""

@@ -85,6 +85,7 @@ class Solved(eqx.Module):
     moments: Float[Array, " p"]
 
 
+@jax.jit
 def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
     """Return the filter of an autoregression from its partial autocorrelations (Levinson)."""
 
@@ -140,7 +141,8 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     flat = windows.reshape(pairs, -1)
     weight = weights(theta, logs.on)
     slope = jax.jacfwd(weights)(theta, logs.on)
-    gram = (weight[:pairs] @ flat).reshape(size, size)
+    taken = jnp.concatenate([weight[None, :pairs], slope[:pairs, :LAGS].T]) @ flat
+    gram, bends = taken[0].reshape(size, size), taken[1:].reshape(LAGS, size, size)
     prior = logs.precision + logs.member @ weight[pairs:]
     whole = gram[:-1, :-1] + jnp.diag(prior)
     scale = 1 / jnp.sqrt(jnp.diag(whole))
@@ -160,10 +162,17 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     rest = lambda t: fixed @ weights(t, logs.on) + _explicit(t, logs) + _penalty(t, logs)  # noqa: E731
     # derivatives of M by θ: windows for the noise, diagonals for the groups
     noise = LAGS + 1
-    bends = (slope[:pairs, :noise].T @ flat).reshape(noise, size, size)
+    bends = jnp.concatenate([bends, -2 * gram[None]])  # σ: G ∝ 1/σ²
     diagonals = logs.member * jnp.diag(slope[pairs:, noise:])[None]
     slopes = jnp.concatenate([(bends @ residual)[:, :-1], (diagonals * at[:, None]).T]).T
-    moved = jnp.concatenate([spread @ bends[:, :-1, :-1], spread[None] * diagonals.T[:, None, :]])
+    by_std = -2 * (jnp.eye(size - 1) - spread * prior[None])
+    moved = jnp.concatenate(
+        [
+            spread @ bends[:LAGS, :-1, :-1],
+            by_std[None],
+            spread[None] * diagonals.T[:, None, :],
+        ]
+    )
     traces = jnp.einsum("sij,tji->st", moved, moved)
     curve = jax.hessian(rest)(theta) - traces - 2 * slopes.T @ spread @ slopes
     return Solved(

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
@@ -121,20 +121,42 @@ def plan(
     ```
     """
     require_x64("plan")
-    speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
-    run = PlannedRun(
+    run, assumptions = asked(
+        pair,
         turns=turns,
-        speeds_rpm=speeds,
         rate_hz=rate_hz,
+        noise=noise,
+        speed_rpm=speed_rpm,
         directions=directions,
         passes=passes,
         dwell_s=dwell_s,
         ramp_s=ramp_s,
+        eccentricities=eccentricities,
+        assumed=assumed,
+        orders=orders,
+        perfect_encoders=perfect_encoders,
+        delay=delay,
     )
+    return plan_of_run(pair, run, assumptions, {})
+
+
+def asked(
+    pair: GearPair | Drive,
+    *,
+    noise: PlannedNoise,
+    speed_rpm: float | Sequence[float] = 60.0,
+    eccentricities: Eccentricities | None = None,
+    assumed: Mapping[str, float] | None = None,
+    orders: HarmonicOrders | None = None,
+    perfect_encoders: bool = False,
+    delay: DelayChoice = "auto",
+    **run: Any,
+) -> tuple[PlannedRun, Assumptions]:
+    """Return the run and the assumptions of the arguments of `plan`."""
+    speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
     values = assumed_values(pair, eccentricities, assumed)
-    return plan_of_run(
-        pair, run, Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay), {}
-    )
+    assumptions = Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay)
+    return PlannedRun(speeds_rpm=speeds, **run), assumptions
 
 
 def plan_of_run(

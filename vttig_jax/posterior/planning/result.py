@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
@@ -44,15 +44,7 @@ class PlannedParameter:
 
     def to_json(self) -> dict:
         """Return the JSON object of the parameter, as it stands under `parameters` of a plan."""
-        return {
-            "std": self.std,
-            "unit": self.unit,
-            "assumed": self.assumed,
-            "determined": self.determined,
-            "significant": self.significant,
-            "reason": self.reason,
-            "wanted": self.wanted,
-        }
+        return {key: value for key, value in asdict(self).items() if key != "name"}
 
 
 @dataclass(frozen=True)

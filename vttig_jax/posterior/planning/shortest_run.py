@@ -1,20 +1,17 @@
 """Search for the shortest run whose fit reaches the wanted standard errors."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
-from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import Drive, GearPair
-from ...pair.schema import HarmonicOrders
-from .assumptions import assumed_values
-from .noise import PlannedNoise
-from .plan import Assumptions, DelayChoice, plan_of_run
+from .plan import Assumptions, asked, plan_of_run
 from .result import Plan
-from .run import MOST_SAMPLES, Directions, PlannedRun
+from .run import MOST_SAMPLES, PlannedRun
 
 MOST_TURNS = 1000.0  # default of the largest number of turns of a pass (chosen)
 
@@ -24,24 +21,13 @@ def shortest_run(
     pair: GearPair | Drive,
     target: Mapping[str, float],
     *,
-    rate_hz: float,
-    noise: PlannedNoise,
     most_turns: float = MOST_TURNS,
-    speed_rpm: float | Sequence[float] = 60.0,
-    directions: Directions = "both",
-    passes: int | None = None,
-    dwell_s: float = 2.0,
-    ramp_s: float = 0.5,
-    eccentricities: Eccentricities | None = None,
-    assumed: Mapping[str, float] | None = None,
-    orders: HarmonicOrders | None = None,
-    perfect_encoders: bool = False,
-    delay: DelayChoice = "auto",
+    **planned: Any,
 ) -> Plan:
     """Return the plan with the fewest turns per pass that reaches the wanted standard errors.
 
     The number of driving turns per pass is whole. More turns never give less information once every
-    first order has enough turns. Therefore the run is first lengthened until it reaches the target,
+    first order has enough turns. Therefore the run is first doubled until it reaches the target,
     and then the number of turns is found by bisection.
 
     **Arguments**
@@ -49,7 +35,7 @@ def shortest_run(
       `{"driving_eccentricity_mm": 1e-4}`.
     - `most_turns`: largest number of turns per pass, 1000 by default. A run of more than ten
       million samples is never tried.
-    - other arguments: as in `plan`.
+    - `planned`: the other arguments of `plan`.
 
     **Raises** `NoAnswerError` with the reason if no run of this kind reaches the target.
 
@@ -75,18 +61,7 @@ def shortest_run(
             raise ValueError(
                 f"Argument `target` must hold positive standard errors, but {name} is {value!r}."
             )
-    speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
-    longest = PlannedRun(
-        turns=most_turns,
-        speeds_rpm=speeds,
-        rate_hz=rate_hz,
-        directions=directions,
-        passes=passes,
-        dwell_s=dwell_s,
-        ramp_s=ramp_s,
-    )
-    values = assumed_values(pair, eccentricities, assumed)
-    assumptions = Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay)
+    longest, assumptions = asked(pair, turns=most_turns, **planned)
     return _search(pair, longest, assumptions, target)
 
 
@@ -96,29 +71,27 @@ def _search(
     assumptions: Assumptions,
     target: Mapping[str, float],
 ) -> Plan:
-    """Return the plan with the fewest turns: lengthen the run until it suffices, then bisect.
+    """Return the plan with the fewest turns: double the run until it suffices, then bisect.
 
-    The next number of turns is predicted with std ∝ 1/√turns. `longest` has the most turns allowed.
+    `longest` has the most turns allowed.
     """
     most = _most_turns(longest)
     least = max(1, math.ceil(longest.least_turns))
+    few, many = least - 1, min(least, most)
 
     def attempt(turns: int) -> Plan | NoAnswerError:
         return _attempt(pair, replace(longest, turns=float(turns)), assumptions, target)
 
-    few, many = least - 1, min(least, most)
-    result = attempt(many)
-    while not _reaches_target(result, target):
+    best = attempt(many)
+    while not _reaches_target(best, target):
         if many == most:
-            raise _unreachable(result, target, longest, most)
-        if isinstance(result, Plan):
-            _require_possible(result, target)
-        few, many = many, min(max(2 * many, _estimated_turns(result, target)), most)
-        result = attempt(many)
-    best, predict = result, True
+            raise _unreachable(best, target, longest, most)
+        if isinstance(best, Plan):
+            _require_possible(best, target)
+        few, many = many, min(2 * many, most)
+        best = attempt(many)
     while many - few > 1:
-        middle = _estimated_turns(best, target) if predict else (few + many) // 2
-        middle, predict = min(max(middle, few + 1), many - 1), not predict
+        middle = (few + many) // 2
         result = attempt(middle)
         if _reaches_target(result, target):
             best, many = result, middle
@@ -126,17 +99,6 @@ def _search(
             few = middle
     assert isinstance(best, Plan)  # because it reaches the target
     return best
-
-
-def _estimated_turns(result: Plan | NoAnswerError, target: Mapping[str, float]) -> int:
-    """Return the number of turns that reaches the target if every standard error ∝ 1/√turns.
-
-    The result is 0 if no prediction is possible.
-    """
-    if isinstance(result, NoAnswerError):
-        return 0
-    excess = max(result.std(name) / wanted for name, wanted in target.items())
-    return math.ceil(min(result.run.turns * excess**2, 1e9)) if excess < math.inf else 0
 
 
 def _most_turns(longest: PlannedRun) -> int:
