@@ -121,6 +121,7 @@ def test_exchanged_columns_contradict():
     assert result.outcome == "contradicts" and "gap-below-zero" in slugs(result)
 
 
+@pytest.mark.xfail(reason="moving parts of the model take a line that is not listed", strict=True)
 def test_a_line_joins_or_is_left():
     line = lambda angle, speed: wave(angle, speed) + 20 * np.sin(3.37 * angle)  # noqa: E731
     log = drive_log(PAIR, there_and_back((75.0, 110.0), 20.0), gap=level(GAP), error=line)
