@@ -27,7 +27,7 @@ BOUNDS = {
     "logs": (10324, 286),  # 7400
     "rig": (326, 1),  # 260
     "identify": (11162, 237),  # 9000 together with posterior
-    "posterior": (6061, 108),
+    "posterior": (2977, 46),
     "control": (6950, 80),  # 3600
     "plotting": (2012, 53),  # 2000 together with the report
     "runs": (1810, 3),  # 900

@@ -140,9 +140,9 @@ def _small_pictures() -> None:
 
 
 def _save_often() -> None:
-    from vttig_jax.posterior.sampling import checkpoint
+    from vttig_jax.posterior import checkpoint
 
-    checkpoint.SAVE_S = checkpoint._WAIT_PER_WRITE = 0.0
+    checkpoint.SAVE_S = checkpoint.SLOWER = 0.0
 
 
 _PAIR = ("--pair", "pair.toml")

@@ -131,7 +131,7 @@ def test_the_posterior_comes_before_the_fit(sampled_folder):
         read_fit(sampled_folder, pair_from_spec(read_run(sampled_folder).spec)),
     )
     found = fitted_rig(sampled_folder, sampled_folder / "no pair")
-    assert found.driving_mm == posterior.centred_fit.eccentricities().driving_mm
+    assert found.driving_mm == posterior.eccentricities().driving_mm
     assert found.driving_mm != posterior.fit.eccentricities().driving_mm
 
 

@@ -38,9 +38,6 @@ SHORTER = {
         "python -m benchmarks.calibration --rigs 20 --scenario white"
     ),
     "python -m benchmarks.residual_check": "python -m benchmarks.residual_check --rigs 2",
-    "python -m benchmarks.band_coverage": (
-        "python -m benchmarks.band_coverage --rigs 2 --draws 50 --step-deg 60"
-    ),
 }
 """Command that takes minutes → the same command for fewer rigs, which runs in its place."""
 

@@ -125,6 +125,7 @@ def test_a_flank_model_of_the_user_is_sampled():
     assert "model.wave[0]" in told
     for name in told:
         drawn, known = found.parameters[name], result.parameters[name]
+        assert known.std is not None
         assert drawn.value == pytest.approx(known.value, abs=0.3 * known.std), name
         assert drawn.std == pytest.approx(known.std, rel=0.4), name
     assert str(found) and found.to_json()["smallest_gap"] is None

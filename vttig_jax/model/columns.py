@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from .rows import BENDS, Name, Resolution, Wave
+from .rows import BENDS, KNOTS, PARTS, Name, Wave
 
 GROUPS = ("driving", "driven", "difference", "drift", "delay_parts", "gap_by_speed")
 """Groups of columns that share a prior width τ."""
@@ -75,7 +75,6 @@ class Shape:
       None for gears, whose first orders follow from eccentricities and have a flat prior.
     - `one_zero`: whether all logs count from one zero and so share their harmonics.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
-    - `resolution`: ramps of the drift and parts of the delay.
     """
 
     logs: int
@@ -85,7 +84,6 @@ class Shape:
     one_zero: bool
     interval_s: float
     usual: float
-    resolution: Resolution
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
@@ -113,11 +111,10 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                     row = (wave.shaft, wave.order, part)
                     yield Column((*row, differs, log or 0), row, log, differs, prior, width)
     for log in range(shape.logs):
-        knots, parts = shape.resolution
-        for k in range(knots):
-            yield Column(("drift", log, k), ("drift", k), log, prior="drift", width=knots**-0.5)
+        for k in range(KNOTS):
+            yield Column(("drift", log, k), ("drift", k), log, prior="drift", width=KNOTS**-0.5)
         if assumed.delay == "fitted":
-            for k in range(parts):
+            for k in range(PARTS):
                 yield Column(("part", log, k), ("part", k), log, prior="delay_parts")
     if shape.both:
         for k in range(BENDS):

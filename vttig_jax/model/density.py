@@ -14,7 +14,7 @@ does not depend on the length of the logs. With D = diag(prior precision), M = G
                  + rᵀ G r + (β̂ + c)ᵀ D (β̂ + c)
 
 with r = (β̂, −1), N rows and R runs. θ holds the partial autocorrelations as atanh π_k, ln σ and the
-ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 1 down to 0.2;
+ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 1 down to 0.4;
 τ is half-Cauchy around its usual scale, as a density of ln τ.
 """
 
@@ -32,7 +32,9 @@ LAGS = 8
 FIRST, SECOND = np.triu_indices(LAGS + 1)
 """Lags (i, j) of every window, i ≤ j."""
 
-_WIDTHS = np.array([2.5, 0.5, 0.4, 0.3] + [0.2] * (LAGS - 4))
+MEMORY = np.array([2.5, 0.7, 0.7] + [0.4] * (LAGS - 3))
+"""Prior widths of atanh π_k."""
+
 _LAG = np.arange(1.0, LAGS + 1)
 _FLIPS = np.stack([np.pad(np.eye(k + 2)[::-1], (0, LAGS - k - 1)) for k in range(LAGS)])
 _JITTER = 1e-11
@@ -48,7 +50,7 @@ class Compressed(eqx.Module):
     - `precision`: precision of a prior of known width; 0 for a flat prior.
     - `centre`: c, the value at which a column is centred.
     - `usual`: scale of the prior of each τ. - `on`: 1 for groups in the model, 0 for others.
-    - `constant`: Σ ln sd² over the columns of groups.
+    - `constant`: Σ ln sd² over the columns of groups. - `memory`: prior widths of atanh π_k.
     """
 
     windows: Float[Numbers, "pairs all all"]
@@ -60,6 +62,7 @@ class Compressed(eqx.Module):
     usual: Float[Numbers, " groups"]
     on: Float[Numbers, " groups"]
     constant: Float[Numbers, ""]
+    memory: Float[Numbers, " lags"]
 
 
 class Solved(eqx.Module):
@@ -93,7 +96,7 @@ def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
     return jax.lax.scan(longer, first, (partial, jnp.asarray(_FLIPS)))[0]
 
 
-def weights(theta: Float[Array, " p"], on: Float[Array, " groups"]) -> Float[Array, " w"]:
+def weights(theta: Float[Array, " p"], on: Float[Numbers, " groups"]) -> Float[Array, " w"]:
     """Return the weights f_i f_j/σ² of the windows, followed by 1/τ² of every group."""
     taps = whitening(_partial(theta))
     return jnp.concatenate(
@@ -110,17 +113,19 @@ def _partial(theta: Float[Array, " p"]) -> Float[Array, " lags"]:
 
 def _explicit(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
     """Return the terms of −2 ln L that depend on θ alone."""
-    count = jnp.sum(logs.member > 0, axis=0) * logs.on
-    noise = 2 * logs.rows * theta[LAGS]
-    ends = logs.runs * jnp.sum(_LAG * jnp.log1p(-(_partial(theta) ** 2)))
-    return noise - ends + 2 * count @ theta[LAGS + 1 :] + logs.constant
+    count = jnp.sum(jnp.asarray(logs.member) > 0, axis=0) * jnp.asarray(logs.on)
+    noise = 2 * jnp.asarray(logs.rows) * theta[LAGS]
+    ends = jnp.asarray(logs.runs) * jnp.sum(_LAG * jnp.log1p(-(_partial(theta) ** 2)))
+    return noise - ends + 2 * count @ theta[LAGS + 1 :] + jnp.asarray(logs.constant)
 
 
 def _penalty(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
     """Return −2 ln of the prior of θ; a group that is off is held at its usual scale."""
     far = theta[LAGS + 1 :] - jnp.log(logs.usual)
     cauchy = 2 * jnp.logaddexp(0.0, 2 * far) - 2 * far
-    return jnp.sum((theta[:LAGS] / _WIDTHS) ** 2) + jnp.sum(jnp.where(logs.on > 0, cauchy, far**2))
+    return jnp.sum((theta[:LAGS] / jnp.asarray(logs.memory)) ** 2) + jnp.sum(
+        jnp.where(logs.on > 0, cauchy, far**2)
+    )
 
 
 def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
@@ -187,7 +192,7 @@ def _moments(
     factor = jnp.linalg.cholesky(half[places])
     inverse = jax.scipy.linalg.solve_triangular(factor, jnp.eye(LAGS + 1), lower=True)
     partial = jnp.clip(-inverse[1:, 0] / jnp.diag(inverse)[1:], -0.97, 0.97)
-    count = jnp.sum(logs.member > 0, axis=0) * logs.on
+    count = jnp.sum(jnp.asarray(logs.member) > 0, axis=0) * jnp.asarray(logs.on)
     squares = by_weight[len(FIRST) :] + 2 * logs.usual**2
     tau = jnp.where(logs.on > 0, 0.5 * jnp.log(squares / (count + 2)), jnp.log(logs.usual))
     return jnp.concatenate([jnp.arctanh(partial), -jnp.log(inverse[-1:, -1]), tau])

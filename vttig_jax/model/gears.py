@@ -190,7 +190,7 @@ def least_squares(
     count = len(mean)
     scale = jnp.sqrt(jnp.diag(covariance))
     factor = jnp.linalg.cholesky(covariance / scale[None] / scale[:, None] + 1e-12 * jnp.eye(count))
-    unit = relation.sizes
+    unit = jnp.asarray(relation.sizes)
 
     def residual(scaled: Float[Array, " p"], _: None) -> Float[Array, " c"]:
         off = (relation.coefficients(unit * scaled)[:count] - mean) / scale

@@ -14,16 +14,20 @@ from ..base.units import REV
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .columns import GROUPS, Assumptions, Column, Shape, columns_of, embedding
-from .density import LAGS, Compressed
+from .density import LAGS, MEMORY, Compressed
 from .functionals import Posterior
 from .newton import maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Extra, Resolution, Rows, Shafts, Wave, joined, rows_of, travel
+from .rows import BENDS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
 MOST_PASSES, MOMENTS = 7, 2
 _SMALL = 4.0
+SINGLE_TURN, _FORGETFUL = 1.5, 0.1
+"""Turns up to which a log is a table of one turn, and the prior widths of atanh π_k there: orders
+and noise that remembers look the same in it, and the orders are what one looks for."""
+
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
 
@@ -107,7 +111,6 @@ class Design:
                 self.row_s,
                 delay_s,
                 self.bends,
-                self.shape.resolution,
                 ratio=any(column.name == ("ratio",) for column in self.columns),
             )
             for one in shafts
@@ -161,11 +164,9 @@ def design_of(
         one_zero=one_zero,
         interval_s=max(one.interval_s for one in shafts),
         usual=1.0,
-        resolution=Resolution.of(min(map(travel, shafts))),
     )
-    cycles = [wave.cycles(ratio) for wave in waves] + (
-        [] if given is None else [given.highest_order]
-    )
+    cycles = [wave.cycles(ratio) for wave in waves]
+    cycles += [] if given is None else [given.highest_order]
     row_s = row_duration(shafts, max(cycles, default=1.0))
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
@@ -199,6 +200,7 @@ def mixed_fit(
         shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed, given=given
     )
     free = any(column.name == ("delay",) for column in design.columns)
+    memory = MEMORY if range_of(shafts) > SINGLE_TURN else np.full(LAGS, _FORGETFUL)
     theta, weights, share, noise, steps = None, None, 0.0, 0.0, 0
     number, last, settled = 0, 0.0, not free
     while True:
@@ -224,6 +226,7 @@ def mixed_fit(
             centres={("delay",): delay_s},
             noise=_ROUNDING * design.shape.usual**2 * np.eye(1, LAGS + 1)[0],
             usual=design.scales(noise),
+            memory=memory,
         )
         found = largest(problem.compressed, theta)
         theta = np.asarray(found.value)
@@ -325,6 +328,12 @@ def usual_error(rows: Sequence[Rows]) -> float:
     return max(1.4826 * float(np.median(np.abs(every - np.median(every)))), 1e-9)
 
 
+def range_of(shafts: Sequence[Shafts]) -> float:
+    """Return the range of the driving shaft in turns, in the log that covers most."""
+    ends = [one.driving[[[a, b - 1] for a, b, _ in one.runs]] for one in shafts]
+    return max(float(np.ptp(angles)) for angles in ends) / REV
+
+
 def row_duration(shafts: Sequence[Shafts], highest: float) -> float:
     """Return the duration of a row: a quarter of the shortest cycle, and enough rows in a run."""
     found = []
@@ -360,6 +369,8 @@ def outlying(
     if clean or not (certain or is_heavy(residual)):
         return None, 0.0, spread(residual)
     weight, share = weights_of(x, y)
+    heavy = x * weight[:, None]
+    residual = y - x @ np.linalg.solve(heavy.T @ x + hold, heavy.T @ y)
     if share > _MOST_OUTLIERS:
         return None, 0.0, spread(residual)
     residual = residual[weight > 0.5]

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .columns import FLAT, GROUPS, KNOWN, Column, embedding
-from .density import FIRST, LAGS, SECOND, Compressed
+from .density import FIRST, LAGS, MEMORY, SECOND, Compressed
 from .rows import Name, Rows
 from .windows import windows
 
@@ -42,6 +42,7 @@ def problem_of(
     centres: Mapping[Name, float],
     usual: Mapping[str, float],
     noise: Float[np.ndarray, " taps"] | None = None,
+    memory: Float[np.ndarray, " lags"] = MEMORY,
 ) -> Problem:
     """Compress the rows of all logs.
 
@@ -51,6 +52,8 @@ def problem_of(
     - `usual`: usual width τ of every group, in the unit of its coefficients.
     - `noise`: autocovariance of the rows at 0 … `LAGS` lags, rad², of a noise that the readings do
       not contain. Its expected products are added: a planned log.
+
+    - `memory`: prior widths of atanh π_k.
 
     The parts of the delay and the bends of the gap are made orthogonal to their fixed part, which
     so stays the mean of the log. Neutral columns are added, so that few shapes are compiled.
@@ -146,6 +149,7 @@ def problem_of(
         usual=np.array([usual[g] for g in GROUPS]) / unit,
         on=(member > 0).any(axis=0).astype(float),
         constant=np.asarray(2 * np.sum(np.log(width[np.isin(group, GROUPS) & ~dead]))),
+        memory=memory,
     )
     return Problem(columns, compressed, natural, start, unit)
 

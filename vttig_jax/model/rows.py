@@ -8,36 +8,19 @@ therefore a row has each column only once, and `columns.py` says how the model u
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from scipy.ndimage import uniform_filter1d
 
-from ..base.units import DEG, REV
+from ..base.units import DEG
 from ..logs.channel.speed import smooth_speed
 from ..logs.encoder_log import EncoderLog
 from .density import LAGS
 
 KNOTS, PARTS, BENDS = 14, 8, 5
-"""Most ramps of the drift, most parts of a log with a delay of their own, and bends of the gap."""
-
-
-class Resolution(NamedTuple):
-    """Numbers of ramps of the drift and of parts of a log with a delay of their own.
-
-    A ramp is no shorter than a turn of the driving shaft and a part no shorter than two: what
-    changes faster is noise, or an order.
-    """
-
-    knots: int
-    parts: int
-
-    @classmethod
-    def of(cls, turns: float) -> "Resolution":
-        """Return the numbers for a log of so many driving turns, there and back."""
-        parts = int(min(turns / 2, PARTS))
-        return cls(KNOTS, parts if parts > 1 else 0)
+"""Ramps of the drift, parts of the log with a delay of their own, and bends of the gap in speed."""
 
 
 _TORQUE_S = 0.1
@@ -133,26 +116,16 @@ class Shafts:
         return replace(self, good=good, speed=speed)
 
     def delayed(self, delay_s: float) -> Float[np.ndarray, " n"]:
-        """Return φ₁(t − d) by cubic interpolation of good samples; outliers keep their distance."""
-        if delay_s == 0 and self.good is None:
+        """Return φ₁(t − d) = φ₁(t) less the integral of the smoothed speed over the delay.
+
+        It is the smoothed speed that the column of the delay has, so that the delay of the next
+        pass is the sum of both.
+        """
+        if delay_s == 0:
             return self.driving
-        good = np.ones(len(self.time), bool) if self.good is None else self.good
-        time, first = np.unique(self.time, return_index=True)
-        kept = first[good[first]]
-        time, angle = self.time[kept], self.driving[kept]
-        slope = np.gradient(angle, time)
-        asked = np.clip(self.time - delay_s, time[0], time[-1])
-        left = np.clip(np.searchsorted(time, asked, "right") - 1, 0, len(time) - 2)
-        step = time[left + 1] - time[left]
-        x = (asked - time[left]) / step
-        rise = angle[left + 1] - angle[left]
-        low, high = slope[left] * step, slope[left + 1] * step
-        bend = (1 - x) * (low - rise) - x * (high - rise)
-        moved = angle[left] + x * rise + x * (1 - x) * bend
-        outliers = np.flatnonzero(~good)
-        distance = self.driving[outliers] - np.interp(self.time[outliers], time, angle)
-        moved[outliers] += distance
-        return moved
+        mean = 0.5 * (self.speed[1:] + self.speed[:-1])
+        path = np.concatenate([[0.0], np.cumsum(mean * np.diff(self.time))])
+        return self.driving + np.interp(self.time - delay_s, self.time, path) - path
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,15 +187,13 @@ def joined(runs: Sequence[Run]) -> tuple[Run, ...]:
     return tuple(found)
 
 
-def names_of(
-    waves: Sequence[Wave], resolution: Resolution, *, torque: bool, ratio: bool
-) -> dict[Name, int]:
+def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:
     """Return the place of every column of a row."""
     names: list[Name] = [("one",), ("delay",)]
     names += [("ratio",)] * ratio + [("torque",)] * torque
     names += [(w.shaft, w.order, part) for w in waves for part in ("cos", "sin")]
-    names += [("drift", k) for k in range(resolution.knots)]
-    names += [("part", k) for k in range(resolution.parts)]
+    names += [("drift", k) for k in range(KNOTS)]
+    names += [("part", k) for k in range(PARTS)]
     names += [("bend", k) for k in range(BENDS)]
     return {name: place for place, name in enumerate((*names, ("y",)))}
 
@@ -233,7 +204,6 @@ def rows_of(
     row_s: float,
     delay_s: float,
     bends: Float[np.ndarray, " bends"],
-    resolution: Resolution,
     *,
     ratio: bool,
 ) -> Rows:
@@ -254,8 +224,7 @@ def rows_of(
             last.append(first[-1] + count - 1)
             side.append(flank)
     samples = (np.concatenate(pieces) if pieces else np.arange(0)).reshape(-1, size)
-    knots, parts = resolution
-    names = names_of(waves, resolution, torque=shafts.torque is not None, ratio=ratio)
+    names = names_of(waves, torque=shafts.torque is not None, ratio=ratio)
     table = np.empty((len(samples), len(names)))
     moved = shafts.delayed(delay_s)
     span = shafts.time[-1] - shafts.time[0]
@@ -282,9 +251,9 @@ def rows_of(
             table[own, waved + 2 * place] = averaged.real
             table[own, waved + 2 * place + 1] = averaged.imag
         x = (mean(shafts.time[index]) - shafts.time[0]) / span
-        table[own, drift : drift + knots] = np.clip(x[:, None] * knots - np.arange(knots), 0, 1)
-        hats = np.clip(1 - np.abs(x[:, None] * (parts - 1) - np.arange(parts)), 0, None)
-        table[own, drift + knots : bend] = late[:, None] * hats
+        table[own, drift : drift + KNOTS] = np.clip(x[:, None] * KNOTS - np.arange(KNOTS), 0, 1)
+        hats = np.clip(1 - np.abs(x[:, None] * (PARTS - 1) - np.arange(PARTS)), 0, None)
+        table[own, drift + KNOTS : bend] = late[:, None] * hats
         table[own, bend : bend + BENDS] = np.clip(np.abs(speed)[:, None] - bends, 0, None)
         table[own, -1] = mean(
             shafts.error[index] - level + shafts.ratio * (shafts.driving[index] - angle)
@@ -328,9 +297,3 @@ def _waves(
     for wave in waves:
         parts = [power(k, n) for k, n in enumerate((wave.driving, wave.driven)) if n]
         yield parts[0] if len(parts) == 1 else parts[0] * parts[1]
-
-
-def travel(shafts: Shafts) -> float:
-    """Return the turns of the driving shaft in all runs of a log, there and back."""
-    ends = np.array([[run[0], run[1] - 1] for run in shafts.runs])
-    return float(np.sum(np.abs(np.diff(shafts.driving[ends], axis=1)))) / REV

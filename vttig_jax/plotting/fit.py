@@ -46,8 +46,8 @@ def plot_fit(
 
     If the log has several speeds, a last panel shows the gap at each of them. Points are rows,
     averages of some consecutive samples. The line is the fitted value at these points, including
-    drift and encoder errors: measured value minus residual. All panels over the driving angle have
-    the same axis.
+    drift and encoder errors: measured value minus residual. All panels over the driving angle
+    have the same axis.
 
     **Arguments**
     - `fit`: result of a fit.

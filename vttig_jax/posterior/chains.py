@@ -5,6 +5,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import emcee
 import numpy as np
@@ -194,23 +195,12 @@ class _Run:
 
     def __init__(self, target: Target, header: Header, record: Record | None):
         self.header = header
-        around = target.around()
-        moves = [(emcee.moves.MHMove(around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
-        seeds = np.random.SeedSequence(header.seed).spawn(header.ensembles + 1)
-        twisters = [np.random.RandomState(np.random.MT19937(one)) for one in seeds]
+        self.around = target.around()
+        moves = [(emcee.moves.MHMove(self.around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
         shape = header.walkers, len(header.names)
-        starts = around.starts(header.ensembles * header.walkers, twisters[-1])
-        if len(starts) < header.ensembles * header.walkers:
-            raise ValueError(
-                f"Argument `walkers` must give at most {len(starts)} walkers in all, but"
-                f" {header.ensembles} ensembles of {header.walkers} are asked for."
-            )
-        self.ensembles, self._states = [], []
-        for number, twister in enumerate(twisters[:-1]):
-            backend = Backend()
+        backends = [Backend() for _ in range(header.ensembles)]
+        for number, backend in enumerate(backends):
             backend.reset(*shape)
-            own = starts[number :: header.ensembles]
-            state = emcee.State(own, random_state=twister.get_state())
             if record is not None:
                 backend.chain, backend.log_prob = record.draws[number], record.log_density[number]
                 backend.accepted = record.accepted[number].astype(float)
@@ -218,14 +208,34 @@ class _Run:
                 position, has_gauss, gauss = record.rest[number].tolist()
                 key = record.keys[number]
                 backend.random_state = "MT19937", key, int(position), int(has_gauss), gauss
-                state = backend.get_last_sample()
-            self.ensembles.append(
-                emcee.EnsembleSampler(
-                    *shape, target.log_density, vectorize=True, moves=moves, backend=backend
-                )
+        self.ensembles = [
+            emcee.EnsembleSampler(
+                *shape, target.log_density, vectorize=True, moves=moves, backend=backend
             )
-            self._states.append(state)
-        self.record = record or self._recorded(0)
+            for backend in backends
+        ]
+        self._states: list[Any]
+        if record is None:
+            self._states = self._starts()
+            self.record = self._recorded(0)
+        else:
+            self._states, self.record = [one.get_last_sample() for one in backends], record
+
+    def _starts(self) -> list[emcee.State]:
+        """Return different points of the pool for every ensemble, with a random generator each."""
+        header, pool = self.header, len(self.around.pool)
+        if header.ensembles * header.walkers > pool:
+            raise ValueError(
+                f"Argument `walkers` must give at most {pool} walkers in all, but"
+                f" {header.ensembles} ensembles of {header.walkers} are asked for."
+            )
+        seeds = np.random.SeedSequence(header.seed).spawn(header.ensembles + 1)
+        *own, first = [np.random.RandomState(np.random.MT19937(one)) for one in seeds]
+        points = self.around.starts(header.ensembles * header.walkers, first)
+        return [
+            emcee.State(points[number :: header.ensembles], random_state=one.get_state())
+            for number, one in enumerate(own)
+        ]
 
     @property
     def steps(self) -> int:
@@ -234,18 +244,16 @@ class _Run:
 
     def advance(self, steps: int) -> None:
         """Advance every ensemble by `steps` steps, a multiple of `THIN`."""
-        for number, one in enumerate(self.ensembles):
-            self._states[number] = one.run_mcmc(
-                self._states[number],
-                steps // THIN,
-                thin_by=THIN,
-                skip_initial_state_check=True,
-            )
+        stored, settings = steps // THIN, {"thin_by": THIN, "skip_initial_state_check": True}
+        self._states = [
+            one.run_mcmc(state, stored, **settings)
+            for one, state in zip(self.ensembles, self._states, strict=True)
+        ]
         self.record = self._recorded((self.steps + steps) // THIN)
 
     def _recorded(self, stored: int) -> Record:
         backends = [one.backend for one in self.ensembles]
-        states = [state.random_state for state in self._states]
+        states: list[Any] = [state.random_state for state in self._states]
         return Record(
             np.stack([one.chain[:stored] for one in backends]),
             np.stack([one.log_prob[:stored] for one in backends]),

@@ -17,8 +17,11 @@ from ..base.errors import NoAnswerError
 _HEAVY, _LIGHT = 5.0, 30.0
 """Degrees of freedom of scales and of other coordinates; 3 and 8 were worse on five rigs."""
 
-_POOL, _ROUNDS = 2048, 2
-"""Weighted draws that improve the proposal, and how often; a third round changed nothing."""
+_POOL, _ENOUGH = 2048, 0.05
+"""Weighted draws that improve the proposal, and the share of them that must be effective."""
+
+_ROUNDS, _MOST_ROUNDS = 2, 12
+"""Improvements by true weights (a third one changed nothing), and all improvements."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +46,17 @@ class Proposal:
         spread: Float[np.ndarray, "d d"],
         heavy: Bool[np.ndarray, " d"],
     ) -> "Proposal":
-        """Return the proposal with this mean and covariance of its normal core."""
+        """Return the proposal with this mean and covariance of its normal core.
+
+        Both are rounded to 2⁻¹⁶ of a standard deviation, so that equal logs give equal draws where
+        the linear algebra of two processes differs in its last bits.
+        """
         order = np.argsort(~heavy, kind="stable")
         freedom = np.where(heavy[order], _HEAVY, _LIGHT)
         factor = np.linalg.cholesky(spread[np.ix_(order, order)])
+        grid = 2.0 ** (np.floor(0.5 * np.log2(np.diag(spread))) - 16)
+        mean, steps = grid * np.round(mean / grid), grid[order, None]
+        factor = steps * np.round(factor / steps)
         return cls(mean, factor, order, freedom, np.empty((0, len(mean))), np.empty(0))
 
     def draw(self, count: int, random: np.random.RandomState) -> Float[np.ndarray, "n d"]:
@@ -67,12 +77,14 @@ class Proposal:
     def improved(self, log_density: Callable) -> "Proposal":
         """Return the proposal with the moments of a density, from weighted draws.
 
-        The random numbers are fixed, so that a run that goes on has the same proposal.
+        Where few weights are large, since the density is elsewhere, their powers are taken that
+        leave enough effective draws, until the weights themselves do. The random numbers are fixed,
+        so that a run that goes on has the same proposal.
 
         **Raises** `NoAnswerError` for a density that is nowhere finite.
         """
-        found, random = self, np.random.RandomState(0)
-        for _ in range(_ROUNDS):
+        found, random, left = self, np.random.RandomState(0), _ROUNDS
+        for _ in range(_MOST_ROUNDS):
             pool = found.draw(_POOL, random)
             logs = log_density(pool) - found.log_density(pool)
             if not np.isfinite(logs.max()):
@@ -80,20 +92,24 @@ class Proposal:
                     "the posterior has no finite density near the fit, so that nothing can be"
                     " sampled; fit fewer orders, or record more turns."
                 )
-            weights = np.exp(logs - logs.max())
-            most = np.sort(weights)[-_POOL // 50]  # a few draws must not decide the moments
-            cut = np.minimum(weights, most) / np.minimum(weights, most).sum()
-            mean = cut @ pool
-            spread = (cut[:, None] * (pool - mean)).T @ (pool - mean)
+            power, logs = 1.0, logs - logs.max()
+            while _effective(np.exp(power * logs)) < _ENOUGH * _POOL:
+                power /= 2
+            share = np.exp(power * logs) / np.exp(power * logs).sum()
+            mean = share @ pool
+            spread = (share[:, None] * (pool - mean)).T @ (pool - mean)
             heavy = np.empty(len(mean), bool)
             heavy[self.order] = self.freedom == _HEAVY
-            found = replace(self.of(mean, spread, heavy), pool=pool, weights=weights)
+            found = replace(self.of(mean, spread, heavy), pool=pool, weights=np.exp(logs))
+            left -= power == 1
+            if left == 0:
+                break
         return found
 
     @property
     def efficiency(self) -> float:
         """Share of the pool that is effective by its weights, (Σw)²/(n Σw²)."""
-        return float(self.weights.sum() ** 2 / np.sum(self.weights**2) / len(self.weights))
+        return _effective(self.weights) / len(self.weights)
 
     def starts(self, count: int, random: np.random.RandomState) -> Float[np.ndarray, "n d"]:
         """Return different points of the pool, drawn by their weights."""
@@ -107,3 +123,8 @@ class Proposal:
         """Return proposals and ln q(x) − ln q(x′), as `emcee.moves.MHMove` asks for."""
         proposed = self.draw(len(points), random)
         return proposed, self.log_density(points) - self.log_density(proposed)
+
+
+def _effective(weights: Float[np.ndarray, " n"]) -> float:
+    """Return the effective number of draws with these weights."""
+    return float(weights.sum() ** 2 / np.sum(weights**2))

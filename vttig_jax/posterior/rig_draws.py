@@ -212,5 +212,5 @@ def _constant(relation: Relation, parameters: Float[Array, "m p"]) -> Float[Arra
 
 def _constants(relation: Relation, parameters: Float[np.ndarray, "m p"]) -> np.ndarray:
     """Return the gap that the gears add to the constant one, of every draw, rad."""
-    found = [_constant(relation, part) for part in batches(parameters)]
+    found = [_constant(relation, jnp.asarray(part)) for part in batches(parameters)]
     return np.concatenate(found)[: len(parameters)]

@@ -46,9 +46,20 @@ class Target(Protocol):
     `around` proposes points near the density.
     """
 
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    identity: dict
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        ...
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates."""
+        ...
+
+    @property
+    def identity(self) -> dict:
+        """Values that tell the density from another one."""
+        ...
 
     def around(self) -> Proposal:
         """Return a proposal with a pool of weighted draws."""
@@ -180,6 +191,7 @@ class FitTarget:
             usual=logs.usual,
             on=logs.on,
             constant=logs.constant,
+            memory=logs.memory,
         )
 
     def thetas(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n p"]:

@@ -78,4 +78,8 @@ def _calibrated(output: Output, run: Path, rigs: int, seed: int) -> "Calibration
     require_same_data(record)
     fit, _ = perform(record)
     with output.progress(rigs, "rigs") as bar:
-        return calibrate(fit, rigs=rigs, seed=seed, progress=lambda done: bar.update(done))
+
+        def advance(done: int) -> None:
+            bar.update(done)
+
+        return calibrate(fit, rigs=rigs, seed=seed, progress=advance)
