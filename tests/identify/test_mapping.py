@@ -89,8 +89,18 @@ def test_a_drive_maps_from_two_flanks_only(noisy_rig):
 
 def test_unresolved_shafts_have_no_map(noisy_rig):
     rig = replace(noisy_rig, motion=PassMotion(reversal_deg=450.0, ramp_s=0.1))
-    for flank in (None, "A"):
-        result = fit(rig.log(), rig.pair, flank=flank)
-        for constant in (None, 0.05):
-            with pytest.raises(NoAnswerError, match="undetermined"):
-                backlash_map(result, constant_backlash_deg=constant)
+    result = fit(rig.log(), rig.pair, flank="A")
+    for constant in (None, 0.05):
+        with pytest.raises(NoAnswerError, match="undetermined"):
+            backlash_map(result, constant_backlash_deg=constant)
+
+
+def test_a_part_of_a_turn_has_the_map_of_the_angles_it_covers(noisy_rig):
+    rig = replace(noisy_rig, motion=PassMotion(reversal_deg=450.0, ramp_s=0.1))
+    result = fit(rig.log(), rig.pair)
+    assert not result.parameters["constant_backlash_deg"].determined
+    gap = result.parameters["gap_over_angles_covered"]
+    grid = backlash_map(result)
+    assert grid.coverage is not None and 0 < grid.coverage.share < 0.2
+    angles = np.concatenate([np.arange(low, high, DEG) for low, high in grid.coverage.both])
+    assert np.mean(grid.over(angles)) / DEG == pytest.approx(gap.value, abs=gap.std)

@@ -54,7 +54,7 @@ def test_no_pickle_is_written(noisy_fit):
     assert all(array.dtype != object for array in fit_arrays(noisy_fit).values())
 
 
-@pytest.mark.parametrize("name", ["fit.json", "summary.npz"])
+@pytest.mark.parametrize("name", ["fit.json"])
 def test_a_missing_file_is_named(noisy_fit, noisy_rig, tmp_path, name):
     _write(noisy_fit, tmp_path)
     (tmp_path / name).unlink()

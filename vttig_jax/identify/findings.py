@@ -289,13 +289,13 @@ def outliers(case: Case) -> Iterator[Finding]:
 
 def no_noise(case: Case) -> Iterator[Finding]:
     """Say that the log has no noise."""
-    if case.noise.std_deg * DEG < 1e-6 * case.core.usual:
+    if case.noise.std_deg * DEG < 1e-4 * case.core.usual:
         yield Finding(
             "no-noise",
             "note",
-            "the log holds no noise: its harmonics leave less than a millionth of the transmission"
-            f" error ({case.noise.std_deg:.1g}°), so that the standard errors are not those of a"
-            " measurement",
+            "the log holds no noise: its harmonics leave less than a ten-thousandth of the"
+            f" transmission error ({case.noise.std_deg:.1g}°), so that the standard errors are not"
+            " those of a measurement",
         )
 
 

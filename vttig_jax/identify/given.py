@@ -321,7 +321,7 @@ def _kind(shape: Any, dtype: Any) -> str:
 class _Misfit:
     """Readings of rows less their projection on all other columns, whose basis is `columns`."""
 
-    angles: tuple[Float[np.ndarray, " n"], ...]
+    angles: tuple[np.ndarray, ...]
     readings: Float[np.ndarray, " rows"]
     columns: Float[np.ndarray, "rows q"]
 
@@ -420,7 +420,7 @@ def _minimised(
     model: Any,
     start: Float[Numbers, " p"],
     scale: Float[Numbers, " p"],
-    angles: tuple[Float[Numbers, " n"], ...],
+    angles: tuple[Any, ...],
     readings: Float[Numbers, " rows"],
     columns: Float[Numbers, "rows q"],
 ) -> Float[Numbers, " p"]:
@@ -518,6 +518,11 @@ def given_quantities(core: MixedFit, told: Quantities, given: GivenModel) -> Qua
     values = dict(zip(given.names, given.values, strict=True))
     rows = np.concatenate([told.rows, np.stack(rows)]) if rows else told.rows
     shift = np.append(told.shift, [values[name] for name in names])
+    if (angles := core.scope.covered).size and len(core.scope.flanks) == 2:
+        error = [given.on(angles, flank)[:, 0].mean() for flank in SIDES.values()]
+        for name in ("gap_over_angles_covered", "backlash_plus_delay"):
+            if name in told.names:
+                shift[told.at(name)] += error[1] - error[0]
     mean, covariance, freedom = core.posterior.told(rows, moved=True)
     return Quantities(
         (*told.names, *names), rows, shift, mean + shift, covariance, freedom, told.gears
@@ -544,6 +549,10 @@ def given_parameters(
             if isinstance(pair, GearPair) and name.endswith("_amplitude_arcsec"):
                 name, unit = name.replace("amplitude_arcsec", "eccentricity_mm"), "mm"
             one = undetermined(name, unit, GIVEN_INSTEAD)
+        elif name in ("gap_over_angles_covered", "backlash_plus_delay_deg"):
+            (at,) = told.at(name.removesuffix("_deg"))
+            numbers = told.mean[at], told.covariance[at, at], told.freedom[at]
+            one = scalar(name, "deg", DEG, *map(float, numbers))
         found[name] = one
     reasons = dict(given.open_reasons)
     for name in given.names:

@@ -273,6 +273,7 @@ def fitted(
     drive = Drive(pair.ratio)  # a flank model takes the place of the gears
     if given is not None:
         assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)
+        orders = with_mesh(orders, pair)
         given = searched(given, shafts, drive, orders, assumed)
 
     fit = partial(mixed_fit, shafts, pair, orders, one_zero=one_zero, assumed=assumed)
@@ -296,6 +297,14 @@ def fitted(
     else:
         core = fit(lines=cycles, delay_s=start)
     return core, lines, given
+
+
+def with_mesh(orders: HarmonicOrders, pair: GearPair | Drive) -> HarmonicOrders:
+    """Return orders in which those of the mesh are driving orders."""
+    if isinstance(pair, Drive):
+        return orders
+    mesh = tuple(k * pair.driving.teeth for k in range(1, orders.mesh_orders + 1))
+    return HarmonicOrders((*orders.driving_orders, *mesh), orders.driven_orders, 0)
 
 
 def result_of(

@@ -31,6 +31,9 @@ and noise that remembers look the same in it, and the orders are what one looks 
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
 
+_CLEAN, _QUIET, _ROUNDING = 3e-3, 1e-2, 1e-10
+"""Variance that every row has beside its noise, in u²: a log without noise has a density too."""
+
 _SETTLED = 0.1
 """Step of the delay, in standard deviations, below which the passes end."""
 
@@ -221,6 +224,7 @@ def mixed_fit(
             rows,
             weights,
             centres={("delay",): delay_s},
+            noise=_ROUNDING * design.shape.usual**2 * np.eye(1, LAGS + 1)[0],
             usual=design.scales(noise),
             memory=memory,
         )
@@ -275,7 +279,15 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
         maximise(logs, jnp.asarray(start), jnp.asarray(moments))
         for start, moments in ((orders, MOMENTS), (noise, 0))
     ]
-    return min(found, key=lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf)))
+    height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
+    best = min(found, key=height)
+    usual = float(np.log(logs.usual[0]))
+    if best.value[LAGS] < usual + np.log(_QUIET) or height(best) == np.inf:
+        # A smooth log without noise is as well a noise that remembers everything.
+        quiet = orders.copy()
+        quiet[0], quiet[LAGS] = 0.0, usual + 0.5 * np.log(_ROUNDING) + 1.0
+        best = min(best, maximise(logs, jnp.asarray(quiet), jnp.asarray(0)), key=height)
+    return best
 
 
 def with_ramps(
@@ -353,7 +365,8 @@ def outlying(
     x, y = table[:, :-1][:, norm > 0] / norm[norm > 0], table[:, -1]
     hold = 1e-4 * len(y) * np.eye(x.shape[1])
     residual = y - x @ np.linalg.solve(x.T @ x + hold, x.T @ y)
-    if not (certain or is_heavy(residual)):
+    clean = spread(residual) < _CLEAN * float(np.std(y))  # the rest is that of the ridge
+    if clean or not (certain or is_heavy(residual)):
         return None, 0.0, spread(residual)
     weight, share = weights_of(x, y)
     heavy = x * weight[:, None]
