@@ -28,7 +28,7 @@ BOUNDS = {
     "rig": (326, 1),  # 260
     "identify": (11155, 237),  # 9000 together with posterior
     "posterior": (6061, 108),
-    "control": (6738, 79),  # 3600
+    "control": (6587, 79),  # 3600
     "plotting": (2012, 53),  # 2000 together with the report
     "runs": (1748, 3),  # 900
     "cli": (3833, 19),  # 2600

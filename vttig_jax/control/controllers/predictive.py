@@ -1,62 +1,61 @@
 """Controller that closes the gap before the shaft stops, with a predicted stopping angle."""
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from ...base.arrays import Number, float64
-from ...kinematics.flank_table import Bounds
+from ...base.units import REV
+from ..fields import Quantity, positive
+from .acceleration import LEAST_RPM, MARGIN_MM
 from .controller import Controller, Measurement
+from .smooth import exceeds
+
+_LONGEST_STOP = 4.0
+"""Stopping time, in multiples of the horizon, up to which the stopping angle is exact.
+
+Without smoothing no longer time counts. A chosen value."""
+_TINY = 1e-9
+"""Fraction of the least speed that is added to the speed to avoid 0/0 at rest; a chosen value."""
 
 
-class PredictiveState(eqx.Module):
-    """State: whether the shaft has moved since the run began."""
-
-    moved: Bool[Array, ""]
-
-
-class PredictiveController(Controller):
+class Predictive(Controller):
     """Controller that closes before the shaft stops, by the smallest of three gaps on its path.
 
     With speed ω and deceleration a the shaft stops after the time ω/a at the angle φ₁ + ω²/2a.
     While ω/a is shorter than the horizon, and while the shaft stands, the commanded displacement is
 
-        s = min{ j(φ₁), j(φ₁ + ω·lead), j(φ₁ + ω²/2a) } / (tan β_L/R₂ + tan β_R/R₂) − margin
+        s = min{ j(φ₁), j(φ₁ + ω·delay), j(φ₁ + ω²/2a) } / (tan β_L/R₂ + tan β_R/R₂) − margin
 
     and otherwise s = 0. It is computed anew in every period and never exceeds the displacement
     that closes the present gap j(φ₁). The gap is therefore not closed too far if the stop comes
     late or early or is cancelled. It opens again when the shaft no longer brakes.
 
-    **Arguments**
-    - `bounds`: flanks of the backlash map that the controller uses.
-    - `horizon`: longest time before the predicted stop at which the gap closes, s.
-    - `least_speed`: speed below which the shaft counts as standing, rad/s.
-    - `margin`: displacement by which the gap stays open, mm. - `lead`: delay of the actuator, s.
+    Below `least_rpm` the shaft counts as standing. The comparisons "it has moved, and it stands or
+    is about to stop" are factors 0 or 1, which `width` smooths; see `exceeds`. The width of the
+    comparison of ω with a·horizon is relative to ω plus the least speed.
     """
 
-    bounds: Bounds
-    horizon: Float[Number, ""] = eqx.field(converter=float64)
-    least_speed: Float[Number, ""] = eqx.field(converter=float64)
-    margin: Float[Number, ""] = eqx.field(converter=float64)
-    lead: Float[Number, ""] = eqx.field(converter=float64)
+    least_rpm: Quantity = LEAST_RPM()
+    horizon_s: Quantity = positive(0.3, "predictive: closes if the shaft will stop within it", "s")
+    margin_mm: Quantity = MARGIN_MM()
+    width: Quantity | None = None
 
-    def start(self) -> PredictiveState:
-        """Return the state before any motion, in which the gap stays open."""
-        return PredictiveState(jnp.zeros((), bool))
+    def start(self) -> Float[Array, ""]:
+        """Return the state before any motion, in which the gap stays open: 0, it has not moved."""
+        return jnp.zeros(())
 
     def step(
-        self, state: PredictiveState, seen: Measurement
-    ) -> tuple[PredictiveState, Float[Array, ""]]:
+        self, state: Float[Array, ""], seen: Measurement
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Return the state after one controller period and the commanded displacement, mm."""
-        speed = jnp.abs(seen.speed)
-        stands = speed < self.least_speed
+        speed, least_speed = jnp.abs(seen.speed), self.least_rpm * REV / 60.0
+        stands = exceeds(least_speed, speed, least_speed, self.width)
+        moved = jnp.maximum(state, 1 - stands)
         deceleration = -jnp.sign(seen.speed) * seen.acceleration
-        stops = (deceleration > 0) & (speed < self.horizon * deceleration)
-        moved = state.moved | ~stands
-        braking = 0.5 * seen.speed * speed / jnp.where(stops, deceleration, 1.0)
-        stop_angle = jnp.where(stops, braking, jnp.zeros(()))
-        steps = (jnp.zeros(()), seen.speed * self.lead, stop_angle)
-        gaps = [self.bounds.gap(seen.driving + step) for step in steps]
-        least = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
-        shift = jnp.maximum(self.bounds.closed_at(least) - self.margin, 0.0)
-        return PredictiveState(moved), jnp.where(moved & (stands | stops), shift, 0.0)
+        stops = exceeds(self.horizon_s * deceleration, speed, speed + least_speed, self.width)
+        least = (speed + _TINY * least_speed) / (_LONGEST_STOP * self.horizon_s)
+        stop_angle = stops * 0.5 * seen.speed * speed / jnp.maximum(deceleration, least)
+        steps = (jnp.zeros(()), seen.speed * seen.delay, stop_angle)
+        gaps = [seen.map.gap(seen.driving + step) for step in steps]
+        smallest = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
+        shift = jnp.maximum(seen.map.closed_at(smallest) - self.margin_mm, 0.0)
+        return moved, moved * (1 - (1 - stands) * (1 - stops)) * shift
