@@ -36,8 +36,8 @@ import vttig_jax
 from tests.oracles.elastic_contact import integrate
 from tests.oracles.flank_formulas import PAPER
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.control.motion.profiles import trapezoid
-from vttig_jax.control.plants.elastic import ElasticPlant
+from vttig_jax.control.motion.profiles import Reversal
+from vttig_jax.control.plants.elastic import Elastic
 from vttig_jax.control.plants.plant import Drag, Plant, Shafts
 from vttig_jax.kinematics.flank_table import Bounds
 
@@ -51,8 +51,14 @@ BOUND = 5.0
 
 LANES = 256
 
+
+def elastic(drag: Drag, stiffness: Any, damping_ratio: Any) -> Elastic:
+    """The plant of the package; the stiffness is that at the driven shaft."""
+    return Elastic(damping_ratio=damping_ratio, drag=drag, stiffness=stiffness)
+
+
 KINDS = {
-    "elastic": (ElasticPlant, (1e-2, 5e-3, 2e-3, 1e-3, 2e-4, 1e-4, 2e-5, 1e-5)),
+    "elastic": (elastic, (1e-2, 5e-3, 2e-3, 1e-3, 2e-4, 1e-4, 2e-5, 1e-5)),
     "euler": (EulerPlant, (2e-5, 1e-5, 5e-6, 2e-6)),
     "runge_kutta": (RungeKuttaPlant, (5e-5, 2e-5, 1e-5, 5e-6)),
 }
@@ -76,7 +82,7 @@ def error_arcsec(
 ) -> float:
     """Largest at the samples that a step ends at."""
     steps = round(1.0 / step)
-    motion = trapezoid(60.0, case.turn_deg, 0.0, 0.5)
+    motion = Reversal(60.0, case.turn_deg, 0.0, 0.5).pieces
     numbers = jnp.asarray(case.times[0]), jnp.asarray(step)
     _, found = run(case.plant(kind), motion, case.bounds, started(case), *numbers, steps)
     found = np.asarray(found)
@@ -187,7 +193,11 @@ def mujoco_rows(rounds: int) -> list[dict[str, Any]]:
 def speed_row(name: str, step: float, lanes: int, rounds: int) -> dict[str, Any]:
     """One second around the turn in every lane; each has its own stiffness and place."""
     case, kind = Case(), KINDS[name][0]
-    motion, bounds, start = trapezoid(60.0, case.turn_deg, 0.0, 0.5), case.bounds, started(case)
+    motion, bounds, start = (
+        Reversal(60.0, case.turn_deg, 0.0, 0.5).pieces,
+        case.bounds,
+        started(case),
+    )
     steps = min(round(1.0 / step), 4000)
     begin, size = jnp.asarray(case.times[0]), jnp.asarray(step)
 

@@ -77,7 +77,7 @@ class Case:
 
 
 class SampledPlant(Plant):
-    """The law of `ElasticPlant`, sampled; x stands for φ₂ less what it was at the step's start."""
+    """The law of `Elastic`, sampled; x stands for φ₂ less what it was at the step's start."""
 
     drag: Drag
     stiffness: Number

@@ -12,7 +12,6 @@ differences, and the time of a lane-step. Writes results/fitted_map.json.
 import tempfile
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,8 +19,8 @@ import numpy as np
 import vttig_jax
 from vttig_jax import Eccentricities, Gear, GearPair
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.control import build_case, parse_scenario_spec, run, with_settings
-from vttig_jax.kinematics import exact_model, tabulate_flanks
+from vttig_jax.control import Predictive, Reversal, Scenario, run
+from vttig_jax.kinematics import tabulate_flanks
 from vttig_jax.rig import paper_pair, paper_rig
 
 from .environment import write
@@ -59,19 +58,13 @@ def table() -> dict[str, float]:
 
 def gradient() -> dict[str, Any]:
     """Derivatives of the gap left by e₁, θ₁, e₂, θ₂, β and margin beside central differences."""
-    motion = {"reversal_deg": 360.0, "dwell_s": 0.1, "ramp_s": 0.2}
-    spec = {"pair": "", "eccentricities": RIG, "controller": "predictive", "motion": motion}
-    spec = parse_scenario_spec({**spec, "pair": "pair.toml"})
-    case = build_case(spec, _pair(3.0), rounding="none", smooth_width=0.1)
+    motion = Reversal(reversal_deg=360.0, dwell_s=0.1, ramp_s=0.2)
 
     @jax.jit
     def left(x):
-        pair, rig = _pair(x[4]), Eccentricities(*x[:4], RIG["constant_backlash_deg"])
-        closing = pair.taper / pair.reference_radii[1]
-        flanks = tabulate_flanks(exact_model(pair, rig), 16, closing=closing)
-        changed = eqx.tree_at(lambda c: (c.bounds, c.controller.hard.bounds), case, (flanks,) * 2)
-        changed = with_settings(changed, {"judgement.margin_mm": x[5]})
-        return run(changed).metrics["residual_gap_deg"]
+        rig = Eccentricities(*x[:4], RIG["constant_backlash_deg"])
+        scenario = Scenario(_pair(x[4]), rig, motion, controller=Predictive(margin_mm=x[5]))
+        return run(scenario, rounding="none", smooth_width=0.1).metrics["residual_gap_deg"]
 
     x = jnp.array([*(RIG[name] for name in FIVE[:4]), 3.0, 0.01])
     slopes = np.asarray(jax.jacfwd(left)(x))

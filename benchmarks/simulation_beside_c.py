@@ -34,7 +34,7 @@ def base_and_c(rounds: int) -> dict[str, Any]:
     stack, periods = stack_of(cases), periods_for(cases)
     lanes = BatchRunner(jax.devices()[:1])
     record: dict[str, Any] = {"lanes": LANES, "periods": periods}
-    _, tally = lanes.run(stack, periods, 1)
+    _, tally = lanes.run(stack, periods)
     record["compile_s"] = round(lanes.compile_s, 2)
     with tempfile.TemporaryDirectory() as folder:
         programs, record["c"] = _c_programs(Path(folder))

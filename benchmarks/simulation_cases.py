@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.simulation.build import Builder, Maps
+from vttig_jax.control.simulation.build import FileParts, Maps
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
 from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, batch_of, varying
@@ -51,9 +51,9 @@ def cases_of(
 
     The map "rig" has mesh orders too.
     """
-    builder = Builder(PAIR, maps=Maps({"rig": paper_rig().flank_model()}))
+    parts = FileParts(PAIR, maps=Maps({"rig": paper_rig().flank_model()}))
     places = np.linspace(*turns, lanes)
-    return [builder.case(spec_of({**values, "motion.reversal_deg": float(x)})) for x in places]
+    return [parts.case(spec_of({**values, "motion.reversal_deg": float(x)})) for x in places]
 
 
 def stack_of(cases: Sequence[Case], apart: bool = False) -> CaseBatch:
@@ -65,19 +65,16 @@ def stack_of(cases: Sequence[Case], apart: bool = False) -> CaseBatch:
 
 def periods_for(cases: Sequence[Case]) -> int:
     """Periods of the longest run."""
-    return max(map(periods_of, cases))
+    return max(periods_of(case.motion, case.period) for case in cases)
 
 
 def ns_per_lane_step(
     lanes: BatchRunner, stack: CaseBatch, substeps: int, periods: int, rounds: int
 ) -> list[float]:
     """ns of process time of each round; compiled before."""
-    lanes.run(stack, max(1024 // substeps, 1), substeps)
+    lanes.run(stack, max(1024 // substeps, 1))
     steps = stack.lanes * periods * substeps
-    return [
-        1e9 * process_seconds(lambda: lanes.run(stack, periods, substeps)) / steps
-        for _ in range(rounds)
-    ]
+    return [1e9 * process_seconds(lambda: lanes.run(stack, periods)) / steps for _ in range(rounds)]
 
 
 def process_seconds(function: Callable[[], Any]) -> float:

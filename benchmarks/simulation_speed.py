@@ -73,12 +73,12 @@ def sines(rounds: int) -> dict[str, Any]:
     cases = cases_of(LANES)
     stack, periods = stack_of(cases), periods_for(cases)
     ours, theirs = BatchRunner(jax.devices()[:1]), BatchRunner(jax.devices()[:1])
-    _, expected = ours.run(stack, periods, 1)
+    _, expected = ours.run(stack, periods)
     kept = bounds.sincos
     jax.clear_caches()
     bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     try:
-        _, tally = theirs.run(stack, periods, 1)
+        _, tally = theirs.run(stack, periods)
         for name, one in vars(expected).items():
             other = getattr(tally, name)
             one, other = np.asarray(one, float), np.asarray(other, float)
@@ -178,7 +178,7 @@ def options(rounds: int) -> dict[str, Any]:
 def _require_counted(lanes: BatchRunner, stack: Any, substeps: int) -> None:
     """Every lane counts its periods and shows numbers."""
     periods = 1024
-    _, tally = lanes.run(stack, periods, substeps)
+    _, tally = lanes.run(stack, periods)
     assert (tally.samples == periods).all() and np.isfinite(tally.total).all()
 
 

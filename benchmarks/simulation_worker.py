@@ -72,7 +72,7 @@ def cores_task(rounds: int, lanes: int, periods: int) -> dict[str, Any]:
     def in_threads(count: int) -> list[Any]:
         with ParallelRuns(count) as parallel:
             runs = [
-                parallel.start(lambda place, follow: runner.run(stack, periods, 1, place=place)[1])
+                parallel.start(lambda place, follow: runner.run(stack, periods, place=place)[1])
                 for _ in range(count)
             ]
             return [parallel.result(run, lambda steps: None) for run in runs]
@@ -138,7 +138,7 @@ def memory_task(seconds_long: float) -> dict[str, float]:
     turn = 344.0 * (seconds_long / 2 - 1.0)
     cases = cases_of(256, turns=(turn, turn + 10.0))
     lanes = BatchRunner(jax.devices()[:1])
-    lanes.run(stack_of(cases), round(1000 * seconds_long), 1)
+    lanes.run(stack_of(cases), round(1000 * seconds_long))
     return {"MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
 
 

@@ -17,11 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from vttig_jax.base.units import REV
-from vttig_jax.control.controllers.acceleration import AccelerationController
+from vttig_jax.control.controllers.acceleration import Acceleration
 from vttig_jax.control.hardware.observer import AlphaBetaGamma
 from vttig_jax.control.motion.piecewise import PieceMotion
 from vttig_jax.control.plants.plant import ON_B, Shafts
-from vttig_jax.control.plants.rigid import RigidPlant
+from vttig_jax.control.plants.rigid import Rigid
 from vttig_jax.control.simulation.accumulators import Accumulators, empty_accumulators
 from vttig_jax.control.simulation.case import Case, State, initial_state, run_periods
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
@@ -229,10 +229,10 @@ def _shared(case: Case) -> np.ndarray:
     plant, actuator, observer, controller = (
         case.plant, case.actuator, case.observer, case.controller,
     )  # fmt: skip
-    assert isinstance(plant, RigidPlant) and isinstance(observer, AlphaBetaGamma)
-    assert isinstance(controller, AccelerationController) and case.substeps == 1
-    assert not (plant.drag.sticky or case.noisy or case.driving_sensor.eccentric)
-    bounds, believed = case.bounds, controller.bounds
+    assert isinstance(plant, Rigid) and isinstance(observer, AlphaBetaGamma)
+    assert isinstance(controller, Acceleration) and case.substeps == 1
+    assert not (plant.drag.sticky or case.noisy or case.driving_encoder.eccentric)
+    bounds, believed = case.bounds, case.believed
     assert isinstance(bounds, FirstOrderBounds) and isinstance(believed, FirstOrderBounds)
     assert actuator.periods == 1
     period, drag = float(case.period), plant.drag
@@ -245,13 +245,13 @@ def _shared(case: Case) -> np.ndarray:
         *(bounds.ratio, bounds.offset, bounds.cosine, bounds.sine, bounds.closing),
         *(drag.inertia, drag.coulomb, drag.load),
         np.expm1(-drag.viscous * period / drag.inertia) * drag.inertia / period,
-        *(plant.restitution, actuator.speed, actuator.acceleration, actuator.stroke),
-        *(actuator.resolution, actuator.delay, actuator.back_drivable),
+        *(plant.restitution, actuator.speed_mm_s, actuator.acceleration_mm_s2, actuator.stroke_mm),
+        *(actuator.resolution_mm, actuator.delay, actuator.back_drivable),
         *(1 - pole**3, 1.5 * (1 - pole) ** 2 * (1 + pole) / period, (1 - pole) ** 3 / period**2),
-        *(controller.threshold, controller.least_speed, controller.margin),
+        *(controller.threshold_rad_s2, controller.least_rpm * REV / 60, controller.margin_mm),
         *(np.diff(believed.offset), np.diff(believed.cosine, axis=0)),
         *(np.diff(believed.sine, axis=0), 1.0 / np.sum(believed.closing), believed.ratio),
-        *(case.driving_sensor.count, case.driven_sensor.count),
+        *(case.driving_encoder.count, case.driven_encoder.count),
     ]
     flat = np.concatenate([np.ravel(np.asarray(value, np.float64)) for value in values])
     assert len(flat) == _SHARED

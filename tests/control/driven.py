@@ -10,14 +10,13 @@ import numpy as np
 from benchmarks.compiler import fast_to_compile
 from tests.control.followed import OPEN
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
-from vttig_jax.control.hardware.shaft_drive import ShaftDrive
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.plant import FREE, Drag, Plant, Shafts
 from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds
 
 RATIO = 0.5625
-IDLE = Servo(0.0, 0.0, 0.0, 1.0)
-"""No torque at all."""
+IDLE = Servo(1e-300, 0.0, 0.0, 1.0)
+"""No torque."""
 
 
 def waves(swing: float = 4e-4, gap: float = 8e-4, ratio: float = RATIO) -> FirstOrderBounds:
@@ -61,7 +60,7 @@ def drive_of(
 
 
 def follow(
-    drive: ShaftDrive,
+    drive: ServoDrive,
     plant: Plant,
     bounds: Bounds,
     start: Start,

@@ -17,7 +17,7 @@ from tests.control.scenarios import CLOSING, INSTANT, PAIR, Run, spec_of, togeth
 from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.units import DEG
 from vttig_jax.control.controllers.controller import Command, Controller, Measurement, NoController
-from vttig_jax.control.controllers.feedforward import FeedforwardController
+from vttig_jax.control.controllers.feedforward import Feedforward
 from vttig_jax.control.hardware.shaft_drive import Lead, led, next_lead
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.simulation.metrics import metric_inputs_of, metrics_of
@@ -205,12 +205,15 @@ BOUNDS = FirstOrderBounds(
 
 def advances(speeds, angle: float = 1.0, period: float = 1e-3, jump_s: float = 4e-3) -> np.ndarray:
     """What it asks for, period by period, of a motion with these speeds around an angle."""
-    controller, state, found = FeedforwardController(BOUNDS, jump_s), None, []
+    controller, state, found = Feedforward(jump_s), None, []
     state = controller.start()
     step = eqx.filter_jit(controller.step)
     for number, speed in enumerate(speeds):
         given_ = (number * period, 0.0, 0.0, 0.0, 0.0, angle, speed)
-        state, command = step(state, Measurement(*map(jnp.asarray, given_)))
+        state, command = step(
+            state,
+            Measurement(*(*map(jnp.asarray, given_), BOUNDS, np.zeros(()))),  # pyright: ignore[reportCallIssue]
+        )
         assert float(command.shift) == 0.0
         found.append(float(command.advance))
     return np.array(found)

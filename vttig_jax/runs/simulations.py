@@ -1,15 +1,17 @@
 """Simulations with fitted maps: run folders and map files take the place of eccentricities."""
 
+import math
 from collections.abc import Mapping
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .maps import opened_maps
 
 if TYPE_CHECKING:
+    from ..control.scenario.scenario import Scenario
     from ..control.scenario.spec import ScenarioSpec
-    from ..control.simulation.build import Maps
     from ..control.simulation.result import Simulation
     from ..control.sweeps.table import SweepTable
     from ..control.tuning.result import Tuned
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    scenario: "str | Path | Mapping[str, Any] | ScenarioSpec",
+    scenario: "str | Path | Mapping[str, Any] | ScenarioSpec | Scenario",
     pair: "GearPair | Drive | None" = None,
     *,
     plant_map: Any = None,
@@ -31,11 +33,12 @@ def simulate(
     are those of [eccentricities]; the scenario or the arguments name other ones.
 
     **Arguments**
-    - `scenario`: a scenario file (TOML), its parsed table or specification, or the run folder of a
-      fit, which is then simulated with default values.
+    - `scenario`: a `vttig_jax.control.Scenario`, a scenario file (TOML), its parsed table or
+      specification, or the run folder of a fit, which is then simulated with default values.
     - `pair`: gears or drive instead of those of the scenario.
-    - `plant_map`, `controller_map`: a run folder, a map file, a `FlankModel`, `BacklashMap`, `Fit`
-      or posterior draw, or a function (driving angle in rad, "A" or "B") → TE in rad.
+    - `plant_map`, `controller_map`: a `FlankModel`, `BacklashMap`, `Fit` or posterior draw, or a
+      function (driving angle in rad, "A" or "B") → TE in rad; beside a file or table also a run
+      folder or a map file.
     - `folder`: folder for relative paths; by default that of the scenario file, or else the
       working folder.
     - `options`: `controller`, `trace_every` and `progress` of `vttig_jax.control.simulate`.
@@ -60,8 +63,12 @@ def simulate(
 
     ```
     """
+    from ..control.scenario.scenario import Scenario
     from ..control.simulation.simulate import simulate
 
+    if isinstance(scenario, Scenario):
+        models = _models(scenario.pair, None, plant_map, controller_map, files=())
+        return simulate(replace(scenario, pair=pair or scenario.pair, **models), **options)
     spec, folder = specified(scenario, folder, plant_map, controller_map, sweep=False)
     with file_named(scenario):
         pair, maps = _opened(spec, folder, pair, plant_map, controller_map)
@@ -135,14 +142,9 @@ def specified(
     sweep: bool,
 ) -> "tuple[ScenarioSpec, Path]":
     """Return the specification with the given maps, and the folder of its relative paths."""
-    from msgspec.structs import replace
+    from msgspec import structs
 
-    from ..control.scenario.spec import (
-        ScenarioSpec,
-        check_rig,
-        load_scenario_spec,
-        load_sweep_spec,
-    )
+    from ..control.scenario import spec as specs
 
     given = {"plant_map": plant_map, "controller_map": controller_map}
     changes = {
@@ -150,12 +152,12 @@ def specified(
         for name, value in given.items()
         if value is not None
     }
-    if isinstance(scenario, ScenarioSpec):
-        spec = replace(scenario, **changes)
+    if isinstance(scenario, specs.ScenarioSpec):
+        spec = structs.replace(scenario, **changes)
         if spec.sweep is None:
-            check_rig(spec)
+            specs.check_rig(spec)
         return spec, Path(folder or "")
-    load = load_sweep_spec if sweep else load_scenario_spec
+    load = specs.load_sweep_spec if sweep else specs.load_scenario_spec
     if isinstance(scenario, Mapping):
         return load(scenario, **changes), Path(folder or "")
     path = Path(scenario)
@@ -178,19 +180,24 @@ def _table_of_run(path: Path) -> dict[str, Any]:
     return {"rig": {"from": str(path)}, **({} if tapers else {"controller": "none"})}
 
 
-def _opened(
-    spec: "ScenarioSpec", folder: Path, pair: Any, plant_map: Any, controller_map: Any
-) -> "tuple[GearPair | Drive, Maps]":
+def _opened(spec: Any, folder: Path, pair: Any, *maps: Any) -> Any:
     """Return the gears, and the flank models of all maps; see `opened_maps`."""
+    return opened_maps(spec, folder, pair, _models(pair, spec.constant_backlash_deg, *maps))
+
+
+def _models(pair: Any, backlash_deg: Any, *maps: Any, files: Any = (str, Path)) -> dict[str, Any]:
+    """Return the flank models of the arguments `plant_map` and `controller_map` that are no files.
+
+    `backlash_deg` is the gap of a fit whose log has one direction.
+    """
     from ..identify.backlash import contact_map
     from ..identify.result import Fit
     from ..kinematics.flank_table import as_flank_model
 
     given = {}
-    for name, source in (("plant_map", plant_map), ("controller_map", controller_map)):
-        if source is None or isinstance(source, (str, Path)):
-            continue
+    for name, source in zip(("plant_map", "controller_map"), maps, strict=True):
         if isinstance(source, Fit):
-            source = contact_map(source, constant_backlash_deg=spec.constant_backlash_deg)[1]
-        given[name] = as_flank_model(source, float("nan") if pair is None else float(pair.ratio))
-    return opened_maps(spec, folder, pair, given)
+            source = contact_map(source, constant_backlash_deg=backlash_deg)[1]
+        if source is not None and not isinstance(source, files):
+            given[name] = as_flank_model(source, math.nan if pair is None else float(pair.ratio))
+    return given

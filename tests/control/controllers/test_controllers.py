@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.control.controllers.acceleration import AccelerationController
+from vttig_jax.base.units import REV
+from vttig_jax.control.controllers.acceleration import Acceleration
 from vttig_jax.control.controllers.controller import Controller, Measurement, NoController
-from vttig_jax.control.controllers.predictive import PredictiveController
+from vttig_jax.control.controllers.predictive import Predictive
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 pytestmark = pytest.mark.smoke
@@ -38,12 +39,12 @@ BOUNDS = FirstOrderBounds(
 )
 
 
-def acceleration(margin: float = MARGIN) -> AccelerationController:
-    return AccelerationController(BOUNDS, THRESHOLD, LEAST, margin)
+def acceleration(margin: float = MARGIN) -> Acceleration:
+    return Acceleration(THRESHOLD, LEAST * 60 / REV, margin)
 
 
-def predictive(margin: float = MARGIN, lead: float = LEAD) -> PredictiveController:
-    return PredictiveController(BOUNDS, HORIZON, LEAST, margin, lead)
+def predictive(margin: float = MARGIN) -> Predictive:
+    return Predictive(LEAST * 60 / REV, HORIZON, margin)
 
 
 class Seen(NamedTuple):
@@ -54,17 +55,18 @@ class Seen(NamedTuple):
     acceleration: float
 
 
-def commands(controller: Controller, *sequence: Seen) -> np.ndarray:
+def commands(controller: Controller, *sequence: Seen, lead: float = LEAD) -> np.ndarray:
     """What it commands period by period, mm; all sequences share one program."""
     table = np.array(sequence, float)
     padded = np.pad(table, ((0, ROOM - len(table)), (0, 0)), mode="edge")
-    return np.asarray(_commands(controller, jnp.asarray(padded)))[: len(table)]
+    return np.asarray(_commands(controller, jnp.asarray(padded), jnp.asarray(lead)))[: len(table)]
 
 
 @eqx.filter_jit
-def _commands(controller, table):
+def _commands(controller, table, lead):
     def one(state, row):
-        seen = Measurement(jnp.zeros(()), row[0], 0.5625 * row[0], row[1], row[2], row[0], row[1])
+        angles = row[0], 0.5625 * row[0]
+        seen = Measurement(jnp.zeros(()), *angles, row[1], row[2], row[0], row[1], BOUNDS, lead)
         return controller.step(state, seen)
 
     return jax.lax.scan(one, controller.start(), table)[1]
@@ -157,7 +159,7 @@ def test_at_constant_deceleration_it_knows_the_angle_where_the_shaft_will_stop(
     if speed >= HORIZON * gain:
         return
     here = stop - sense * speed**2 / (2 * gain)
-    found = commands(predictive(lead=0.0), Seen(here, sense * speed, -sense * gain))[0]
+    found = commands(predictive(), Seen(here, sense * speed, -sense * gain), lead=0.0)[0]
     assert found == pytest.approx(max(min(shift(here), shift(stop)), 0.0), abs=1e-12)
 
 
@@ -182,8 +184,8 @@ def test_it_looks_as_far_ahead_as_its_actuator_follows_behind():
     beyond = here + speed * lead
     assert shift(beyond) < shift(stop) < shift(here)
     seen = Seen(here, speed, -gain)
-    assert commands(predictive(lead=lead), seen)[0] == pytest.approx(shift(beyond))
-    assert commands(predictive(lead=0.0), seen)[0] == pytest.approx(shift(stop))
+    assert commands(predictive(), seen, lead=lead)[0] == pytest.approx(shift(beyond))
+    assert commands(predictive(), seen, lead=0.0)[0] == pytest.approx(shift(stop))
 
 
 def test_it_closes_no_sooner_than_the_horizon_and_opens_once_the_shaft_runs_steadily():
@@ -197,5 +199,5 @@ def test_it_closes_no_sooner_than_the_horizon_and_opens_once_the_shaft_runs_stea
 def test_it_stays_closed_while_the_shaft_stands_but_open_before_the_first_move():
     still, runs = Seen(1.0, 0.0, 0.0), Seen(1.5, 6.0, 0.0)
     creeps, creeps_back = Seen(2.0, 0.9 * LEAST, 0.0), Seen(2.0, -0.9 * LEAST, 0.0)
-    found = commands(predictive(lead=0.0), still, still, runs, creeps, creeps_back)
+    found = commands(predictive(), still, still, runs, creeps, creeps_back, lead=0.0)
     np.testing.assert_allclose(found, [0, 0, 0, shift(2.0), shift(2.0)], atol=1e-12)

@@ -55,7 +55,7 @@ def test_a_sweep_says_it_case_by_case():
 
 def parts():
     case = case_of(spec_of(SHORT, {"flanks": "closed"}), PAIR)
-    sensors = case.driving_sensor, case.driven_sensor
+    sensors = case.driving_encoder, case.driven_encoder
     return exact_model(PAIR, paper_eccentricities()), case.bounds, sensors
 
 

@@ -35,8 +35,8 @@ class Way(NamedTuple):
 
 
 def actuator(**values: Any) -> Actuator:
-    given: dict[str, Any] = {"speed": 20.0, "acceleration": 2000.0, "stroke": 10.0}
-    given |= {"resolution": 0.0, "delay": 0.0, "back_drivable": np.asarray(True), "periods": 1}
+    given: dict[str, Any] = {"speed_mm_s": 20.0, "acceleration_mm_s2": 2000.0, "stroke_mm": 10.0}
+    given |= {"resolution_mm": 0.0, "delay": 0.0, "back_drivable": np.asarray(True), "periods": 1}
     return Actuator(**(given | values))
 
 
@@ -86,7 +86,7 @@ def test_it_arrives_within_its_limits_in_the_time_of_a_trapezoid_and_never_beyon
 ):
     expected = move_time(command, speed, acceleration)
     assume(expected < (PERIODS - 4) * step)
-    way = follow(actuator(speed=speed, acceleration=acceleration), command, step=step)
+    way = follow(actuator(speed_mm_s=speed, acceleration_mm_s2=acceleration), command, step=step)
     assert within_limits(way, speed, acceleration, step)
     assert np.all(np.diff(way.wanted) >= -ROUNDING) and way.wanted.max() <= command + ROUNDING
     arrived = (np.argmax(np.abs(way.wanted - command) < 1e-9 * command) + 1) * step
@@ -111,7 +111,7 @@ def test_whatever_it_is_told_it_keeps_its_limits_and_ends_on_the_last_command(
 ):
     told = np.resize(np.repeat(commands, 4), PERIODS // 4)
     told = np.concatenate([told, np.full(PERIODS - told.size, commands[-1])])
-    way = follow(actuator(speed=speed, acceleration=acceleration), told)
+    way = follow(actuator(speed_mm_s=speed, acceleration_mm_s2=acceleration), told)
     assert within_limits(way, speed, acceleration, 1e-3)
     highest = min(speed, 2 * math.sqrt(acceleration))  # on a way of a mm it gets no faster
     late = 2 * highest / acceleration
@@ -139,15 +139,15 @@ def test_a_slide_leads_from_place_to_place():
 
 
 def test_the_stroke_ends_it():
-    assert follow(actuator(stroke=0.25), 0.7).reached[-1] == pytest.approx(0.25)
-    assert follow(actuator(stroke=0.25), 0.2).reached[-1] == pytest.approx(0.2)
+    assert follow(actuator(stroke_mm=0.25), 0.7).reached[-1] == pytest.approx(0.25)
+    assert follow(actuator(stroke_mm=0.25), 0.2).reached[-1] == pytest.approx(0.2)
     assert np.all(follow(actuator(), -0.5).reached == 0.0)
 
 
 @given(commands=st.lists(st.floats(0.0, 9.0), min_size=1), resolution=st.floats(1e-4, 1.0))
 def test_it_stops_on_whole_steps_at_most_one_short_of_the_command(commands, resolution):
     told = np.resize(commands, PERIODS)
-    target = follow(actuator(resolution=resolution), told).target
+    target = follow(actuator(resolution_mm=resolution), told).target
     steps = target / resolution
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert np.all(target <= told + 1e-12) and np.all(target > told - resolution * (1 + 1e-9))
@@ -156,7 +156,7 @@ def test_it_stops_on_whole_steps_at_most_one_short_of_the_command(commands, reso
 def test_without_a_resolution_it_takes_the_command_itself():
     told = np.linspace(0.0, 9.0, PERIODS)
     np.testing.assert_array_equal(follow(actuator(), told).target, told)
-    assert not np.array_equal(follow(actuator(resolution=0.01), told).target, told)
+    assert not np.array_equal(follow(actuator(resolution_mm=0.01), told).target, told)
 
 
 @pytest.mark.parametrize(("delay", "periods"), [(0, 1), (1, 1), (2, 2), (3, 4), (1, 4)])
@@ -214,7 +214,7 @@ def test_the_drive_blocks_where_the_gap_shrinks_below_what_does_not_yield():
     assert not follow(stiff, 0.2, closed=shrinking).blocked.any()
     # It blocks as well where it withdraws, but slower than the gap shrinks.
     told = np.where(number < 200, 0.5, 0.0)
-    slow = actuator(speed=0.1, back_drivable=np.asarray(False))
+    slow = actuator(speed_mm_s=0.1, back_drivable=np.asarray(False))
     assert not follow(slow, 0.04, closed=shrinking).blocked.any()
     assert follow(stiff, told, closed=np.where(number < 201, 0.5, 0.2)).blocked.any()
 

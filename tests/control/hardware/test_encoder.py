@@ -10,18 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from vttig_jax.base.units import ARCSEC, REV
-from vttig_jax.control.hardware.encoder import Sensor, noise_draws
+from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.control.hardware.encoder import Encoder, noise_draws
 
 COUNT = REV / 90_000
 DRAWS = 20_000
 
 
 def sensor(count: float = 0.0, amplitude: float = 0.0, phase: float = 0.0, noise: float = 0.0):
-    return Sensor(count, amplitude, phase, noise)
+    counts = round(REV / count) if count else 0
+    return Encoder(counts, amplitude / ARCSEC, phase / DEG, noise / ARCSEC)
 
 
-def read(which: Sensor, angle: float, shock: float = 0.0) -> float:
+def read(which: Encoder, angle: float, shock: float = 0.0) -> float:
     return float(which.read(jnp.asarray(angle), jnp.asarray(shock)))
 
 

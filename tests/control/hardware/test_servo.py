@@ -14,10 +14,9 @@ from tests.control.followed import Still
 from tests.control.scenarios import PAIR, spec_of
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
-from vttig_jax.control.hardware.shaft_drive import Prescribed
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.plant import Drag
-from vttig_jax.control.plants.play import PlayPlant
+from vttig_jax.control.plants.play import Play
 from vttig_jax.control.simulation.build import case_of
 from vttig_jax.control.simulation.simulate import simulate
 
@@ -30,7 +29,7 @@ WIDE = Still(-10.0, 10.0).bounds()
 def alone(servo: Servo, told: MotionPoint, step: float, friction: float = 0.0, speed: float = 0.0):
     """The driving shaft in the middle of a gap that it never crosses."""
     drive = drive_of(servo, Drag(INERTIA, friction))
-    return follow(drive, PlayPlant(), WIDE, Start(speed=speed), told, step)
+    return follow(drive, Play(), WIDE, Start(speed=speed), told, step)
 
 
 def reference(limit: float, told: MotionPoint, step: float, friction: float, substeps: int = 1):
@@ -163,7 +162,7 @@ def test_what_a_servo_misses_is_said():
 
 
 def test_a_prescribed_motion_is_the_default_and_a_servo_is_asked_for():
-    assert isinstance(case_of(spec_of({}), PAIR).drive, Prescribed)
+    assert case_of(spec_of({}), PAIR).drive is None
     drive = case_of(spec_of(PI, {"plant": "play"}), PAIR).drive
     assert isinstance(drive, ServoDrive) and float(drive.driven.inertia) == 0.0
 

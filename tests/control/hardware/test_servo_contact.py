@@ -24,13 +24,11 @@ from tests.control.driven import (
     waves,
 )
 from tests.control.followed import Still
-from vttig_jax.control.hardware.servo import Servo
-from vttig_jax.control.hardware.shaft_drive import Prescribed
+from tests.control.parts import elastic, rigid
+from vttig_jax.control.hardware.servo import Servo, ServoDrive
 from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.plants.elastic import ElasticPlant
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
-from vttig_jax.control.plants.play import PlayPlant
-from vttig_jax.control.plants.rigid import RigidPlant
+from vttig_jax.control.plants.play import Play
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 DRIVING, DRIVEN = Drag(0.002, 0.05), Drag(0.01, 0.1, 0.02)
@@ -93,7 +91,7 @@ def on_a(speed: float = 1.0) -> Start:
 def test_rigid_teeth_on_one_flank_are_the_one_body_that_scipy_moves(step):
     told = ramp(round(0.1 / step), step)
     drive = drive_of(SERVO, DRIVING, DRIVEN)
-    ways = follow(drive, RigidPlant(DRIVEN, 0.3), GEARS, on_a(), told, step)
+    ways = follow(drive, rigid(DRIVEN, 0.3), GEARS, on_a(), told, step)
     assert np.all(ways.side == ON_A)
     oracle = one_body(told, step)
     np.testing.assert_allclose(ways.angle, oracle[:, 0], atol=2e-3 * step)
@@ -105,7 +103,7 @@ def test_rigid_teeth_on_one_flank_are_the_one_body_that_scipy_moves(step):
 def test_the_inertia_and_the_friction_of_the_driven_shaft_are_felt():
     told = ramp(100, 1e-3)
     found = [
-        follow(drive_of(SERVO, DRIVING, driven), RigidPlant(driven, 0.3), GEARS, on_a(), told, 1e-3)
+        follow(drive_of(SERVO, DRIVING, driven), rigid(driven, 0.3), GEARS, on_a(), told, 1e-3)
         for driven in (DRIVEN, Drag(0.02, 0.1, 0.02), Drag(0.01, 0.2, 0.02))
     ]
     assert all(np.abs(found[0].angle - other.angle).max() > 1e-3 for other in found[1:])
@@ -139,7 +137,7 @@ def two_bodies(told: MotionPoint, step: float) -> np.ndarray:
 def test_elastic_teeth_on_one_flank_move_both_bodies_as_scipy_does():
     step = 2.5e-4
     told = ramp(160, step)
-    plant = ElasticPlant(DRIVEN, STIFFNESS, DAMPING)
+    plant = elastic(DRIVEN, STIFFNESS, DAMPING)
     ways = follow(drive_of(SERVO, DRIVING, DRIVEN), plant, GEARS, on_a(), told, step)
     oracle = two_bodies(told, step)
     np.testing.assert_allclose(ways.angle, oracle[:, 0], atol=6e-7)
@@ -160,7 +158,7 @@ def test_an_impact_exchanges_momentum_with_restitution(side, restitution):
     """Closed form: two masses on a line, of the relative speed −ε is left."""
     driving, driven, step = Drag(0.002), Drag(0.01), 1e-3
     start = Start(0.0, 3.0 * -side, 0.0, 3.0 * side, FREE)  # the driven shaft stands
-    plant = RigidPlant(driven, restitution)
+    plant = rigid(driven, restitution)
     ways = follow(drive_of(driving=driving, driven=driven), plant, UNIT, start, nothing(3), step)
     assert ways.touched[0] == side
     momentum = 0.002 * ways.speed + 0.01 * (ways.speed + ways.drift)
@@ -178,7 +176,7 @@ def test_elastic_teeth_bounce_with_the_tabled_restitution_of_the_effective_inert
     """e(ζ) = 0.759 at ζ = 0.1 whatever the inertias, and no momentum is lost."""
     for driving in (Drag(0.002), Drag(0.05)):
         start, drive = Start(0.0, -1.0, 0.0, 1.0, FREE), drive_of(driving=driving)
-        plant = ElasticPlant(Drag(0.01), 2e6, 0.1)
+        plant = elastic(Drag(0.01), 2e6, 0.1)
         ways = follow(drive, plant, UNIT, start, nothing(12), 2e-4)
         assert ways.drift[-1] == pytest.approx(-0.759, abs=2e-3)
         momentum = float(driving.inertia) * ways.speed + 0.01 * (ways.speed + ways.drift)
@@ -192,28 +190,32 @@ def test_a_driving_shaft_of_huge_inertia_is_a_prescribed_one():
     start = Start(0.0, -2.0, te(0.0)[0], 2.0 * RATIO, FREE)  # thrown off flank A, at rest
     free = Drag(0.01)
     for plant, driven in (
-        (RigidPlant(DRIVEN, 0.3), DRIVEN),
-        (ElasticPlant(free, STIFFNESS, DAMPING), free),
+        (rigid(DRIVEN, 0.3), DRIVEN),
+        (elastic(free, STIFFNESS, DAMPING), free),
     ):
         heavy = drive_of(driving=Drag(1e9), driven=driven)
         found, expected = (
-            follow(drive, plant, GEARS, start, told, step) for drive in (heavy, _Told())
+            follow(drive, plant, GEARS, start, told, step)
+            for drive in (heavy, _Told(SERVO, DRIVING, DRIVEN))
         )
         assert (found.touched == ON_B).any()
         np.testing.assert_allclose(found.offset, expected.offset, atol=1e-9)
 
 
-class _Told(Prescribed):
-    """A prescribed drive beside servos: its state is one as well."""
+class _Told(ServoDrive):
+    """A drive without a motor beside servos: the driving shaft is where it is told to be."""
+
+    def step(self, motor, plant, shafts, target, *step):
+        return motor, *plant.step(shafts, target, *step)
 
 
 # Friction that holds.
 
 
-@pytest.mark.parametrize("plant", [RigidPlant(DRIVEN, 0.3), PlayPlant()])
+@pytest.mark.parametrize("plant", [rigid(DRIVEN, 0.3), Play()])
 def test_friction_of_both_shafts_holds_what_the_motor_pushes_against_it(plant):
     """Torque 0.08 N m: more than 0.05, less than 0.05 + 0.1 of a pair of ratio 1."""
-    driven = Drag(0.0, 0.1) if isinstance(plant, PlayPlant) else Drag(0.01, 0.1)
+    driven = Drag(0.0, 0.1) if isinstance(plant, Play) else Drag(0.01, 0.1)
     servo = Servo(1.0, 0.0, 0.0, 5.0)
     still = Still(0.0, 1e-3).bounds()
     moved, given_ = [], [(0.08, ON_A, 0.0), (0.2, ON_A, 0.0)]
@@ -232,7 +234,7 @@ def test_in_play_contact_costs_the_friction_of_the_driven_shaft_one_way_only():
     drive = drive_of(servo, DRIVING, Drag(0.0, 0.1))
     for sense, felt in ((1.0, 0.15), (-1.0, 0.05)):
         told = told_of(np.zeros(21), sense * 1e6)
-        ways = follow(drive, PlayPlant(), still, Start(side=ON_A), told, 1e-3)
+        ways = follow(drive, Play(), still, Start(side=ON_A), told, 1e-3)
         assert ways.speed[-1] == pytest.approx(sense * (0.3 - felt) / 0.002 * 0.02, rel=1e-12)
 
 
@@ -242,7 +244,7 @@ def test_elastic_teeth_stay_pressed_at_rest():
     depth = 0.04 / STIFFNESS
     start = Start(0.0, 0.0, -depth, 0.0, ON_A)
     driven = Drag(0.01, 0.1)
-    drive, plant = drive_of(driving=DRIVING, driven=driven), ElasticPlant(driven, STIFFNESS, 0.1)
+    drive, plant = drive_of(driving=DRIVING, driven=driven), elastic(driven, STIFFNESS, 0.1)
     ways = follow(drive, plant, still, start, nothing(400), 2.5e-4)
     np.testing.assert_allclose(ways.offset, -depth, rtol=1e-9)
     np.testing.assert_allclose(ways.angle, 0.0, atol=1e-15)
@@ -270,8 +272,8 @@ def _many(case):
         told = MotionPoint(*[jnp.zeros(STEPS + 1)] * 3)
         drive = drive_of(driving=driving, driven=driven)
         plants = (
-            RigidPlant(driven, c["restitution"]),
-            ElasticPlant(driven, c["stiffness"], c["damping"]),
+            rigid(driven, c["restitution"]),
+            elastic(driven, c["stiffness"], c["damping"]),
         )
         ways = [followed(drive, plant, bounds, start, told, c["step"]) for plant in plants]
         return _energy(c, ways[0], 0.0), _energy(c, ways[1], c["stiffness"])
@@ -318,7 +320,7 @@ def test_two_shafts_left_to_themselves_never_gain_energy(seed, still, friction):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("plant", [RigidPlant(DRIVEN, 0.3), ElasticPlant(DRIVEN, 2.0e4, 0.1)])
+@pytest.mark.parametrize("plant", [rigid(DRIVEN, 0.3), elastic(DRIVEN, 2.0e4, 0.1)])
 def test_the_gradient_of_where_the_motor_takes_both_is_the_difference(plant):
     told = ramp(50, 2.5e-4)
 

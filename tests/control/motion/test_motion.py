@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.control.motion_points import at
+from tests.control.parts import motion_of, s_curve, trapezoid
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.control.motion.profiles import motion_of, s_curve, trapezoid
-from vttig_jax.control.motion.sine import sine
+from vttig_jax.control.motion.sine import Sine
 from vttig_jax.rig.motion import PassMotion as RigMotion
 
 EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
@@ -242,7 +242,7 @@ def test_at_a_corner_the_acceleration_is_that_of_what_begins():
 
 @pytest.mark.parametrize("reversal_deg", [720.0, -360.0])
 def test_the_sine_against_its_formula(reversal_deg):
-    motion = sine(60.0, reversal_deg)
+    motion = Sine(60.0, reversal_deg)
     size, frequency = reversal_deg * DEG, 60 / 60 * REV / (np.pi * abs(reversal_deg) * DEG)
     time = np.linspace(0.0, 1 / frequency, 400, endpoint=False)
     turn = 2 * np.pi * frequency

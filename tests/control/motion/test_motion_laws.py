@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.control.parts import motion_of
 from tests.laws import checks
 from vttig_jax.control.motion.piecewise import PieceMotion
-from vttig_jax.control.motion.profiles import motion_of
 from vttig_jax.control.motion.recorded import recorded
-from vttig_jax.control.motion.sine import sine
+from vttig_jax.control.motion.sine import Sine
 
 EVENTS: tuple[Any, ...] = ("reversal", "slow_down", "aborted", "emergency_stop")
 CASES: list[Any] = [
@@ -53,7 +53,7 @@ def _small(jerky: bool) -> PieceMotion:
 MODULES = {
     "straight": _small(False),
     "jerky": _small(True),
-    "sine": sine(60.0, 360.0),
+    "sine": Sine(60.0, 360.0),
     "recorded": recorded(ROWS, 3.0 * np.sin(ROWS) ** 2),
 }
 each_module = pytest.mark.parametrize("name", MODULES)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from tests.control.motion_points import at
+from tests.control.parts import motion_of
 from vttig_jax.base.errors import InputError
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.control.motion.profiles import motion_of
 from vttig_jax.control.motion.recorded import read_motion, recorded
 
 NUMBERS = (60.0, 1080.0, 0.75, 0.5, 0.25, 0.1)

@@ -14,14 +14,13 @@ from hypothesis import strategies as st
 
 from benchmarks.compiler import fast_to_compile
 from tests.control.followed import OPEN, Still, follow, shafts_at
+from tests.control.parts import elastic, rigid, trapezoid
 from tests.oracles.elastic_contact import Contact, Path, integrate
 from tests.oracles.flank_formulas import PAPER, closed
 from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.control.motion.profiles import trapezoid
-from vttig_jax.control.plants.elastic import ElasticPlant, largest_step, mesh_stiffness
+from vttig_jax.control.plants.elastic import largest_step, mesh_stiffness
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
-from vttig_jax.control.plants.rigid import RigidPlant
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair
@@ -68,7 +67,7 @@ def run(bounds, oracle: Contact, times: np.ndarray, step: float, plant=None):
     if plant is None:
         drag = Drag(INERTIA, oracle.coulomb, oracle.viscous, load=oracle.load)
         ratio = oracle.damping / (2 * math.sqrt(oracle.stiffness * INERTIA))
-        plant = ElasticPlant(drag, oracle.stiffness, ratio)
+        plant = elastic(drag, oracle.stiffness, ratio)
     each = round(SAMPLE / step)
     return follow(plant, motion, bounds, start, times[0], step, each * (len(times) - 1), each)
 
@@ -94,7 +93,7 @@ def test_steps_of_many_contacts_keep_to_an_arcsec(bounds, reversal):
     oracle, begin = contact(CORNERS), TURN - 0.5
     motion = trapezoid(60.0, 540.0, 0.0, 0.5)
     start = shafts_at(motion, bounds, begin, *oracle.resting(begin), ON_A)
-    plant = ElasticPlant(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
+    plant = elastic(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
     shafts, _ = follow(plant, motion, bounds, start, begin, 5e-3, 200)
     assert np.abs(shafts.offset - reversal.offset[5::5]).max() < 1.0 * ARCSEC
 
@@ -155,8 +154,8 @@ def test_standstill_load_and_viscous_friction(bounds):
 )
 def test_rigid_teeth_are_the_limit_of_growing_stiffness(bounds, damping_ratio, restitution):
     times = sampled(TURN - 0.5, TURN + 0.5)
-    rigid = RigidPlant(Drag(INERTIA, COULOMB), restitution)
-    limit, _ = run(bounds, contact(CORNERS), times, SAMPLE, rigid)
+    stiff = rigid(Drag(INERTIA, COULOMB), restitution)
+    limit, _ = run(bounds, contact(CORNERS), times, SAMPLE, stiff)
     found = []
     for stiffness in (1e4, 1e6, 1e8, 1e10):
         shafts, _ = run(bounds, contact(CORNERS, stiffness, damping_ratio), times, SAMPLE)
@@ -180,7 +179,7 @@ REST = 2.02
 def test_a_mesh_without_drive_gains_no_energy(damping_ratio, stiffness, step, width, place, speed):
     """The driving shaft stands still: kinetic energy and that of both springs never grow."""
     walls, motion = Still(0.0, width).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
-    plant = ElasticPlant(Drag(INERTIA), stiffness, damping_ratio)
+    plant = elastic(Drag(INERTIA), stiffness, damping_ratio)
     offset = width * place + 1e-6 * (place - 0.5)
     start = shafts_at(motion, walls, REST, offset, speed, FREE)
     shafts, _ = follow(plant, motion, walls, start, REST, step, 256)
@@ -202,7 +201,7 @@ def _after(bounds):
         begin, above, drift, stiffness, damping_ratio = numbers
         start = shafts_at(motion, bounds, begin, 0.0, 0.0, FREE)
         start = replace(start, offset=start.flanks.lower + above, drift=drift)
-        plant = ElasticPlant(Drag(INERTIA, COULOMB), stiffness, damping_ratio)
+        plant = elastic(Drag(INERTIA, COULOMB), stiffness, damping_ratio)
         ahead = motion.at(begin + SAMPLE)
         ended, _ = plant.step(start, ahead, OPEN, bounds, jnp.asarray(SAMPLE))
         return jnp.stack([ended.offset, ended.drift])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.control.followed import Still, follow, shafts_at
-from vttig_jax.control.motion.profiles import trapezoid
-from vttig_jax.control.plants.elastic import ElasticPlant
+from tests.control.parts import elastic, trapezoid
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag, Slide
 
 STIFFNESS, RATIO, INERTIA, COULOMB = 2.3e6, 0.1, 0.01, 0.05
@@ -17,7 +16,7 @@ SAMPLE, REST = 1e-3, 2.02
 def test_friction_holds_a_shaft_that_a_flank_presses():
     """Less than its torque does not move it, more does."""
     walls, motion = Still(0.0, 1e-3).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
-    plant = ElasticPlant(Drag(INERTIA, 0.05), STIFFNESS, RATIO)
+    plant = elastic(Drag(INERTIA, 0.05), STIFFNESS, RATIO)
     for torque, stays in ((0.049, True), (0.06, False)):
         start = shafts_at(motion, walls, REST, -torque / STIFFNESS, 0.0, ON_A)
         shafts, touches = follow(plant, motion, walls, start, REST, SAMPLE, 256)
@@ -29,7 +28,7 @@ def test_friction_holds_a_shaft_that_a_flank_presses():
 def test_friction_that_held_a_pressed_shaft_does_not_turn_it_when_the_flank_leaves():
     """The wedge takes flank A away; the shaft stays where it is but for the spring's way back."""
     walls, motion = Still(0.0, 1.0).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
-    plant = ElasticPlant(Drag(INERTIA, 0.05), STIFFNESS, RATIO)
+    plant = elastic(Drag(INERTIA, 0.05), STIFFNESS, RATIO)
     pressed = 0.04 / STIFFNESS
     shafts = shafts_at(motion, walls, REST, -pressed, 0.0, ON_A)
     step = eqx.filter_jit(lambda a, b, c: plant.step(a, b, c, walls, jnp.asarray(SAMPLE)))
@@ -47,12 +46,12 @@ def test_a_gap_forced_shut_holds_the_shaft_between_both_springs():
     walls, motion = Still(0.0, -overlap).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
     start = shafts_at(motion, walls, REST, 0.0, 0.0, ON_A)
     for torque in (0.0, load, -load):
-        plant = ElasticPlant(Drag(INERTIA, load=torque), STIFFNESS, RATIO)
+        plant = elastic(Drag(INERTIA, load=torque), STIFFNESS, RATIO)
         shafts, touches = follow(plant, motion, walls, start, REST, SAMPLE, 256)
         expected = -0.5 * overlap - torque / (2 * STIFFNESS)
         np.testing.assert_allclose(shafts.offset, expected, rtol=0, atol=1e-15)
         assert np.all(shafts.side == ON_A) and np.all(touches.side == ON_B)
-    pulled = ElasticPlant(Drag(INERTIA, load=10.0), STIFFNESS, RATIO)
+    pulled = elastic(Drag(INERTIA, load=10.0), STIFFNESS, RATIO)
     shafts, _ = follow(pulled, motion, walls, start, REST, SAMPLE, 256)
     # On flank A alone: the other one has come free.
     np.testing.assert_allclose(shafts.offset, -10.0 / STIFFNESS, rtol=1e-12)
@@ -61,7 +60,7 @@ def test_a_gap_forced_shut_holds_the_shaft_between_both_springs():
 def test_the_wedge_presses_the_shaft_on():
     """s moves flank A up at 0.01 rad/s; the shaft follows at that rate, the flank T_c/c in."""
     walls, motion = Still(0.0, 1.0).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
-    plant = ElasticPlant(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
+    plant = elastic(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
     shafts = shafts_at(motion, walls, REST, 0.0, 0.0, ON_A)
     step = eqx.filter_jit(lambda a, b, c: plant.step(a, b, c, walls, jnp.asarray(SAMPLE)))
     for number in range(1, 60):

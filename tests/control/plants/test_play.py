@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from tests.control.followed import OPEN, Still, follow, shafts_at
+from tests.control.parts import trapezoid
 from tests.oracles.flank_formulas import PAPER, closed
 from tests.oracles.play_operator import by_samples, by_turns
 from tests.oracles.trapezoid_corners import Corners
-from vttig_jax.control.motion.profiles import trapezoid
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Slide
-from vttig_jax.control.plants.play import PlayPlant
+from vttig_jax.control.plants.play import Play
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair
@@ -44,7 +44,7 @@ def run(rig, step: float, above: float = 0.0, end: float = 4.1):
     bounds, motion = rig
     start = shafts_at(motion, bounds, 0.0, WALLS[0](0.0)[0] + above, 0.0, FREE if above else ON_A)
     steps = round(end / step)
-    shafts, touches = follow(PlayPlant(), motion, bounds, start, 0.0, step, steps)
+    shafts, touches = follow(Play(), motion, bounds, start, 0.0, step, steps)
     return step * np.arange(1, steps + 1), shafts, touches
 
 
@@ -123,7 +123,7 @@ def test_the_wedge_closes_the_gap_and_takes_the_shaft_along(rig):
     mm = 0.9 * (high - low) / float(bounds.closing_sum)
     slide = Slide(*map(jnp.asarray, (0.0, mm, mm / STEP, mm / STEP)))
     ahead = motion.at(jnp.asarray(begin + STEP))
-    shafts, touch = PlayPlant().step(start, ahead, slide, bounds, np.float64(STEP))
+    shafts, touch = Play().step(start, ahead, slide, bounds, np.float64(STEP))
     assert float(shafts.offset) == pytest.approx(low + mm * float(bounds.closing[0]), abs=1e-14)
     assert float(shafts.side) == ON_A and float(touch.side) == FREE
     rate = float(bounds.closing[0]) * mm / STEP
@@ -140,7 +140,7 @@ def _walked(bounds, angles, offset):
     def one(shafts, angle):
         rate = (angle - shafts.angle) / STEP
         ahead = replace(trapezoid(60.0, 540.0, 0.1, 0.5).at(0.0), angle=angle, speed=rate)
-        shafts, _ = PlayPlant().step(shafts, ahead, OPEN, bounds, jnp.asarray(STEP))
+        shafts, _ = Play().step(shafts, ahead, OPEN, bounds, jnp.asarray(STEP))
         return shafts, (shafts.offset, shafts.flanks)
 
     motion = trapezoid(60.0, 540.0, 0.1, 0.5)
@@ -168,7 +168,7 @@ def test_one_step_is_the_same_compiled_batched_and_differentiable(rig):
     def after(begin, offset):
         start = shafts_at(motion, bounds, begin, offset, 0.0, FREE)
         ahead = motion.at(begin + STEP)
-        return PlayPlant().step(start, ahead, OPEN, bounds, jnp.asarray(STEP))[0].offset
+        return Play().step(start, ahead, OPEN, bounds, jnp.asarray(STEP))[0].offset
 
     single = [float(after(*both)) for both in zip(begins, offsets, strict=True)]
     np.testing.assert_allclose(jax.jit(jax.vmap(after))(begins, offsets), single, atol=1e-15)
@@ -180,7 +180,7 @@ def test_one_step_is_the_same_compiled_batched_and_differentiable(rig):
 def test_a_closed_gap_hands_over_where_the_motion_turns():
     walls, motion = Still(0.0, 0.0).bounds(), trapezoid(60.0, 540.0, 0.1, 0.5)
     start = shafts_at(motion, walls, 1.9, 0.0, 0.0, ON_A)
-    shafts, touches = follow(PlayPlant(), motion, walls, start, 1.9, STEP, 300)
+    shafts, touches = follow(Play(), motion, walls, start, 1.9, STEP, 300)
     assert np.all(shafts.offset == 0.0)
     backwards = shafts.speed < 0
     assert np.all(shafts.side[backwards] == ON_B) and np.all(shafts.side[:99] == ON_A)

@@ -12,13 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.control.followed import OPEN, Still, follow, shafts_at
+from tests.control.parts import rigid, trapezoid
 from tests.oracles.flank_formulas import PAPER, closed
 from tests.oracles.rigid_bouncing import Flown, Rig, fly
 from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.control.motion.profiles import trapezoid
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
-from vttig_jax.control.plants.rigid import RigidPlant
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair
@@ -54,7 +53,7 @@ def followed(rig, restitution: float, step: float, coulomb: float = COULOMB):
     error, slope = closed()[0](angle)
     start = shafts_at(motion, bounds, BEGIN, error, slope * speed, ON_A)
     each = round(SAMPLE / step)
-    plant = RigidPlant(Drag(INERTIA, coulomb), restitution)
+    plant = rigid(Drag(INERTIA, coulomb), restitution)
     return follow(plant, motion, bounds, start, BEGIN, step, each * (len(times()) - 1), each)
 
 
@@ -123,7 +122,7 @@ def ball(speed: float, restitution: float, width: float, time: float) -> tuple[f
 def test_between_walls_at_rest_it_is_a_ball(restitution, speed, place):
     walls, motion = Still(0.0, 0.01).bounds(), trapezoid(60.0, 540.0, 0.5, 0.5)
     start = shafts_at(motion, walls, REST, 0.0, speed, FREE)
-    plant = RigidPlant(Drag(INERTIA), restitution)
+    plant = rigid(Drag(INERTIA), restitution)
     shafts, _ = follow(plant, motion, walls, start, REST, SAMPLE, 100)
     expected, rate = ball(speed, restitution, 0.01, (place + 1) * SAMPLE)
     assert shafts.offset[place] == pytest.approx(expected, abs=1e-12)
@@ -140,7 +139,7 @@ def test_an_impact_at_constant_driving_speed():
     restitution, gap = 0.5, 0.015
     # At rest 0.015 rad ahead of flank A, which comes with 2π rad/s (the ratio is 1).
     start = shafts_at(motion, walls, 0.7, gap, -SPEED, FREE)
-    plant = RigidPlant(Drag(INERTIA), restitution)
+    plant = rigid(Drag(INERTIA), restitution)
     shafts, touches = follow(plant, motion, walls, start, 0.7, SAMPLE, 5)
     meets = gap / SPEED
     place = int(meets / SAMPLE)
@@ -162,7 +161,7 @@ def test_an_impact_at_constant_driving_speed():
 def test_friction_stops_it_and_never_turns_it(speed, coulomb, viscous, stribeck):
     walls, motion = Still(-10.0, 10.0).bounds(), trapezoid(60.0, 540.0, 1.5, 0.5)
     start = shafts_at(motion, walls, REST, 0.0, speed, FREE)
-    plant = RigidPlant(Drag(INERTIA, coulomb, viscous, stribeck), 0.5)
+    plant = rigid(Drag(INERTIA, coulomb, viscous, stribeck), 0.5)
     steps = int(abs(speed) * INERTIA / coulomb / SAMPLE) + 3
     shafts, _ = follow(plant, motion, walls, start, REST, SAMPLE, 1010)
     drift = shafts.drift * np.sign(speed)
@@ -176,7 +175,7 @@ def test_friction_stops_it_and_never_turns_it(speed, coulomb, viscous, stribeck)
 def test_without_friction_it_is_not_stopped():
     walls, motion = Still(-10.0, 10.0).bounds(), trapezoid(60.0, 540.0, 1.5, 0.5)
     start = shafts_at(motion, walls, REST, 0.0, 0.5, FREE)
-    shafts, _ = follow(RigidPlant(Drag(INERTIA), 0.5), motion, walls, start, REST, SAMPLE, 1000)
+    shafts, _ = follow(rigid(Drag(INERTIA), 0.5), motion, walls, start, REST, SAMPLE, 1000)
     assert shafts.offset[-1] == pytest.approx(0.5, abs=1e-12)
 
 
@@ -189,7 +188,7 @@ def _after(rig, restitution):
         start = shafts_at(motion, bounds, begin, 0.0, 0.0, FREE)
         start = replace(start, offset=start.flanks.lower + above, drift=drift)
         ahead = motion.at(begin + SAMPLE)
-        plant = RigidPlant(Drag(INERTIA, COULOMB), restitution)
+        plant = rigid(Drag(INERTIA, COULOMB), restitution)
         return plant.step(start, ahead, OPEN, bounds, jnp.asarray(SAMPLE))[0].offset
 
     return after

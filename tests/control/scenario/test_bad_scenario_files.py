@@ -135,7 +135,7 @@ def test_the_smallest_reversal_named_is_allowed_and_the_motions_own(
     event, speed_rpm, ramp_s, slow_share, stop_s, dwell_s
 ):
     """The motion lays out the same ramps by itself; it is the independent opinion here."""
-    from vttig_jax.control.motion.profiles import trapezoid
+    from tests.control.parts import trapezoid
 
     numbers = {"speed_rpm": speed_rpm, "ramp_s": ramp_s, "dwell_s": dwell_s}
     numbers |= {"event": event, "slow_share": slow_share, "stop_s": stop_s}

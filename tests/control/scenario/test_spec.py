@@ -1,7 +1,5 @@
 """The scenario file: the contract's example word for word, every key, other values."""
 
-import subprocess
-import sys
 import tomllib
 from typing import Any, Literal, get_args, get_origin
 
@@ -195,11 +193,3 @@ def test_a_scenario_cannot_be_changed():
     with pytest.raises(AttributeError):
         setattr(spec, "plant", "play")  # noqa: B010
     assert isinstance(spec, ScenarioSpec)
-
-
-def test_reading_a_scenario_needs_no_jax():
-    code = (
-        "import sys; from vttig_jax.control.scenario import defaults, spec;"
-        "defaults.default_toml(); sys.exit('jax' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

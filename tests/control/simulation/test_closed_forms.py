@@ -67,7 +67,7 @@ def papers(all_papers) -> list[Run]:
 
 def asked(run: Run, detected: float) -> float:
     """Backlash that the controller means to take up, rad: j(detected) less its margin."""
-    return exact_gap(detected) - float(run.case.controller.margin) * CLOSING  # pyright: ignore
+    return exact_gap(detected) - float(run.case.controller.margin_mm) * CLOSING  # pyright: ignore
 
 
 def test_the_paper_controller_leaves_what_the_gap_has_grown_since_it_judged(papers):

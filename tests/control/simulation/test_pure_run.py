@@ -135,7 +135,7 @@ def test_without_rounding_neither_counts_nor_steps_are_left():
     case = build_case(spec_of(SHORT), PAIR, rounding="none")
     kept = build_case(spec_of(SHORT), PAIR)
     for one, zero in ((case, True), (kept, False)):
-        parts = one.driving_sensor.count, one.driven_sensor.count, one.actuator.resolution
+        parts = one.driving_encoder.count, one.driven_encoder.count, one.actuator.resolution_mm
         assert all((float(part) == 0.0) is zero for part in parts)
 
 
@@ -164,7 +164,7 @@ def test_a_traced_case_needs_its_number_of_periods():
 
 
 def test_a_setting_that_the_case_does_not_use_is_refused(quantised):
-    with pytest.raises(ValueError, match="PredictiveController has no"):
+    with pytest.raises(ValueError, match="threshold_rad_s2"):
         with_settings(quantised, {THRESHOLD: 1.0})
     with pytest.raises(ValueError, match=r"'judgement\.margin'"):
         with_settings(quantised, {"judgement.margin": 1.0})

@@ -22,17 +22,17 @@ from vttig_jax.control import sweep
 from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.metrics import METRICS
+from vttig_jax.control.sweeps import batching
 from vttig_jax.control.sweeps import blocks as sweep_work
 from vttig_jax.control.sweeps import estimate as sweep_estimate
 from vttig_jax.control.sweeps.batching import (
     BatchRunner,
-    CaseBatch,
     batch_of,
     lanes_for,
     varying,
 )
 from vttig_jax.control.sweeps.blocks import SweepWork
-from vttig_jax.control.sweeps.case_leaves import CaseStructure, leaves_of
+from vttig_jax.control.sweeps.case_leaves import leaves_of
 from vttig_jax.control.sweeps.cases import SweepCases
 from vttig_jax.control.sweeps.table import SweepTable
 from vttig_jax.kinematics import closed_model
@@ -213,22 +213,24 @@ def test_new_values_compile_nothing():
     assert lanes.compile_s == before
 
 
-def test_a_program_that_did_not_compile_is_forgotten_before_the_others_hear_of_it():
-    """A thread that waits for the program may ask for it again at once."""
-    runner = BatchRunner()
-    known = list[int]()
+def test_a_program_that_did_not_compile_may_be_asked_for_again(monkeypatch):
+    runner, cases = BatchRunner(), SweepCases(sweep_spec(), PAIR)
+    case = cases.case(0)
+    assert isinstance(case, Case)
+    numbers = leaves_of(case)
+    batch = batch_of([numbers], (False,) * len(numbers.leaves), 8)
 
-    class Broken:
-        def lower(self, *_):
-            (own,) = runner._compiled.values()
-            own.add_done_callback(lambda _: known.append(len(runner._compiled)))
-            raise MemoryError
+    def broken(*_):
+        raise MemoryError
 
-    batch, broken = CaseBatch(CaseStructure("tree", ()), (), (), 8), Broken()
-    for _ in range(2):
-        with pytest.raises(MemoryError):
-            runner._program(broken, batch, (), (), runner.devices[0])
-    assert known == [0, 0]
+    with monkeypatch.context() as patched:
+        patched.setattr(batching, "_start_lanes", broken)
+        for _ in range(2):
+            with pytest.raises(MemoryError):
+                runner.run(batch, 1)
+    assert runner.compile_s == 0.0
+    _, tally = runner.run(batch, 1)
+    assert (tally.samples == 1024).all() and runner.compile_s > 0.0
 
 
 def test_lane_steps_are_those_of_the_cases_alone(table):

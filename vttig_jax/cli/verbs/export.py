@@ -9,7 +9,7 @@ import click
 
 from ...base.errors import UsageError, VttigError
 from ...base.logger import LOGGER
-from ...control.scenario.tables import Gap
+from ...control.scenario.axes import Gap
 from ...runs.map_table import columns_of, csv_text, map_record, map_table, resolution, shift_first
 from ...runs.maps import lowered_map
 from ...runs.run import Run

@@ -220,10 +220,10 @@ def _simulated(
     """Run a scenario; return it, and the stride of its trace in periods of the controller."""
     import vttig_jax
 
-    from ...control.simulation.build import scenario_motion
+    from ...control.simulation.build import motion_of
 
     vttig_jax.enable_x64()
-    duration = float(scenario_motion(spec.motion, folder).duration_s)
+    duration = float(motion_of(spec.motion, folder).pieces.duration_s)
     periods = duration * spec.sampling.controller_hz
     kept = _stride(periods, every, draws)
     if not periods <= _MOST_PERIODS:

@@ -7,6 +7,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...base.arrays import Number
+from ...kinematics.flank_table import Bounds
+from ..fields import Part
+from .retreat import Retreat
+
 
 class Measurement(eqx.Module):
     """Inputs of a controller in one period.
@@ -15,6 +20,10 @@ class Measurement(eqx.Module):
     - `speed`, `acceleration`: estimates for the driving shaft, rad/s and rad/s².
     - `reference`, `reference_speed`: angle (rad) and speed (rad/s) of the prescribed motion of the
       driving shaft. Only a controller that is part of the motor control can use them.
+    - `map`: flanks that the controller believes: `map.gap(angle)` is the backlash (rad) at a
+      driving angle (rad), and `map.closed_at(gap)` the displacement (mm) that closes it.
+    - `delay`: time from a reading to the resulting position of the actuator, s.
+    - `retreat`: how the actuator follows teeth that pass; None for a map without such short waves.
     """
 
     time: Float[Array, ""]
@@ -24,6 +33,9 @@ class Measurement(eqx.Module):
     acceleration: Float[Array, ""]
     reference: Float[Array, ""]
     reference_speed: Float[Array, ""]
+    map: Bounds
+    delay: Float[Number, ""]
+    retreat: Retreat | None = None
 
 
 class Command(eqx.Module):
@@ -38,7 +50,7 @@ class Command(eqx.Module):
     advance: Float[Array, ""] | float = 0.0
 
 
-class Controller(eqx.Module):
+class Controller(Part):
     """Base class of controllers, which command the axial displacement of gear 2 in every period.
 
     The displacement is in mm, positive towards a closed gap. The argument `seen` of `step` is a

@@ -6,8 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...base.arrays import Number, float64
-from ...kinematics.flank_table import Bounds
+from ..fields import Quantity, number
 from .controller import Command, Controller, Measurement
 
 _STILL = 1e-6
@@ -29,7 +28,7 @@ class LeadJump(eqx.Module):
     advance: Float[Array, ""]
 
 
-class FeedforwardController(Controller):
+class Feedforward(Controller):
     """Controller that turns the driving shaft by the gap ahead of the reference after a reversal.
 
         φ₁ = φ_ref − S j(φ₁)/i,  S = p³ (10 − 15 p + 6 p²)
@@ -39,17 +38,14 @@ class FeedforwardController(Controller):
     φ₂ = i φ_ref + TE_A(φ₁), as if flank A were in contact: this compensates the lost motion, but
     not the transmission error of the flanks. The controller detects the reversal in the reference
     motion, as a motor controller does, and needs no encoder.
-
-    **Arguments**
-    - `bounds`: flanks of the backlash map that the controller uses.
-    - `jump_s`: duration of the movement across the gap, s.
     """
 
     closes: ClassVar[bool] = False
     advances: ClassVar[bool] = True
 
-    bounds: Bounds
-    jump_s: Float[Number, ""] = eqx.field(converter=float64)
+    jump_s: Quantity = number(
+        0.005, "feedforward: time in which the motor crosses the gap", "s", gt=0, le=1e3
+    )
 
     def start(self) -> LeadJump:
         """Return the state on flank A without a lead."""
@@ -64,6 +60,6 @@ class FeedforwardController(Controller):
         progress = jnp.clip(state.progress - sense * period / self.jump_s, 0.0, 1.0)
         share = progress**3 * (10 + progress * (6 * progress - 15))
         # The shaft reaches the commanded lead one period later.
-        gap = self.bounds.gap(seen.reference + period * seen.reference_speed + state.advance)
-        advance = -share * gap / self.bounds.ratio
+        gap = seen.map.gap(seen.reference + period * seen.reference_speed + state.advance)
+        advance = -share * gap / seen.map.ratio
         return LeadJump(seen.time, sense, progress, advance), Command(jnp.zeros(()), advance)

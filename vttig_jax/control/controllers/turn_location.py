@@ -15,7 +15,7 @@ from ...kinematics.flank_model import FlankModel
 from ...kinematics.flank_table import Bounds
 from ...kinematics.turn_location import locate
 from ...pair.gear_pair import Drive, GearPair
-from ..hardware.encoder import Sensor, noise_draws
+from ..hardware.encoder import Encoder, noise_draws
 from .controller import Controller, Measurement
 
 CERTAINTY = 0.999
@@ -45,7 +45,7 @@ def turn_error(
     pair: GearPair | Drive,
     believed: FlankModel,
     rig: Bounds,
-    sensors: tuple[Sensor, Sensor],
+    sensors: tuple[Encoder, Encoder],
     angle: float,
     seed: int,
 ) -> int | None:
@@ -69,7 +69,7 @@ def turn_error(
         float(sensor.read(jnp.asarray(true_angle), draw))
         for sensor, true_angle, draw in zip(sensors, (angle, driven), draws, strict=True)
     ]
-    variances = [_variance(sensor) for sensor in sensors]
+    variances = [float(sensor.variance) for sensor in sensors]
     location = locate(
         readings[0] % REV,
         readings[1] % REV,
@@ -80,8 +80,3 @@ def turn_error(
     if location.probability < CERTAINTY or not location.fits:
         return None
     return location.turn - int(readings[0] // REV) % location.hunting_turns
-
-
-def _variance(sensor: Sensor) -> float:
-    """Return the variance of one encoder reading minus the true angle, rad²."""
-    return float(sensor.count**2 / 12 + sensor.amplitude**2 / 2 + sensor.noise**2)

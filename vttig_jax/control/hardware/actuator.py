@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, Numbers, float64
 from ...base.numerics.straight_through import straight_through
+from ..fields import Part, Quantity, not_negative, number, positive
 from ..plants.plant import FREE, Drag, Slide
 
 _STANDSTILL = 1e-6
@@ -86,7 +88,7 @@ class Carriage(eqx.Module):
     stalled: Bool[Array, ""] | None = None
 
 
-class Actuator(eqx.Module):
+class Actuator(Part):
     """Actuator with trapezoidal positioning and a transport delay.
 
     The actuator accelerates and brakes at the same rate and stops at the commanded position, which
@@ -95,34 +97,35 @@ class Actuator(eqx.Module):
     not. If the teeth cannot push the actuator back, the drive blocks.
 
     With a force limit, the actuator brakes and stops when the loaded flank resists with a larger
-    force. When the flank pushes with a larger force, the actuator moves back, at most with `speed`
-    and at most to the position zero.
+    force. When the flank pushes with a larger force, the actuator moves back, at most with its
+    largest speed and at most to the position zero.
 
-    **Arguments**
-    - `speed`, `acceleration`: limits, mm/s and mm/s². - `stroke`: largest position, mm.
-    - `resolution`: step of the position, mm; 0 for a continuous position.
-    - `back_drivable`: whether the teeth can push the actuator back; see `can_back_drive`.
+    **Arguments** (besides the numbers of the table)
     - `delay`: transport delay in whole controller periods.
     - `periods`: length of the queue of commands, at least `delay` and at least 1.
-    - `force_limit`: N; None for no limit. - `thrust`: forces of the teeth, needed with a limit.
+    - `back_drivable`: whether the teeth can push the actuator back; see `can_back_drive`.
+    - `thrust`: forces of the teeth, needed for the force limit.
     - `straight`: whether derivatives are computed as if the command were not rounded.
     """
 
-    speed: Float[Number, ""] = eqx.field(converter=float64)
-    acceleration: Float[Number, ""] = eqx.field(converter=float64)
-    stroke: Float[Number, ""] = eqx.field(converter=float64)
-    resolution: Float[Number, ""] = eqx.field(converter=float64)
-    delay: Float[Number, ""] = eqx.field(converter=float64)
-    back_drivable: Bool[Numbers, ""]
-    periods: int = eqx.field(static=True)
-    force_limit: Float[Number, ""] | None = None
+    speed_mm_s: Quantity = positive(20.0, "largest speed", "mm/s")
+    acceleration_mm_s2: Quantity = positive(2000.0, "largest acceleration", "mm/s^2")
+    resolution_mm: Quantity = number(0.0, "smallest step; 0: continuous", "mm", ge=0, le=1e3)
+    delay_s: Quantity = number(
+        0.0, "dead time, a whole number of controller periods", "s", ge=0, le=1e3
+    )
+    stroke_mm: Quantity = number(10.0, "largest shift", "mm", gt=0, le=1e5)
+    force_limit_N: Quantity = not_negative(0.0, "largest axial force; 0: no limit", "N")
+    delay: Float[Number, ""] = eqx.field(converter=float64, default=0.0)
+    periods: int = eqx.field(static=True, default=1)
+    back_drivable: Bool[Numbers, ""] = np.True_  # pyright: ignore[reportAssignmentType]
     thrust: Thrust | None = None
     straight: bool = eqx.field(static=True, default=False)
 
     def at_rest(self) -> Carriage:
         """Return the initial state: position, speed and all queued commands are zero (gap open)."""
         zero = jnp.zeros(())
-        stalled = None if self.force_limit is None else jnp.zeros((), bool)
+        stalled = None if self.thrust is None else jnp.zeros((), bool)
         return Carriage(zero, zero, zero, jnp.zeros(self.periods), stalled)
 
     def commanded(
@@ -130,12 +133,12 @@ class Actuator(eqx.Module):
     ) -> tuple[Carriage, Float[Array, ""]]:
         """Add a command (mm) to the queue and return the state and the target position (mm).
 
-        The target is the command of `delay` periods ago, limited to 0 … `stroke` and rounded down
+        The target is the command of `delay` periods ago, limited to 0 … stroke and rounded down
         to the resolution.
         """
         queue, due = _queued(carriage.queue, command, jnp.asarray(self.delay))
-        arrived = jnp.clip(due, 0.0, self.stroke)
-        resolution = jnp.asarray(self.resolution)
+        arrived = jnp.clip(due, 0.0, self.stroke_mm)
+        resolution = jnp.asarray(self.resolution_mm)
         rounded = jnp.floor(arrived / jnp.where(resolution > 0, resolution, 1.0)) * resolution
         if self.straight:
             rounded = straight_through(rounded, arrived)
@@ -162,17 +165,17 @@ class Actuator(eqx.Module):
         # Highest speed v of this step from which full braking in the next m steps stops exactly at
         # the target: the distance is step · (v + (v − b) + … + (v − m b)), where b (`brake`) is the
         # decrease of the speed per step.
-        brake, rate = self.acceleration * step, 1.0 / step
+        brake, rate = self.acceleration_mm_s2 * step, 1.0 / step
         steps = jnp.floor(0.5 * (jnp.sqrt(1 + jnp.abs(error) * (8 * rate / brake)) - 1))
         stopping_speed = jnp.abs(error) * rate / (steps + 1) + 0.5 * brake * steps
-        fastest = jnp.minimum(self.speed, stopping_speed)
+        fastest = jnp.minimum(self.speed_mm_s, stopping_speed)
         goal, stalled = jnp.where(error < 0, -fastest, fastest), None
-        if self.force_limit is not None and push is not None:
-            limit = jnp.asarray(self.force_limit)
+        if push is not None:
+            limit = jnp.where(self.force_limit_N > 0, jnp.asarray(self.force_limit_N), jnp.inf)
             driven = push.opening_force > limit
             stopped = (error > 0) & (push.closing_resistance > limit)
             stopped |= (error < 0) & (-push.opening_force > limit)
-            goal = jnp.where(driven, -self.speed, jnp.where(stopped, 0.0, goal))
+            goal = jnp.where(driven, -self.speed_mm_s, jnp.where(stopped, 0.0, goal))
             stalled = stopped | (driven & (carriage.unobstructed > 0))
         speed = carriage.rate + jnp.clip(goal - carriage.rate, -brake, brake)
         position = carriage.unobstructed + step * speed

@@ -1,13 +1,15 @@
 """Observers that estimate speed and acceleration of a shaft from its encoder readings."""
 
 from abc import abstractmethod
+from functools import partial
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...base.arrays import Number, float64
+from ...base.arrays import Number
 from ...base.units import REV
+from ..fields import Part, Quantity, positive
 
 
 class MotionEstimate(eqx.Module):
@@ -18,7 +20,7 @@ class MotionEstimate(eqx.Module):
     acceleration: Float[Array, ""]
 
 
-class Observer(eqx.Module):
+class Observer(Part):
     """Estimator of angle, speed and acceleration that takes one reading per controller period."""
 
     bandwidth_hz: eqx.AbstractVar[Float[Number, ""]]
@@ -33,6 +35,9 @@ class Observer(eqx.Module):
         """
 
 
+_BANDWIDTH = partial(positive, 20.0, "bandwidth of the observer", "Hz")
+
+
 class AlphaBetaGamma(Observer):
     """Tracking filter with a constant-acceleration model and a triple pole θ = exp(−2π f T).
 
@@ -43,7 +48,7 @@ class AlphaBetaGamma(Observer):
     acceleration the estimated speed overshoots.
     """
 
-    bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)
+    bandwidth_hz: Quantity = _BANDWIDTH()
 
     def step(
         self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
@@ -71,7 +76,7 @@ class FilteredDifference(Observer):
     this speed. The speed lags by 1/(2π f), and the acceleration lags by twice this time.
     """
 
-    bandwidth_hz: Float[Number, ""] = eqx.field(converter=float64)
+    bandwidth_hz: Quantity = _BANDWIDTH()
 
     def step(
         self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]

@@ -17,12 +17,13 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ...base.arrays import Number, float64
+from ...base.arrays import Number
 from ...kinematics.flank_table import Bounds, Flanks
+from ..fields import Part, Quantity, not_negative, positive
 from ..motion.motion import MotionPoint
-from ..plants.elastic import ElasticPlant
-from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, Slide, walls
-from .shaft_drive import ShaftDrive, Tracking
+from ..plants.elastic import Elastic
+from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, walls
+from .shaft_drive import Tracking
 
 
 class Motor(eqx.Module):
@@ -38,7 +39,7 @@ class Motor(eqx.Module):
     limited: Bool[Array, ""]
 
 
-class Servo(eqx.Module):
+class Servo(Part):
     """Cascade of a position and a speed controller, evaluated once per plant step.
 
         e = ω_ref + k_v (φ_ref − φ₁) − ω₁,  T = clip(k_p e + k_i ∫e dt, ±T_max)
@@ -46,15 +47,17 @@ class Servo(eqx.Module):
     The torque is constant during the step. The servo measures the driving shaft without error.
     Anti-windup: at the torque limit the integrator stops unless the error would reduce the torque.
 
-    **Arguments**
-    - `speed_gain`: k_p, N m s/rad. - `integral_gain`: k_i, N m/rad. - `position_gain`: k_v, 1/s.
-    - `torque_limit`: T_max, N m.
+    The fields are k_p, k_i, k_v and T_max.
     """
 
-    speed_gain: Float[Number, ""] = eqx.field(converter=float64)
-    integral_gain: Float[Number, ""] = eqx.field(converter=float64)
-    position_gain: Float[Number, ""] = eqx.field(converter=float64)
-    torque_limit: Float[Number, ""] = eqx.field(converter=float64)
+    speed_gain_Nms: Quantity = positive(1.0, "pi: torque per speed error", "N m s/rad")
+    integral_gain_Nm: Quantity = not_negative(
+        20.0, "pi: torque per integral of the speed error", "N m/rad"
+    )
+    position_gain_1_s: Quantity = not_negative(
+        20.0, "pi: speed per position error; 0: no position loop", "1/s"
+    )
+    torque_limit_Nm: Quantity = positive(5.0, "pi: largest torque", "N m")
 
     def torque(
         self,
@@ -67,10 +70,10 @@ class Servo(eqx.Module):
 
         `angle` (rad) and `speed` (rad/s) are those of the driving shaft at the start of the step.
         """
-        error = motor.speed + self.position_gain * (motor.angle - angle) - speed
+        error = motor.speed + self.position_gain_1_s * (motor.angle - angle) - speed
         integral = motor.integral + step * error
-        demanded = self.speed_gain * error + self.integral_gain * integral
-        torque = jnp.clip(demanded, -self.torque_limit, self.torque_limit)
+        demanded = self.speed_gain_Nms * error + self.integral_gain_Nm * integral
+        torque = jnp.clip(demanded, -self.torque_limit_Nm, self.torque_limit_Nm)
         limited = torque != demanded
         integral = jnp.where(limited & (error * demanded >= 0), motor.integral, integral)
         return torque, replace(motor, integral=integral, limited=limited)
@@ -79,8 +82,8 @@ class Servo(eqx.Module):
 Scalar = Float[Array, ""]
 
 
-class ServoDrive(ShaftDrive):
-    """Servo motor with inertia and friction.
+class ServoDrive(eqx.Module):
+    """Servo motor with inertia and friction, which lets the driving shaft follow the motion.
 
     With the plants `play` and `rigid`, both shafts move as one body, with the inertia and friction
     of both, while a flank transmits torque. In the plant `rigid` an impact exchanges momentum
@@ -105,57 +108,27 @@ class ServoDrive(ShaftDrive):
         """Return the tracking error and whether the torque was limited."""
         return Tracking(jnp.abs(state.angle - shafts.angle), state.limited)
 
-    def expected(self, shafts: Shafts, target: MotionPoint, step: Scalar) -> Scalar:
+    def expected(self, shafts: Shafts, step: Scalar) -> Scalar:
         """Return the driving angle extrapolated at constant speed, rad."""
         return shafts.angle + step * shafts.speed
 
     def step(
-        self,
-        state: Any,
-        plant: Plant,
-        shafts: Shafts,
-        target: MotionPoint,
-        slide: Slide,
-        bounds: Bounds,
-        step: Scalar,
+        self, motor: Motor, plant: Plant, shafts: Shafts, target: MotionPoint, *step: Any
     ) -> tuple[Motor, Shafts, ContactEvent]:
-        """See `ShaftDrive.step`."""
-        torque, motor = self.servo.torque(state, shafts.angle, shafts.speed, step)
+        """Return motor and both shafts after a time step, and the contact event in it.
+
+        - `motor`, `shafts`: at the start. - `target`: goal of the driving shaft at the end.
+        - `step`: displacement, flanks and length of the step, the arguments of `Plant.step`.
+        """
+        slide, bounds, time = step
+        torque, motor = self.servo.torque(motor, shafts.angle, shafts.speed, time)
         motor = replace(motor, angle=target.angle, speed=target.speed)
         gap = shafts.flanks.upper - shafts.flanks.lower
         closed = gap <= bounds.closing_sum * slide.end
-        if isinstance(plant, ElasticPlant):
-            result = self._elastic_step(
-                torque,
-                closed=closed,
-                plant=plant,
-                shafts=shafts,
-                slide=slide,
-                bounds=bounds,
-                step=step,
-            )
-        else:
-            result = self._rigid_step(
-                torque,
-                closed=closed,
-                plant=plant,
-                shafts=shafts,
-                slide=slide,
-                bounds=bounds,
-                step=step,
-            )
-        return motor, *result
+        moved = self._elastic_step if isinstance(plant, Elastic) else self._rigid_step
+        return motor, *moved(torque, closed, plant, shafts, *step)
 
-    def _rigid_step(
-        self,
-        torque: Scalar,
-        closed: Bool[Array, ""],
-        plant: Plant,
-        shafts: Shafts,
-        slide: Slide,
-        bounds: Bounds,
-        step: Scalar,
-    ) -> tuple[Shafts, ContactEvent]:
+    def _rigid_step(self, torque, closed, plant, shafts, slide, bounds, step):
         """Return both shafts after a time step with rigid teeth, and the contact event.
 
         In contact both shafts are one body, in flight two bodies; `torque` is that of the motor.
@@ -204,16 +177,7 @@ class ServoDrive(ShaftDrive):
         )
         return jnp.where(heavy, drag.acceleration(driven_speed, 0.0, step), 0.0)
 
-    def _elastic_step(
-        self,
-        torque: Scalar,
-        closed: Bool[Array, ""],
-        plant: ElasticPlant,
-        shafts: Shafts,
-        slide: Slide,
-        bounds: Bounds,
-        step: Scalar,
-    ) -> tuple[Shafts, ContactEvent]:
+    def _elastic_step(self, torque, closed, plant, shafts, slide, bounds, step):
         """Return both shafts after a time step with elastic teeth, and the contact event.
 
         The flank in contact exerts a torque on both shafts; `torque` is that of the motor, N m.
@@ -237,18 +201,14 @@ class ServoDrive(ShaftDrive):
         moved, touch = coupled.step(shafts, course, slide, bounds, step)
         slowing = coupled.slowing(shafts, now, ratio, step)
         flight = self._flight(shafts, course, slowing, bounds, step)
-        return self._shared(
-            moved, flight=flight, flank=flank, met=~closed, bounds=bounds, slope=slope
-        ), touch
+        return self._shared(moved, flight, flank, ~closed, bounds, slope), touch
 
     def _inertia(self, slope: Scalar) -> Scalar:
         """Return m = J₁ J₂/(J₁ + k² J₂), the inertia of the relative motion, kg m² (k: `slope`)."""
         driving, driven = jnp.asarray(self.driving.inertia), self.driven.inertia
         return driving * driven / (driving + slope**2 * driven)
 
-    def _flight(
-        self, shafts: Shafts, course: MotionPoint, slowing: Scalar, bounds: Bounds, step: Scalar
-    ) -> "_Offset":
+    def _flight(self, shafts, course, slowing, bounds, step) -> "_Offset":
         """Return x and its rate at the end of a step without contact.
 
         `course`: driving shaft at the end. `slowing`: acceleration of the driven shaft, rad/s².
@@ -259,15 +219,7 @@ class ServoDrive(ShaftDrive):
             shafts.drift + step * slowing - bounds.ratio * (course.speed - shafts.speed),
         )
 
-    def _shared(
-        self,
-        moved: Shafts,
-        flight: "_Offset",
-        flank: Scalar,
-        met: Bool[Array, ""],
-        bounds: Bounds,
-        slope: Scalar | None = None,
-    ) -> Shafts:
+    def _shared(self, moved, flight, flank, met, bounds, slope=None) -> Shafts:
         """Return both shafts after the torque of a flank has moved both of them.
 
         `moved` is the state in which the flank has moved the driven shaft alone. The flank changed
@@ -285,14 +237,13 @@ class ServoDrive(ShaftDrive):
         turned = jnp.where(met, share * (moved.offset - flight.angle), 0.0)
         rate = jnp.where(met, share * (moved.drift - flight.rate), 0.0)
         te_slope = slope - bounds.ratio
-        angle, speed = moved.angle - turned, moved.speed - rate
-        offset, drift = moved.offset - te_slope * turned, moved.drift - te_slope * rate
-        return Shafts(
+        angle = moved.angle - turned
+        return replace(
+            moved,
             angle=angle,
-            speed=speed,
-            offset=offset,
-            drift=drift,
-            side=moved.side,
+            speed=moved.speed - rate,
+            offset=moved.offset - te_slope * turned,
+            drift=moved.drift - te_slope * rate,
             flanks=bounds.at(angle),
         )
 

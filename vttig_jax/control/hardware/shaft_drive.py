@@ -1,16 +1,11 @@
-"""Drives of the driving shaft: the base class, a prescribed motion, and the feedforward lead."""
-
-from abc import abstractmethod
-from typing import Any
+"""Deviations of the driving shaft from its motion: tracking of a servo, and feedforward lead."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ...kinematics.flank_table import Bounds
 from ..hermite import cubic
 from ..motion.motion import MotionPoint
-from ..plants.plant import ContactEvent, Plant, Shafts, Slide
 
 
 class Tracking(eqx.Module):
@@ -18,71 +13,6 @@ class Tracking(eqx.Module):
 
     error: Float[Array, ""]
     limited: Bool[Array, ""]
-
-
-class ShaftDrive(eqx.Module):
-    """Base class of drives, which compute the motion of both shafts in one plant step.
-
-    The target is the point of the motion that the driving shaft should reach at the end.
-    """
-
-    @abstractmethod
-    def start(self, target: MotionPoint) -> Any:
-        """Return the initial state of the drive, at rest at `target`: any pytree of arrays."""
-
-    def tracking(self, state: Any, shafts: Shafts) -> "Tracking | None":
-        """Return the tracking error; None for a drive that follows its target exactly."""
-        return None
-
-    @abstractmethod
-    def expected(
-        self, shafts: Shafts, target: MotionPoint, step: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        """Return the predicted driving angle (rad) at the end of a time step (s)."""
-
-    @abstractmethod
-    def step(
-        self,
-        state: Any,
-        plant: Plant,
-        shafts: Shafts,
-        target: MotionPoint,
-        slide: Slide,
-        bounds: Bounds,
-        step: Float[Array, ""],
-    ) -> tuple[Any, Shafts, ContactEvent]:
-        """Return drive state and both shafts after a time step (s), and the contact event in it.
-
-        - `state`, `shafts`: at the start. - `target`: goal of the driving shaft at the end.
-        - `slide`: axial displacement during the step.
-        """
-
-
-class Prescribed(ShaftDrive):
-    """Drive with unlimited torque: the driving shaft is always at its target."""
-
-    def start(self, target: MotionPoint) -> tuple[()]:
-        """Return the empty state."""
-        return ()
-
-    def expected(
-        self, shafts: Shafts, target: MotionPoint, step: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        """Return the target angle, rad."""
-        return target.angle
-
-    def step(
-        self,
-        state: Any,
-        plant: Plant,
-        shafts: Shafts,
-        target: MotionPoint,
-        slide: Slide,
-        bounds: Bounds,
-        step: Float[Array, ""],
-    ) -> tuple[Any, Shafts, ContactEvent]:
-        """See `ShaftDrive.step`."""
-        return state, *plant.step(shafts, target, slide, bounds, step)
 
 
 class Lead(eqx.Module):

@@ -1,12 +1,14 @@
 """Base class of the motions of the driving shaft: angle, speed and acceleration at any time."""
 
 from abc import abstractmethod
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
 from ...base.arrays import Number
+from ..fields import Part
 
 
 class MotionPoint(eqx.Module):
@@ -20,7 +22,7 @@ class MotionPoint(eqx.Module):
     acceleration: Float[Array, "*shape"]
 
 
-class Motion(eqx.Module):
+class Motion(Part):
     """Prescribed motion of the driving shaft; the gears have no effect on it.
 
     The shaft stands still before the time 0 and from `duration_s` on. JAX traces every number of a
@@ -33,9 +35,19 @@ class Motion(eqx.Module):
       standstill if there is one; `duration_s` without a turn.
     """
 
-    duration_s: eqx.AbstractVar[Float[Number, ""]]
-    braking_s: eqx.AbstractVar[Float[Number, ""]]
-    turn_s: eqx.AbstractVar[Float[Number, ""]]
+    if TYPE_CHECKING:  # a field of some motions, a property of others
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    else:
+        duration_s: eqx.AbstractVar[Float[Number, ""]]
+        braking_s: eqx.AbstractVar[Float[Number, ""]]
+        turn_s: eqx.AbstractVar[Float[Number, ""]]
+
+    @property
+    def pieces(self) -> "Motion":
+        """The motion itself; commands such as `Reversal` make theirs here."""
+        return self
 
     @abstractmethod
     def at(self, time: Real[ArrayLike, "*shape"]) -> MotionPoint:

@@ -1,16 +1,13 @@
-"""Motions in pieces of constant or triangular acceleration, and the sections of each event."""
+"""Motions in pieces of constant or triangular acceleration."""
 
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Real
 
-from ...base.arrays import Number, Numbers, float64, namespace
-from ...base.units import DEG, REV
-from .limits import check_choice, check_numbers, steady_time
+from ...base.arrays import Number, Numbers, float64
 from .motion import Motion, MotionPoint
 
 Scalar = Float[Number, ""]
@@ -138,128 +135,3 @@ def _select(begun: Bool[Array, "*shape"], new: _Piece, old: _Piece) -> _Piece:
             for later, earlier in zip(new, old, strict=True)
         )
     )
-
-
-Event = Literal["reversal", "slow_down", "aborted", "emergency_stop"]
-Value = Real[ArrayLike, ""]
-
-EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
-
-
-class Section(NamedTuple):
-    """Section of a run: steady speed, ramp between two speeds, or standstill; rad/s and s.
-
-    `speed` is that at the start. `mark` is "braking" or "turn" if `Motion.braking_s` or
-    `Motion.turn_s` is the start of the section.
-    """
-
-    shape: Literal["steady", "ramp", "rest"]
-    duration: Any
-    speed: Any = 0.0
-    end_speed: Any = 0.0
-    mark: Literal["", "braking", "turn"] = ""
-
-
-class _Values(NamedTuple):
-    """Values of a motion in rad and s: steady speed, ramp time, dwell time, and `steady`."""
-
-    speed: Any
-    ramp: Any
-    dwell: Any
-    steady: Callable[[Any, str], Any]
-    """Function that returns the time at steady speed (s) in a pass of the motion.
-
-    Its arguments are the angle of all ramps divided by the steady speed (s), and a description of
-    the ramps for error messages."""
-
-
-def sections_of(
-    event: Event,
-    speed_rpm: Value,
-    reversal_deg: Value,
-    dwell_s: Value,
-    ramp_s: Value,
-    slow_share: Value,
-    stop_s: Value,
-) -> list[Section]:
-    """Return the sections of an event; see `trapezoid` for events, arguments and errors."""
-    check_choice(EVENTS, event=event)
-    check_numbers(
-        speed_rpm=speed_rpm,
-        reversal_deg=reversal_deg,
-        dwell_s=dwell_s,
-        ramp_s=ramp_s,
-        slow_share=slow_share,
-        stop_s=stop_s,
-    )
-    dwell, ramp, share, stop = map(float64, (dwell_s, ramp_s, slow_share, stop_s))
-    angle = float64(reversal_deg) * DEG
-    rate = float64(speed_rpm) * (REV / 60.0)  # absolute value of the speed
-
-    def steady(ramps: Any, parts: str) -> Any:
-        return steady_time(reversal_deg, abs(angle), rate * ramps, rate, parts)
-
-    values = _Values(rate * namespace(angle).sign(angle), ramp, dwell, steady)
-    if event == "slow_down":
-        return _slow_pass(values, share, dwell)
-    if event == "aborted":
-        forward = _slow_pass(values, share, None)
-    elif event == "emergency_stop":
-        forward = _forward_pass(values, stop, "ramp and stop")
-    else:
-        forward = _forward_pass(values, ramp, "both ramps")
-    return forward + _return_pass(values)
-
-
-def _forward_pass(values: _Values, stop: Any, parts: str) -> list[Section]:
-    """Return the sections of the forward pass, which stops within the time `stop` (s).
-
-    `parts` describes its ramps in error messages.
-    """
-    return [
-        Section("ramp", values.ramp, 0.0, values.speed),
-        Section("steady", values.steady(0.5 * (values.ramp + stop), parts), values.speed),
-        Section("ramp", stop, values.speed, 0.0, "braking"),
-        Section("rest", values.dwell),
-    ]
-
-
-def _return_pass(values: _Values) -> list[Section]:
-    return [
-        Section("ramp", values.ramp, 0.0, -values.speed, "turn"),
-        Section("steady", values.steady(values.ramp, "both ramps"), -values.speed),
-        Section("ramp", values.ramp, -values.speed, 0.0),
-        Section("rest", values.dwell),
-    ]
-
-
-def _slow_pass(values: _Values, share: Any, slow_time: Any) -> list[Section]:
-    """Return the sections of the forward pass with a slow-down half way.
-
-    `share` is slow speed over steady speed, and `slow_time` the time at slow speed (s). If
-    `slow_time` is None, the shaft accelerates again at once, and the stop counts as the braking.
-    """
-    slow, slowing = share * values.speed, values.ramp * (1.0 - share)
-    # Angle of two full ramps and of the two ramps between both speeds, over the steady speed.
-    ramps = values.ramp + slowing * (1.0 + share)
-    if slow_time is not None:
-        ramps = ramps + share * slow_time
-    steady = values.steady(ramps, "all ramps and the slow-down")
-    half = Section("steady", 0.5 * steady, values.speed)
-    fall = Section("ramp", slowing, values.speed, slow)
-    stop = Section("ramp", values.ramp, values.speed, 0.0)
-    stay = []
-    if slow_time is None:
-        stop = stop._replace(mark="braking")
-    else:
-        fall, stay = fall._replace(mark="braking"), [Section("steady", slow_time, slow)]
-    return [
-        Section("ramp", values.ramp, 0.0, values.speed),
-        half,
-        fall,
-        *stay,
-        Section("ramp", slowing, slow, values.speed),
-        half,
-        stop,
-        Section("rest", values.dwell),
-    ]

@@ -1,91 +1,72 @@
 """Commanded motions: trapezoids and S-curves with a reversal, a slow-down or a stop."""
 
-from typing import Any, Literal
+from functools import partial
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
+
+import equinox as eqx
 
 from ...base.arrays import float64, namespace
-from .limits import check_choice, check_numbers
-from .motion import Motion
-from .piecewise import EVENTS, Event, PieceMotion, Section, Value, sections_of
-from .sine import sine
+from ...base.units import DEG, REV
+from ..fields import Part, Quantity, is_known, number
+from .piecewise import PieceMotion
 
-Kind = Literal["trapezoid", "s_curve", "sine"]
+Shape = Literal["trapezoid", "s_curve"]
 
-KINDS = ("trapezoid", "s_curve", "sine")
+SPEED_RPM = partial(
+    number, 60.0, "steady speed of the driving shaft; sine: peak speed", "rpm", gt=0, le=1e6
+)
+REVERSAL_DEG = partial(
+    number,
+    7560.0,
+    "driving angle of the turn; slow_down: end angle",
+    "deg",
+    signed=True,
+    gt=0,
+    le=1e9,
+)
+SLOW_SHARE = partial(
+    number, 0.3, "slow_down, aborted: slow speed over steady speed", "1", gt=0, lt=1
+)
 
 
-def motion_of(
-    kind: Kind,
-    event: Event,
-    speed_rpm: Value,
-    reversal_deg: Value,
-    dwell_s: Value,
-    ramp_s: Value,
-    slow_share: Value,
-    stop_s: Value,
-) -> Motion:
-    """Return the motion of a scenario; see `trapezoid`, `s_curve` and `sine`.
+_ROUNDING = 1e-12
+"""Relative excess of the ramp angles over the reversal angle that is ignored as rounding error.
 
-    A sine has no ramps, no standstill and no event except the reversal; `slow_share` and `stop_s`
-    apply to some events only. All numbers are checked even if they do not apply.
+A chosen value."""
 
-    **Raises** `ValueError` for an unknown kind or event, a sine with another event, and numbers
-    out of range. Traced values are not checked.
+
+class Section(NamedTuple):
+    """Section of a run: steady speed, ramp between two speeds, or standstill; rad/s and s.
+
+    `speed` is that at the start. `mark` is "braking" or "turn" if `Motion.braking_s` or
+    `Motion.turn_s` is the start of the section.
     """
-    if kind == "recorded":
-        raise ValueError(
-            'Argument `kind` must not be "recorded" here; `read_motion` makes a motion from a file.'
-        )
-    check_choice(KINDS, kind=kind)
-    check_choice(EVENTS, event=event)
-    if kind == "sine":
-        if event != "reversal":
-            raise ValueError(
-                f'Argument `event` must be "reversal" for a sine, but is {event!r}; take kind'
-                ' "trapezoid" or "s_curve".'
-            )
-        check_numbers(dwell_s=dwell_s, ramp_s=ramp_s, slow_share=slow_share, stop_s=stop_s)
-        return sine(speed_rpm, reversal_deg)
-    build = trapezoid if kind == "trapezoid" else s_curve
-    options: Any = {"event": event, "slow_share": slow_share, "stop_s": stop_s}
-    return build(speed_rpm, reversal_deg, dwell_s, ramp_s, **options)
+
+    shape: Literal["steady", "ramp", "rest"]
+    duration: Any
+    speed: Any = 0.0
+    end_speed: Any = 0.0
+    mark: str = ""
 
 
-def trapezoid(
-    speed_rpm: Value,
-    reversal_deg: Value,
-    dwell_s: Value,
-    ramp_s: Value,
-    *,
-    event: Event = "reversal",
-    slow_share: Value = 0.3,
-    stop_s: Value = 0.05,
-) -> PieceMotion:
-    """Return a motion to `reversal_deg` with a trapezoidal speed.
+class Reversal(Part):
+    """Command: to `reversal_deg`, a standstill, back to 0, and a second standstill.
 
-    **Events**
-    - `reversal`: a standstill of `dwell_s`, the motion back to 0, and a second standstill.
-    - `slow_down`: half way, the speed falls to the share `slow_share`, stays there for `dwell_s`
-      and rises again; the run stops at `reversal_deg` for `dwell_s` and never turns back.
-    - `aborted`: the slow-down without time at the slow speed, then the reversal.
-    - `emergency_stop`: the reversal, but the forward pass stops within `stop_s`.
+    The run includes every standstill, also the last. A negative `reversal_deg` gives the mirrored
+    motion. The speed is a trapezoid over time. For the shape "s_curve" the acceleration of a ramp
+    is a triangle over time, in the middle twice the constant acceleration of the trapezoid; times
+    and angles are the same. Smaller changes of speed than from standstill to the steady speed take
+    a proportional part of `ramp_s`. `braking_s` is the start of the deceleration before the turn.
 
-    **Arguments**
-    - `speed_rpm`: steady speed of the driving shaft, positive.
-    - `reversal_deg`: driving angle of the turn or the end; negative for the mirrored motion.
-    - `ramp_s`: time from standstill to steady speed; smaller changes take a proportional time.
-
-    The run includes every standstill, also the last. `braking_s` is the start of the deceleration
-    right before the turn; for `slow_down`, that of the slow-down.
-
-    **Raises** `ValueError` for a reversal inside the ramps and for numbers out of range, including
-    `ramp_s` and `stop_s` of zero. Traced values are not checked.
+    **Raises** `ValueError` for numbers out of range, and, where it is used, for a reversal inside
+    the ramps. Traced values are not checked.
 
     **Example**
     ```python
     >>> import math, vttig_jax
-    >>> from vttig_jax.control import trapezoid
+    >>> from vttig_jax.control import Reversal
     >>> vttig_jax.enable_x64()
-    >>> motion = trapezoid(speed_rpm=60.0, reversal_deg=720.0, dwell_s=2.0, ramp_s=0.5)
+    >>> motion = Reversal(speed_rpm=60.0, reversal_deg=720.0, dwell_s=2.0, ramp_s=0.5).pieces
     >>> motion.braking_s.item(), motion.turn_s.item(), motion.duration_s.item()
     (2.0, 4.5, 9.0)
     >>> point = motion.at(2.25)
@@ -94,43 +75,139 @@ def trapezoid(
 
     ```
     """
-    sections = sections_of(
-        event,
-        speed_rpm=speed_rpm,
-        reversal_deg=reversal_deg,
-        dwell_s=dwell_s,
-        ramp_s=ramp_s,
-        slow_share=slow_share,
-        stop_s=stop_s,
+
+    event: ClassVar[str] = "reversal"
+
+    speed_rpm: Quantity = SPEED_RPM()
+    reversal_deg: Quantity = REVERSAL_DEG()
+    dwell_s: Quantity = number(
+        2.0, "standstill at both ends; slow_down: also time at slow speed", "s", ge=0, le=1e6
     )
-    return _joined(sections, jerky=False)
+    ramp_s: Quantity = number(0.5, "time between standstill and steady speed", "s", gt=0, le=1e6)
+    shape: Shape = eqx.field(static=True, default="trapezoid", kw_only=True)
+
+    def __check_init__(self) -> None:
+        if self.shape not in get_args(Shape):
+            raise ValueError(
+                f"Argument `shape` must be one of {', '.join(get_args(Shape))}, but is"
+                f" {self.shape!r}."
+            )
+
+    @property
+    def pieces(self) -> PieceMotion:
+        """The motion of the driving shaft; see `Motion`."""
+        return _joined(self._sections(), jerky=self.shape == "s_curve")
+
+    def _sections(self) -> list[Section]:
+        speed, ramp = self._speed, self.ramp_s
+        return [
+            *self._forward(),
+            Section("ramp", ramp, 0.0, -speed, "turn"),
+            Section("steady", self._steady(ramp, "both ramps"), -speed),
+            Section("ramp", ramp, -speed, 0.0),
+            Section("rest", self.dwell_s),
+        ]
+
+    def _forward(self) -> list[Section]:
+        return self._pass(self.ramp_s, "both ramps")
+
+    def _pass(self, stop: Any, parts: str) -> list[Section]:
+        """Return the sections of a pass that stops within the time `stop` (s); see `_steady`."""
+        speed, ramp = self._speed, self.ramp_s
+        return [
+            Section("ramp", ramp, 0.0, speed),
+            Section("steady", self._steady(0.5 * (ramp + stop), parts), speed),
+            Section("ramp", stop, speed, 0.0, "braking"),
+            Section("rest", self.dwell_s),
+        ]
+
+    @property
+    def _speed(self) -> Any:
+        """Steady speed with the sign of the reversal, rad/s."""
+        rate, angle = self.speed_rpm * (REV / 60.0), self.reversal_deg * DEG
+        return rate * namespace(angle).sign(angle)
+
+    def _steady(self, ramps: Any, parts: str) -> Any:
+        """Return the time at steady speed in a pass, s.
+
+        `ramps` is the angle of all its ramps divided by the steady speed, s, and `parts` their
+        description for the message of the `ValueError` for ramps that exceed the pass.
+        """
+        rate, distance = self.speed_rpm * (REV / 60.0), abs(self.reversal_deg * DEG)
+        ramps = rate * ramps
+        time = (distance - ramps) / rate
+        if not is_known(time) or time >= 0:
+            return time
+        if distance < ramps * (1 - _ROUNDING):
+            raise ValueError(
+                f"Argument `reversal_deg` must be at least {float(ramps) / DEG:.10g}° ({parts}) in"
+                f" either direction, but is {float(self.reversal_deg):.10g}°; increase it, reduce"
+                " the speed or shorten the ramps."
+            )
+        return 0.0 * time
 
 
-def s_curve(
-    speed_rpm: Value,
-    reversal_deg: Value,
-    dwell_s: Value,
-    ramp_s: Value,
-    *,
-    event: Event = "reversal",
-    slow_share: Value = 0.3,
-    stop_s: Value = 0.05,
-) -> PieceMotion:
-    """Return the motion of `trapezoid`, with equal times and angles, but with S-curve ramps.
+class SlowDown(Reversal):
+    """Command: to `reversal_deg` with a slow-down half way, and a stop that never turns back.
 
-    The acceleration of a ramp is a triangle over time: zero at both ends, and in the middle twice
-    the constant acceleration of `trapezoid`.
+    The speed falls to the share `slow_share`, stays there for `dwell_s` and rises again; the run
+    ends with a standstill of `dwell_s`. `braking_s` is the start of the slow-down.
     """
-    sections = sections_of(
-        event,
-        speed_rpm=speed_rpm,
-        reversal_deg=reversal_deg,
-        dwell_s=dwell_s,
-        ramp_s=ramp_s,
-        slow_share=slow_share,
-        stop_s=stop_s,
-    )
-    return _joined(sections, jerky=True)
+
+    event: ClassVar[str] = "slow_down"
+
+    slow_share: Quantity = SLOW_SHARE()
+
+    def _sections(self) -> list[Section]:
+        return _slow_pass(self, self.slow_share, self.dwell_s)
+
+
+class AbortedStop(Reversal):
+    """The slow-down of `SlowDown` without time at the slow speed, then the reversal."""
+
+    event: ClassVar[str] = "aborted"
+
+    slow_share: Quantity = SLOW_SHARE()
+
+    def _forward(self) -> list[Section]:
+        return _slow_pass(self, self.slow_share, None)
+
+
+class EmergencyStop(Reversal):
+    """The reversal, but the forward pass stops within `stop_s`."""
+
+    event: ClassVar[str] = "emergency_stop"
+
+    stop_s: Quantity = number(0.05, "emergency_stop: stopping time", "s", gt=0, le=1e6)
+
+    def _forward(self) -> list[Section]:
+        return self._pass(self.stop_s, "ramp and stop")
+
+
+def _slow_pass(motion: Reversal, share: Any, slow_time: Any) -> list[Section]:
+    """Return the sections of the forward pass with a slow-down half way.
+
+    `share` is slow speed over steady speed, and `slow_time` the time at slow speed (s). If
+    `slow_time` is None, the shaft accelerates again at once, and the stop counts as the braking.
+    """
+    speed, ramp = motion._speed, motion.ramp_s
+    slow, slowing = share * speed, ramp * (1.0 - share)
+    # Angle of two full ramps and of the two ramps between both speeds, over the steady speed.
+    ramps = ramp + slowing * (1.0 + share)
+    if slow_time is not None:
+        ramps = ramps + share * slow_time
+    half = Section("steady", 0.5 * motion._steady(ramps, "all ramps and the slow-down"), speed)
+    marks = ("", "braking") if slow_time is None else ("braking", "")
+    return [
+        Section("ramp", ramp, 0.0, speed),
+        half,
+        Section("ramp", slowing, speed, slow, marks[0]),
+        *([] if slow_time is None else [Section("steady", slow_time, slow)]),
+        Section("ramp", slowing, slow, speed),
+        half,
+        Section("ramp", ramp, speed, 0.0, marks[1]),
+        Section("rest", motion.dwell_s),
+    ]
 
 
 def _joined(sections: list[Section], *, jerky: bool) -> PieceMotion:

@@ -2,14 +2,19 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, float64
+from ...base.errors import ScenarioError
 from ...kinematics.flank_table import Bounds
+from ...pair.gear_pair import GearPair
+from ..fields import Quantity, is_known, number, positive
 from ..hermite import cubic
 from ..motion.motion import MotionPoint
 from .elastic_impact import Press, Pulls, impact, longest_contact
@@ -30,7 +35,7 @@ from .plant import (
 Scalar = Float[Array, ""]
 
 
-class ElasticPlant(Plant):
+class Elastic(Plant):
     """Plant with inertia and friction in the gap, stiffness and damping at the flanks.
 
     At a penetration p of the driven shaft, the flank exerts the torque (d = 2 ζ √(c J₂))
@@ -45,26 +50,49 @@ class ElasticPlant(Plant):
     between both springs.
 
     **Arguments**
-    - `drag`: inertia and friction of the driven shaft.
-    - `stiffness`: c, N m/rad at the driven shaft; see `mesh_stiffness`.
-    - `damping_ratio`: ζ; if the driving motion is prescribed, it is defined with J₂ alone.
+    - `stiffness_N_mm_um`: c_γ of ISO 6336. - `damping_ratio`: ζ; if the driving motion is
+      prescribed, it is defined with J₂ alone.
+    - `drag`: inertia and friction of the driven shaft. - `stiffness`: c, N m/rad at the driven
+      shaft; see `mesh_stiffness`. `run` fills in both.
     - `effective`: inertia of the relative motion of both shafts, kg m², if the driving shaft can
       move (`coupled`); it replaces J₂ in the contact law and in the definition of ζ.
     """
 
-    drag: Drag
-    stiffness: Float[Number, ""] = eqx.field(converter=float64)
-    damping_ratio: Float[Number, ""] = eqx.field(converter=float64)
+    stiffness_N_mm_um: Quantity = positive(
+        20.0, "elastic: mesh stiffness per face width, ISO 6336", "N/(mm um)"
+    )
+    damping_ratio: Quantity = number(
+        0.1, "elastic: damping over critical damping", "1", ge=0, le=100
+    )
+    drag: Drag = Drag(1.0)
+    stiffness: Float[Number, ""] = eqx.field(converter=float64, default=1.0)
     effective: Float[Number, ""] | None = None
 
-    def coupled(self, effective: Float[Number, ""]) -> "ElasticPlant":
+    def with_shaft(self, drag: Drag, pair: Any) -> "Elastic":
+        """See `Plant.with_shaft`.
+
+        **Raises** `ScenarioError` for gears without face width.
+        """
+        width = pair.driven.face_width_mm if isinstance(pair, GearPair) else np.nan
+        if is_known(width) and np.isnan(width):
+            cure = "add `face_width_mm` to [driven] of the pair file"
+            if not isinstance(pair, GearPair):
+                cure = "a [drive] has none, so choose the rigid plant"
+            raise ScenarioError(
+                f"the elastic plant needs the face width of the driven gear; {cure}.", where="plant"
+            )
+        radius = pair.base_radii[1].mean()
+        stiffness = mesh_stiffness(self.stiffness_N_mm_um, width, radius)
+        return replace(self, drag=drag, stiffness=stiffness)
+
+    def coupled(self, effective: Float[Number, ""]) -> "Elastic":
         """Return the same plant for a driving shaft that the teeth can move.
 
         `effective` is the inertia of the relative motion of both shafts, kg m². In this plant
         friction is constant over the whole step, including impacts, so the acceleration differs
         from `slowing` by the contact torque alone.
         """
-        return ElasticPlant(self.drag, self.stiffness, self.damping_ratio, effective)
+        return replace(self, effective=effective)
 
     def torque(self, shafts: Shafts, now: Walls) -> Scalar:
         """Return the torque of both flanks on the driven shaft, N m; flank A acts positively.
@@ -208,7 +236,7 @@ class ElasticPlant(Plant):
         return self.drag.inertia if self.effective is None else self.effective
 
 
-def mesh_stiffness(c_gamma_N_mm_um: float, face_width_mm: float, base_radius_mm: float) -> float:
+def mesh_stiffness(c_gamma_N_mm_um: Any, face_width_mm: Any, base_radius_mm: Any) -> Any:
     """Return the torsional mesh stiffness c (N m/rad at the driven shaft) from that of ISO 6336.
 
         c = c_γ b r_b2²

@@ -4,6 +4,7 @@ A wall is the position of a flank in the offset x = φ₂ − i φ₁, which lim
 """
 
 from abc import abstractmethod
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, Numbers, float64
 from ...kinematics.flank_table import Bounds, Flanks
+from ..fields import Part, Quantity, not_negative, number, positive
 from ..motion.motion import MotionPoint
 
 ON_A, FREE, ON_B = -1.0, 0.0, 1.0
@@ -96,8 +98,49 @@ class Drag(eqx.Module):
         return (push - jnp.clip(stop, -limit, limit)) * (1.0 / inertia)
 
 
-class Plant(eqx.Module):
-    """Model of the driven shaft and the contact; see `PlayPlant`, `RigidPlant`, `ElasticPlant`."""
+class Inertia(Part):
+    """Moments of inertia of both shafts, each with all parts that turn with it."""
+
+    driven_kgm2: Quantity = positive(0.01, "driven shaft and parts on it", "kg m^2")
+    driving_kgm2: Quantity = positive(
+        0.002, "driving shaft and parts on it; servo motor only", "kg m^2"
+    )
+
+
+class Friction(Part):
+    """Friction of the driven shaft, see `Drag`, and dry friction of the driving shaft."""
+
+    coulomb_Nm: Quantity = not_negative(0.1, "dry friction of the turning driven shaft", "N m")
+    viscous_Nms: Quantity = not_negative(0.0, "viscous friction torque per speed", "N m s/rad")
+    stribeck_Nm: Quantity = not_negative(0.0, "additional dry friction at standstill", "N m")
+    stribeck_rad_s: Quantity = positive(0.1, "speed at which half of the addition remains", "rad/s")
+    driving_Nm: Quantity = not_negative(
+        0.05, "dry friction of the driving shaft; servo motor only", "N m"
+    )
+
+
+class Load(Part):
+    """Load of the driven shaft."""
+
+    torque_Nm: Quantity = number(
+        0.0, "constant load torque; a positive one opposes forward motion", "N m", ge=-1e6, le=1e6
+    )
+
+
+class Mesh(Part):
+    """Contact of the flanks, as far as it is the same for all plants."""
+
+    friction_coefficient: Quantity = number(
+        0.0, "coefficient of friction between the flanks", "1", ge=0, le=10
+    )
+
+
+class Plant(Part):
+    """Model of the driven shaft and the contact; see `Play`, `Rigid` and `Elastic`."""
+
+    def with_shaft(self, drag: Drag, pair: Any) -> "Plant":
+        """Return the plant for a driven shaft with this drag, and for these gears."""
+        return self
 
     @abstractmethod
     def step(

@@ -10,7 +10,7 @@ from ..motion.motion import MotionPoint
 from .plant import ContactEvent, Plant, Shafts, Slide, newly_met, touching, walls
 
 
-class PlayPlant(Plant):
+class Play(Plant):
     """Plant whose driven shaft stands still in the gap and does not rebound from a flank.
 
     In a step in which the driving shaft turns by Δφ₁, the offset x = φ₂ − i φ₁ becomes

@@ -1,18 +1,20 @@
 """Plant with rigid teeth: free flight through the gap, and impacts with restitution."""
 
-import equinox as eqx
+from dataclasses import replace
+from typing import Any
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 
-from ...base.arrays import Number, float64
+from ...base.arrays import Number
 from ...kinematics.flank_table import Bounds
+from ..fields import Quantity, number
 from ..hermite import cubic, first_root
 from ..motion.motion import MotionPoint
 from .plant import FREE, ContactEvent, Drag, Plant, Shafts, Slide, newly_met, touching, walls
 
 
-class RigidPlant(Plant):
+class Rigid(Plant):
     """Plant with inertia and friction in the gap and Newton's impact law at the flanks.
 
     In the gap J₂ φ̈₂ = −T with the drag torque T. The driven shaft meets a flank with the relative
@@ -21,12 +23,18 @@ class RigidPlant(Plant):
     step.
 
     **Arguments**
-    - `drag`: inertia and friction of the driven shaft.
     - `restitution`: coefficient of restitution ε, 0 … 1.
+    - `drag`: inertia and friction of the driven shaft, which `run` fills in.
     """
 
-    drag: Drag
-    restitution: Float[Number, ""] = eqx.field(converter=float64)
+    restitution: Quantity = number(
+        0.3, "rigid: relative speed after an impact over that before", "1", ge=0, le=1
+    )
+    drag: Drag = Drag(1.0)
+
+    def with_shaft(self, drag: Drag, pair: Any) -> "Rigid":
+        """See `Plant.with_shaft`."""
+        return replace(self, drag=drag)
 
     def step(
         self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number

@@ -1,1 +1,1 @@
-"""Scenario file: keys, defaults and axes of a sweep."""
+"""Scenario of a simulation: objects, keys of its file, defaults and axes of a sweep."""

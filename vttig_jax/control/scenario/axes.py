@@ -4,7 +4,7 @@ An axis is a key of the scenario with the values that the sweep gives to it.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Struct
@@ -20,6 +20,9 @@ SCENARIO_FILE = TomlFile(
 )
 
 Value = str | float | int
+
+Gap = Literal["mean", "low95", "low95_simultaneous"]
+"""Gap of a map that a controller believes: its mean, or an edge of its band."""
 _Bound = Annotated[float, key("an end of the range, included", ge=-1e12, le=1e12)]
 
 

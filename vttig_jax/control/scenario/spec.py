@@ -2,56 +2,31 @@
 
 `ScenarioSpec` holds the TOML content for one simulated case, or for many cases with `[sweep]`. Each
 table is one `msgspec` struct (`control/scenario/tables.py`). Every error is a `ScenarioError` whose
-attribute `where` names file and key. This module needs no jax.
+attribute `where` names file and key.
 """
 
 import math
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Any
 
 from msgspec.structs import replace
 
 from ...base.errors import ScenarioError
-from ...base.files.toml_io import Table, key, plain_table, value_keys
-from .axes import SCENARIO_FILE, Sweep, parse_sweep, unknown_key
-from .tables import (
-    ActuatorTable,
-    Controller,
-    EccentricityTable,
-    EncoderTable,
-    Flanks,
-    FrictionTable,
-    Gap,
-    InertiaTable,
-    JudgementTable,
-    LoadTable,
-    MapTable,
-    MeshTable,
-    MotionTable,
-    Plant,
-    RigTable,
-    SamplingTable,
-    ServoTable,
-)
-
-if TYPE_CHECKING:
-    from .tables import MotionTable, SamplingTable
+from ...base.files.toml_io import plain_table, value_keys
+from .axes import SCENARIO_FILE, Gap, Sweep, parse_sweep, unknown_key
+from .tables import ECCENTRICITIES, ScenarioSpec
 
 
-ECCENTRICITIES = "eccentricities"
-"""Value of `plant_map` and `controller_map` for the exact or closed map of [eccentricities]."""
-
-
-def check_scenario(spec: "ScenarioSpec") -> None:
+def check_scenario(spec: ScenarioSpec) -> None:
     """Raise `ScenarioError` if keys contradict each other; its `where` is the dotted key."""
     check_rig(spec)
     _check_motion(spec.motion)
     _check_rates(spec.sampling)
 
 
-def check_rig(spec: "ScenarioSpec") -> None:
+def check_rig(spec: ScenarioSpec) -> None:
     """Raise `ScenarioError` unless the flanks of plant and controller have one source each."""
     if spec.rig is not None and spec.plant_map != ECCENTRICITIES:
         raise ScenarioError(
@@ -91,7 +66,7 @@ def check_rig(spec: "ScenarioSpec") -> None:
         raise ScenarioError("missing; name the pair file, relative to this file.", where="pair")
 
 
-def names_of_maps(spec: "ScenarioSpec") -> tuple[str, ...]:
+def names_of_maps(spec: ScenarioSpec) -> tuple[str, ...]:
     """Return the run folders and map files that a scenario or sweep names, each once."""
     axes = {} if spec.sweep is None else spec.sweep.axes
     named: list[str] = [] if spec.rig is None else [spec.rig.run]
@@ -100,20 +75,20 @@ def names_of_maps(spec: "ScenarioSpec") -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in named if name not in ("", ECCENTRICITIES)))
 
 
-def believed_map(spec: "ScenarioSpec") -> str:
+def believed_map(spec: ScenarioSpec) -> str:
     """Return the name of the map that the controller believes, or "eccentricities"."""
     if spec.controller_map is not None or spec.eccentricities is not None:
         return spec.controller_map or ECCENTRICITIES
     return spec.plant_map if spec.rig is None else spec.rig.run
 
 
-def believed_flanks(spec: "ScenarioSpec") -> str:
+def believed_flanks(spec: ScenarioSpec) -> str:
     """Return the name of the flanks that the controller believes, such as "low95 of RUN"."""
     name, gap = believed_map(spec), spec.controller_gap
     return name if gap == "mean" else f"{gap} of {name}"
 
 
-def lower_maps(spec: "ScenarioSpec") -> dict[str, tuple[str, Gap]]:
+def lower_maps(spec: ScenarioSpec) -> dict[str, tuple[str, Gap]]:
     """Return which edges of bands a scenario or sweep believes: name → (map, edge)."""
     axes = {} if spec.sweep is None else spec.sweep.axes
     keys = ("plant_map", "controller_map", "controller_gap")
@@ -130,7 +105,7 @@ def _texts(axis: Any) -> list[str]:
     return [value for value in axis if isinstance(value, str)] if isinstance(axis, tuple) else []
 
 
-def smallest_reversal_deg(motion: "MotionTable") -> float:
+def smallest_reversal_deg(motion: Any) -> float:
     """Return the smallest valid `reversal_deg`: the angle of all ramps of one pass, deg.
 
     A ramp covers half the angle that the steady speed ω covers in the same time. A slow-down to the
@@ -147,7 +122,7 @@ def smallest_reversal_deg(motion: "MotionTable") -> float:
     return motion.speed_rpm * 6.0 * ramps
 
 
-def _check_motion(motion: "MotionTable") -> None:
+def _check_motion(motion: Any) -> None:
     if motion.kind == "recorded" and not motion.file:
         raise ScenarioError(
             'missing; kind = "recorded" follows a CSV with time_s and driving_deg.',
@@ -183,7 +158,7 @@ def _rounded_up(value: float) -> str:
     return f"{math.ceil(value / step * (1 - 1e-12)) * step:.6g}"
 
 
-def _check_rates(sampling: "SamplingTable") -> None:
+def _check_rates(sampling: Any) -> None:
     plant, controller = sampling.plant_hz, sampling.controller_hz
     steps = plant / controller
     whole = max(1, round(steps))
@@ -193,68 +168,6 @@ def _check_rates(sampling: "SamplingTable") -> None:
             f" {whole * controller:g}, or 0 for controller_hz itself.",
             where="sampling.plant_hz",
         )
-
-
-class ScenarioSpec(Table, frozen=True):
-    """Content of a scenario or sweep file; it has either `eccentricities` or `rig`, not both."""
-
-    pair: Annotated[
-        str,
-        key("pair file, relative to this file; a run folder has its own", examples=["pair.toml"]),
-    ]
-    plant: Annotated[Plant, key("model of the driven shaft and the contact")] = "rigid"
-    controller: Annotated[Controller, key("rule that shifts the driven gear")] = "acceleration"
-    flanks: Annotated[Flanks, key("kinematics of the eccentric pair")] = "exact"
-    seed: Annotated[int, key("seed of the encoder noise", "1", ge=0, le=2**32 - 1)] = 0
-    eccentricities: Annotated[
-        EccentricityTable | None, key("eccentricities of the gears, and the constant backlash")
-    ] = None
-    plant_map: Annotated[
-        str, key("flanks of the plant: eccentricities, a run folder or a map file")
-    ] = ECCENTRICITIES
-    controller_map: Annotated[
-        str | None,
-        key(
-            "flanks the controller believes; by default eccentricities, else those of the plant",
-            examples=["RUN"],
-        ),
-    ] = None
-    controller_gap: Annotated[
-        Gap, key("gap of that map: mean, or an edge of its band in map.csv")
-    ] = "mean"
-    constant_backlash_deg: (
-        Annotated[
-            float,
-            key(
-                "gap of a run whose log has one direction; replaces that of others",
-                "deg",
-                ge=0,
-                le=90,
-                examples=[0.02],
-            ),
-        ]
-        | None
-    ) = None
-    map: Annotated[MapTable, key("rig assumed by the controller; absent keys: true values")] = (
-        MapTable()
-    )
-    motion: Annotated[MotionTable, key("motion of the driving shaft")] = MotionTable()
-    servo: Annotated[ServoTable, key("motor of the driving shaft")] = ServoTable()
-    inertia: Annotated[InertiaTable, key("moments of inertia of both shafts")] = InertiaTable()
-    friction: Annotated[FrictionTable, key("friction of both shafts")] = FrictionTable()
-    load: Annotated[LoadTable, key("load of the driven shaft")] = LoadTable()
-    mesh: Annotated[MeshTable, key("contact of the flanks")] = MeshTable()
-    driving_encoder: Annotated[
-        EncoderTable, key("encoder of the driving shaft that the controller reads")
-    ] = EncoderTable()
-    driven_encoder: Annotated[
-        EncoderTable, key("encoder of the driven shaft that the controller reads")
-    ] = EncoderTable()
-    actuator: Annotated[ActuatorTable, key("axial shift of the driven gear")] = ActuatorTable()
-    judgement: Annotated[JudgementTable, key("detection of a reversal")] = JudgementTable()
-    sampling: Annotated[SamplingTable, key("rates of controller and plant")] = SamplingTable()
-    rig: Annotated[RigTable | None, key("the rig of a run folder")] = None
-    sweep: Annotated[Sweep | None, key("axes of a sweep")] = None
 
 
 KEYS = {

@@ -1,267 +1,142 @@
-"""Tables of a scenario file: every key with its default, bounds, unit and meaning.
+"""Tables of a scenario file: the numbers of the parts of a `Scenario`, and the choices of parts.
 
-This module needs no jax. The bounds exclude infinity and not-a-number. Meanings and units are
-ASCII, so that the printed file is valid UTF-8 in any terminal encoding.
+Every number has the default, bounds, unit and meaning of its field (`control/fields.py`). The
+bounds exclude infinity and not-a-number. Meanings and units are ASCII, so that the printed file is
+valid UTF-8 in any terminal encoding.
 """
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+from msgspec import NODEFAULT, Struct, defstruct
 
 from ...base.files.toml_io import Table, key
+from ..controllers.acceleration import Acceleration
+from ..controllers.controller import NoController
+from ..controllers.feedforward import Feedforward
+from ..controllers.predictive import Predictive
+from ..fields import number_fields
+from ..hardware.actuator import Actuator
+from ..hardware.encoder import Encoder
+from ..hardware.observer import AlphaBetaGamma, FilteredDifference
+from ..hardware.servo import Servo
+from ..motion.profiles import AbortedStop, EmergencyStop, Reversal, SlowDown
+from ..plants.elastic import Elastic
+from ..plants.plant import Friction, Inertia, Load, Mesh
+from ..plants.play import Play
+from ..plants.rigid import Rigid
+from .axes import Gap, Sweep
+from .scenario import Sampling
 
-Plant = Literal["play", "rigid", "elastic"]
-Controller = Literal["none", "acceleration", "predictive", "feedforward"]
-Motor = Literal["prescribed", "pi"]
-Flanks = Literal["exact", "closed"]
+PlantName = Literal["play", "rigid", "elastic"]
+ControllerName = Literal["none", "acceleration", "predictive", "feedforward"]
+ObserverName = Literal["alpha_beta_gamma", "difference"]
+Kinematics = Literal["exact", "closed"]
 MotionKind = Literal["trapezoid", "s_curve", "sine", "recorded"]
 Event = Literal["reversal", "slow_down", "aborted", "emergency_stop"]
-Observer = Literal["alpha_beta_gamma", "difference"]
+Motor = Literal["prescribed", "pi"]
 TurnSource = Literal["known", "located", "unknown"]
-Gap = Literal["mean", "low95", "low95_simultaneous"]
-
-_ANY = {"ge": -1e6, "le": 1e6}
-_POSITIVE = {"gt": 0, "le": 1e9}
-_NOT_NEGATIVE = {"ge": 0, "le": 1e9}
 
 
-class EccentricityTable(Table, frozen=True):
-    """Table `[eccentricities]` of the rig, without defaults. Examples: Table 2 of the paper."""
-
-    driving_mm: Annotated[
-        float, key("eccentricity of the driving gear", "mm", ge=0, le=1e3, examples=[0.0226])
-    ]
-    driving_phase_deg: Annotated[
-        float,
-        key("its angle from the line of centres at angle 0", "deg", **_ANY, examples=[49.5]),
-    ]
-    driven_mm: Annotated[
-        float, key("eccentricity of the driven gear", "mm", ge=0, le=1e3, examples=[0.0273])
-    ]
-    driven_phase_deg: Annotated[
-        float,
-        key("its angle from the line of centres at angle 0", "deg", **_ANY, examples=[79.3]),
-    ]
-    constant_backlash_deg: Annotated[
-        float,
-        key(
-            "backlash without eccentricities, angle of the driven gear",
-            "deg",
-            ge=0,
-            le=90,
-            examples=[0.038],
-        ),
-    ]
+def _named(names: Any, *kinds: type) -> dict[str, Any]:
+    return dict(zip(get_args(names), kinds, strict=True))
 
 
-class MapTable(Table, frozen=True):
-    """Table `[map]`: other eccentricities that the controller believes, key by key.
+PLANTS = _named(PlantName, Play, Rigid, Elastic)
+CONTROLLERS = _named(ControllerName, NoController, Acceleration, Predictive, Feedforward)
+OBSERVERS = _named(ObserverName, AlphaBetaGamma, FilteredDifference)
+EVENTS = _named(Event, Reversal, SlowDown, AbortedStop, EmergencyStop)
 
-    It goes with `[eccentricities]`; `controller_map` names a whole map instead.
+
+def choice(kind: Any, meaning: str, default: Any = "") -> tuple[Any, Any]:
+    """Return type and default of a key that holds no number."""
+    return Annotated[kind, key(meaning)], default
+
+
+def table_of(name: str, *contents: Any) -> Any:
+    """Return the struct of a table with these keys: classes of parts, and name → (type, default).
+
+    A number that several parts have stands where the last of them has it.
     """
-
-    driving_mm: (
-        Annotated[
-            float, key("eccentricity of the driving gear", "mm", ge=0, le=1e3, examples=[0.0226])
-        ]
-        | None
-    ) = None
-    driving_phase_deg: Annotated[float, key("its angle", "deg", **_ANY, examples=[49.5])] | None = (
-        None
-    )
-    driven_mm: (
-        Annotated[
-            float, key("eccentricity of the driven gear", "mm", ge=0, le=1e3, examples=[0.0273])
-        ]
-        | None
-    ) = None
-    driven_phase_deg: Annotated[float, key("its angle", "deg", **_ANY, examples=[79.3])] | None = (
-        None
-    )
-    constant_backlash_deg: (
-        Annotated[
-            float, key("backlash without eccentricities", "deg", ge=0, le=90, examples=[0.038])
-        ]
-        | None
-    ) = None
+    keys: dict[str, tuple[Any, Any]] = {}
+    for content in contents:
+        new = content
+        if isinstance(content, type):
+            own = (one for one in number_fields(content) if one.name in content.__annotations__)
+            new = {one.name: (one.kind, one.default) for one in own}
+        for field, entry in new.items():
+            keys.pop(field, None)
+            keys[field] = entry
+    fields: Any = [
+        (field, kind) if default is NODEFAULT else (field, kind, default)
+        for field, (kind, default) in keys.items()
+    ]
+    return defstruct(name, fields, bases=(Table,), frozen=True, kw_only=True, module=__name__)
 
 
-class MotionTable(Table, frozen=True):
-    """Table `[motion]` of the driving shaft."""
-
-    kind: Annotated[MotionKind, key("shape of the speed; recorded: that of `file`")] = "trapezoid"
-    event: Annotated[Event, key("reversal, or an event instead of it or before it")] = "reversal"
-    speed_rpm: Annotated[
-        float, key("steady speed of the driving shaft; sine: peak speed", "rpm", gt=0, le=1e6)
-    ] = 60.0
-    reversal_deg: Annotated[
-        float, key("driving angle of the turn; slow_down: end angle", "deg", **_POSITIVE)
-    ] = 7560.0
-    dwell_s: Annotated[
-        float,
-        key("standstill at both ends; slow_down: also time at slow speed", "s", ge=0, le=1e6),
-    ] = 2.0
-    ramp_s: Annotated[float, key("time between standstill and steady speed", "s", gt=0, le=1e6)] = (
-        0.5
-    )
-    slow_share: Annotated[
-        float, key("slow_down, aborted: slow speed over steady speed", "1", gt=0, lt=1)
-    ] = 0.3
-    stop_s: Annotated[float, key("emergency_stop: stopping time", "s", gt=0, le=1e6)] = 0.05
-    file: Annotated[
-        str, key("recorded: CSV with time_s and driving_deg, relative to the scenario")
-    ] = ""
+_ANGLE = {"unit": "deg", "ge": -1e6, "le": 1e6}
+_OFFSET = {"unit": "mm", "ge": 0, "le": 1e3}
+_RIG: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "driving_mm": ("eccentricity of the driving gear", "", _OFFSET | {"examples": [0.0226]}),
+    "driving_phase_deg": ("its angle", "line", _ANGLE | {"examples": [49.5]}),
+    "driven_mm": ("eccentricity of the driven gear", "", _OFFSET | {"examples": [0.0273]}),
+    "driven_phase_deg": ("its angle", "line", _ANGLE | {"examples": [79.3]}),
+    "constant_backlash_deg": (
+        "backlash without eccentricities",
+        "gear",
+        {"unit": "deg", "ge": 0, "le": 90, "examples": [0.038]},
+    ),
+}
+_MORE = {
+    "": "",
+    "line": " from the line of centres at angle 0",
+    "gear": ", angle of the driven gear",
+}
 
 
-class InertiaTable(Table, frozen=True):
-    """Table `[inertia]`: moment of inertia of each shaft with all parts that turn with it."""
-
-    driven_kgm2: Annotated[float, key("driven shaft and parts on it", "kg m^2", **_POSITIVE)] = 0.01
-    driving_kgm2: Annotated[
-        float, key("driving shaft and parts on it; servo motor only", "kg m^2", **_POSITIVE)
-    ] = 0.002
-
-
-class FrictionTable(Table, frozen=True):
-    """Table `[friction]` of the driven shaft, and dry friction of the driving shaft."""
-
-    coulomb_Nm: Annotated[
-        float, key("dry friction of the turning driven shaft", "N m", **_NOT_NEGATIVE)
-    ] = 0.1
-    viscous_Nms: Annotated[
-        float, key("viscous friction torque per speed", "N m s/rad", **_NOT_NEGATIVE)
-    ] = 0.0
-    stribeck_Nm: Annotated[
-        float, key("additional dry friction at standstill", "N m", **_NOT_NEGATIVE)
-    ] = 0.0
-    stribeck_rad_s: Annotated[
-        float, key("speed at which half of the addition remains", "rad/s", **_POSITIVE)
-    ] = 0.1
-    driving_Nm: Annotated[
-        float, key("dry friction of the driving shaft; servo motor only", "N m", **_NOT_NEGATIVE)
-    ] = 0.05
+def _rig(full: bool) -> dict[str, tuple[Any, Any]]:
+    """Return the keys of a rig: required with a full text, or optional."""
+    kinds: dict[str, Any] = {
+        name: Annotated[float, key(text + _MORE[more] * full, **bounds)]
+        for name, (text, more, bounds) in _RIG.items()
+    }
+    return {
+        name: (kind, NODEFAULT) if full else (kind | None, None) for name, kind in kinds.items()
+    }
 
 
-class ServoTable(Table, frozen=True):
-    """Table `[servo]`: motor of the driving shaft."""
+_FILE = "recorded: CSV with time_s and driving_deg, relative to the scenario"
+_MOTOR = "prescribed: exact motion with unlimited torque; pi: servo motor"
+_TURN = "turn of the hunting period; located: from one reading of both shafts"
+_KIND = "shape of the speed; recorded: that of `file`"
+_EVENT = "reversal, or an event instead of it or before it"
 
-    motor: Annotated[
-        Motor, key("prescribed: exact motion with unlimited torque; pi: servo motor")
-    ] = "prescribed"
-    speed_gain_Nms: Annotated[
-        float, key("pi: torque per speed error", "N m s/rad", **_POSITIVE)
-    ] = 1.0
-    integral_gain_Nm: Annotated[
-        float, key("pi: torque per integral of the speed error", "N m/rad", **_NOT_NEGATIVE)
-    ] = 20.0
-    position_gain_1_s: Annotated[
-        float, key("pi: speed per position error; 0: no position loop", "1/s", **_NOT_NEGATIVE)
-    ] = 20.0
-    torque_limit_Nm: Annotated[float, key("pi: largest torque", "N m", **_POSITIVE)] = 5.0
-
-
-class LoadTable(Table, frozen=True):
-    """Table `[load]` of the driven shaft."""
-
-    torque_Nm: Annotated[
-        float,
-        key("constant load torque; a positive one opposes forward motion", "N m", **_ANY),
-    ] = 0.0
-
-
-class MeshTable(Table, frozen=True):
-    """Table `[mesh]`: contact of the flanks."""
-
-    restitution: Annotated[
-        float, key("rigid: relative speed after an impact over that before", "1", ge=0, le=1)
-    ] = 0.3
-    stiffness_N_mm_um: Annotated[
-        float,
-        key("elastic: mesh stiffness per face width, ISO 6336", "N/(mm um)", **_POSITIVE),
-    ] = 20.0
-    damping_ratio: Annotated[
-        float, key("elastic: damping over critical damping", "1", ge=0, le=100)
-    ] = 0.1
-    friction_coefficient: Annotated[
-        float, key("coefficient of friction between the flanks", "1", ge=0, le=10)
-    ] = 0.0
-
-
-class EncoderTable(Table, frozen=True):
-    """Tables `[driving_encoder]` and `[driven_encoder]` of the shaft encoders."""
-
-    counts_per_rev: (
-        Annotated[
-            int,
-            key(
-                "counts per revolution, by default those of the pair file; 0: not quantised",
-                "counts",
-                ge=0,
-                le=2**40,
-                examples=[90000],
-            ),
-        ]
-        | None
-    ) = None
-    amplitude_arcsec: Annotated[
-        float, key("amplitude of the error once per revolution", "arcsec", ge=0, le=648_000)
-    ] = 0.0
-    phase_deg: Annotated[float, key("phase of that error", "deg", **_ANY)] = 0.0
-    noise_arcsec: Annotated[
-        float, key("standard deviation of white noise", "arcsec", ge=0, le=648_000)
-    ] = 0.0
-
-
-class ActuatorTable(Table, frozen=True):
-    """Table `[actuator]` of the axial actuator of the driven gear."""
-
-    speed_mm_s: Annotated[float, key("largest speed", "mm/s", **_POSITIVE)] = 20.0
-    acceleration_mm_s2: Annotated[float, key("largest acceleration", "mm/s^2", **_POSITIVE)] = (
-        2000.0
-    )
-    resolution_mm: Annotated[float, key("smallest step; 0: continuous", "mm", ge=0, le=1e3)] = 0.0
-    delay_s: Annotated[
-        float, key("dead time, a whole number of controller periods", "s", ge=0, le=1e3)
-    ] = 0.0
-    stroke_mm: Annotated[float, key("largest shift", "mm", gt=0, le=1e5)] = 10.0
-    force_limit_N: Annotated[
-        float, key("largest axial force; 0: no limit", "N", **_NOT_NEGATIVE)
-    ] = 0.0
-
-
-class JudgementTable(Table, frozen=True):
-    """Table `[judgement]`: detection of a reversal by the controller."""
-
-    turn: Annotated[
-        TurnSource,
-        key("turn of the hunting period; located: from one reading of both shafts"),
-    ] = "known"
-    observer: Annotated[Observer, key("estimator of speed and acceleration")] = "alpha_beta_gamma"
-    bandwidth_hz: Annotated[float, key("bandwidth of the observer", "Hz", **_POSITIVE)] = 20.0
-    threshold_rad_s2: Annotated[
-        float, key("acceleration: deceleration that counts as a reversal", "rad/s^2", **_POSITIVE)
-    ] = 1.0
-    least_rpm: Annotated[
-        float,
-        key("below it: acceleration keeps its state, predictive closes", "rpm", **_POSITIVE),
-    ] = 3.0
-    horizon_s: Annotated[
-        float, key("predictive: closes if the shaft will stop within it", "s", **_POSITIVE)
-    ] = 0.3
-    margin_mm: Annotated[
-        float, key("part of the closing shift that is not commanded", "mm", ge=-1e3, le=1e3)
-    ] = 0.01
-    jump_s: Annotated[
-        float, key("feedforward: time in which the motor crosses the gap", "s", gt=0, le=1e3)
-    ] = 0.005
-
-
-class SamplingTable(Table, frozen=True):
-    """Table `[sampling]`: rates of controller and plant."""
-
-    controller_hz: Annotated[float, key("controller rate", "Hz", gt=0, le=1e7)] = 1000.0
-    plant_hz: Annotated[
-        float,
-        key("plant rate, a whole multiple of controller_hz; 0: equal to it", "Hz", ge=0, le=1e9),
-    ] = 0.0
+EccentricityTable = table_of("EccentricityTable", _rig(full=True))
+MapTable = table_of("MapTable", _rig(full=False))
+MotionTable = table_of(
+    "MotionTable",
+    {
+        "kind": choice(MotionKind, _KIND, "trapezoid"),
+        "event": choice(Event, _EVENT, "reversal"),
+    },
+    *(Reversal, SlowDown, EmergencyStop),
+    {"file": choice(str, _FILE)},
+)
+ServoTable = table_of("ServoTable", {"motor": choice(Motor, _MOTOR, "prescribed")}, Servo)
+InertiaTable = table_of("InertiaTable", Inertia)
+FrictionTable = table_of("FrictionTable", Friction)
+LoadTable = table_of("LoadTable", Load)
+MeshTable = table_of("MeshTable", Rigid, Elastic, Mesh)
+EncoderTable = table_of("EncoderTable", Encoder)
+ActuatorTable = table_of("ActuatorTable", Actuator)
+JudgementTable = table_of(
+    "JudgementTable",
+    {
+        "turn": choice(TurnSource, _TURN, "known"),
+        "observer": choice(ObserverName, "estimator of speed and acceleration", "alpha_beta_gamma"),
+    },
+    *(AlphaBetaGamma, Acceleration, Predictive, Feedforward),
+)
+SamplingTable = table_of("SamplingTable", Sampling)
 
 
 class RigTable(Table, frozen=True, rename={"run": "from"}):
@@ -287,3 +162,91 @@ class RigTable(Table, frozen=True, rename={"run": "from"}):
     def chosen(self) -> tuple[int, int]:
         """Number and seed of the draws; by default 200 and 0."""
         return 200 if self.draws is None else self.draws, self.seed or 0
+
+
+ECCENTRICITIES = "eccentricities"
+"""Value of `plant_map` and `controller_map` for the exact or closed map of [eccentricities]."""
+
+
+def _part(kind: Any, meaning: str, default: Any = NODEFAULT) -> tuple[Any, Any]:
+    """Return type and default of a key that holds a table."""
+    return choice(kind, meaning, kind() if default is NODEFAULT else default)
+
+
+_PAIR = key("pair file, relative to this file; a run folder has its own", examples=["pair.toml"])
+_SEED = key("seed of the encoder noise", "1", ge=0, le=2**32 - 1)
+_BELIEVED = key(
+    "flanks the controller believes; by default eccentricities, else those of the plant",
+    examples=["RUN"],
+)
+_GAP = key(
+    "gap of a run whose log has one direction; replaces that of others",
+    "deg",
+    ge=0,
+    le=90,
+    examples=[0.02],
+)
+
+if TYPE_CHECKING:  # msgspec makes this class, which type checkers do not see
+
+    class ScenarioSpec(Any):
+        """Content of a scenario or sweep file."""
+
+else:
+    ScenarioSpec = table_of(
+        "ScenarioSpec",
+        {
+            "pair": (Annotated[str, _PAIR], NODEFAULT),
+            "plant": choice(PlantName, "model of the driven shaft and the contact", "rigid"),
+            "controller": choice(
+                ControllerName, "rule that shifts the driven gear", "acceleration"
+            ),
+            "flanks": choice(Kinematics, "kinematics of the eccentric pair", "exact"),
+            "seed": (Annotated[int, _SEED], 0),
+            "eccentricities": _part(
+                EccentricityTable | None,
+                "eccentricities of the gears, and the constant backlash",
+                None,
+            ),
+            "plant_map": choice(
+                str,
+                "flanks of the plant: eccentricities, a run folder or a map file",
+                ECCENTRICITIES,
+            ),
+            "controller_map": (Annotated[str | None, _BELIEVED], None),
+            "controller_gap": choice(
+                Gap, "gap of that map: mean, or an edge of its band in map.csv", "mean"
+            ),
+            "constant_backlash_deg": (Annotated[float, _GAP] | None, None),
+            "map": _part(MapTable, "rig assumed by the controller; absent keys: true values"),
+            "motion": _part(MotionTable, "motion of the driving shaft"),
+            "servo": _part(ServoTable, "motor of the driving shaft"),
+            "inertia": _part(InertiaTable, "moments of inertia of both shafts"),
+            "friction": _part(FrictionTable, "friction of both shafts"),
+            "load": _part(LoadTable, "load of the driven shaft"),
+            "mesh": _part(MeshTable, "contact of the flanks"),
+            "driving_encoder": _part(
+                EncoderTable, "encoder of the driving shaft that the controller reads"
+            ),
+            "driven_encoder": _part(
+                EncoderTable, "encoder of the driven shaft that the controller reads"
+            ),
+            "actuator": _part(ActuatorTable, "axial shift of the driven gear"),
+            "judgement": _part(JudgementTable, "detection of a reversal"),
+            "sampling": _part(SamplingTable, "rates of controller and plant"),
+            "rig": _part(RigTable | None, "the rig of a run folder", None),
+            "sweep": _part(Sweep | None, "axes of a sweep", None),
+        },
+    )
+
+
+def part_of(kind: Any, table: Struct, **choices: Any) -> Any:
+    """Return the part of a class with the numbers of a table, and with further choices."""
+    numbers = {field.name: getattr(table, field.name) for field in number_fields(kind)}
+    return kind(**numbers, **choices)
+
+
+def name_of(part: Any, kinds: dict[str, Any]) -> str:
+    """Return the name of a part in a scenario file, or the class name of that of a user."""
+    names = {kind: name for name, kind in kinds.items()}
+    return names.get(type(part), type(part).__name__)

@@ -14,44 +14,52 @@ from jaxtyping import Array, Float, Int
 from ...base.arrays import Number, Numbers, float64
 from ...kinematics.flank_table import Bounds
 from ..controllers.controller import Controller, Measurement
+from ..controllers.retreat import Retreat
 from ..hardware.actuator import Actuator, Carriage
-from ..hardware.encoder import Sensor, noise_draws
+from ..hardware.encoder import Encoder, noise_draws
 from ..hardware.observer import MotionEstimate, Observer
-from ..hardware.shaft_drive import Lead, Prescribed, ShaftDrive, led, next_lead, no_lead
+from ..hardware.servo import ServoDrive
+from ..hardware.shaft_drive import Lead, led, next_lead, no_lead
 from ..motion.motion import Motion, MotionPoint
 from ..plants.plant import ON_A, ON_B, Plant, Shafts
 from .accumulators import Accumulators, RunFacts, add_plant_step, add_sample, empty_accumulators
 
 
 class Case(eqx.Module):
-    """Simulated rig with the motion of its driving shaft and with its controller.
+    """Scenario that is prepared to run: its parts, and what is computed from them once.
 
     **Arguments**
-    - `motion`: motion of the driving shaft. - `bounds`: TE on flank A and flank B over its angle.
+    - `motion`: motion of the driving shaft. - `bounds`, `believed`: TE on flank A and flank B over
+      its angle, as they are and as the controller believes them.
     - `plant`, `actuator`, `observer`, `controller`: further parts of the case.
-    - `driving_sensor`, `driven_sensor`: encoders that the controller reads.
+    - `driving_encoder`, `driven_encoder`: encoders that the controller reads.
+    - `lead_s`: time from a reading to the resulting position of the actuator, s.
+    - `retreat`: how the actuator follows teeth that pass; see `Measurement`.
     - `period`: period of the controller, s. - `seed`: seed of the encoder noise.
     - `sense`: 1 if the run begins forwards, −1 if backwards.
     - `substeps`: number of plant steps per period.
     - `noisy`: whether the encoders have noise; without noise no random numbers are drawn.
-    - `drive`: drive that lets the driving shaft follow the motion.
+    - `drive`: servo that lets the driving shaft follow the motion; None if it follows exactly.
     - `periods`: number of controller periods in a run; 0 to compute it from the motion.
     """
 
     motion: Motion
     bounds: Bounds
+    believed: Bounds
     plant: Plant
     actuator: Actuator
     observer: Observer
     controller: Controller
-    driving_sensor: Sensor
-    driven_sensor: Sensor
+    driving_encoder: Encoder
+    driven_encoder: Encoder
+    lead_s: Float[Number, ""] = eqx.field(converter=float64)
     period: Float[Number, ""] = eqx.field(converter=float64)
     sense: Float[Number, ""] = eqx.field(converter=float64)
     seed: Int[Numbers, ""]
     substeps: int = eqx.field(static=True, default=1)
     noisy: bool = eqx.field(static=True, default=False)
-    drive: ShaftDrive = Prescribed()
+    drive: ServoDrive | None = None
+    retreat: Retreat | None = None
     periods: int = eqx.field(static=True, default=0)
 
 
@@ -122,13 +130,13 @@ def initial_state(case: Case) -> State:
         accumulators=empty_accumulators(flanks.lower, case.controller.advances),
         lead=no_lead() if case.controller.advances else None,
         target=point if _can_deviate(case) else None,
-        motor=case.drive.start(point),
+        motor=None if case.drive is None else case.drive.start(point),
     )
 
 
 def _can_deviate(case: Case) -> bool:
     """Return whether the driving shaft can deviate from its motion."""
-    return case.controller.advances or not isinstance(case.drive, Prescribed)
+    return case.controller.advances or case.drive is not None
 
 
 def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
@@ -160,7 +168,8 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
     estimate = case.observer.step(state.estimate, driving, jnp.asarray(case.period))
     reference = shafts if state.target is None else state.target
     motions = estimate.speed, estimate.acceleration, reference.angle, reference.speed
-    measurement = Measurement(time, driving, driven, *motions)
+    known = case.believed, case.lead_s, case.retreat
+    measurement = Measurement(time, driving, driven, *motions, *known)
     controller, output = case.controller.step(state.controller, measurement)
     output = case.controller.as_command(output)
     command, period = jnp.asarray(output.shift), jnp.asarray(case.period)
@@ -262,23 +271,20 @@ def _plant_step(
         share = number / case.substeps
         target = led(point, inputs.before, inputs.after, share, jnp.asarray(case.period))
     shafts = plant.shafts
-    expected = case.drive.expected(shafts, target, step)
+    expected = target.angle if case.drive is None else case.drive.expected(shafts, step)
     closed = case.bounds.closed_at(case.bounds.gap(expected))
     push, thrust = None, case.actuator.thrust
     if thrust is not None:
         push = thrust.at(shafts.side, shafts.speed, target.acceleration)
     carriage, slide, blocked = case.actuator.step(plant.carriage, inputs.target, closed, step, push)
-    motor, shafts, contact = case.drive.step(
-        plant.motor,
-        plant=case.plant,
-        shafts=shafts,
-        target=target,
-        slide=slide,
-        bounds=case.bounds,
-        step=step,
-    )
+    motor, taken = plant.motor, (slide, case.bounds, step)
+    if case.drive is None:
+        tracking, (shafts, contact) = None, case.plant.step(shafts, target, *taken)
+    else:
+        motor, shafts, contact = case.drive.step(motor, case.plant, shafts, target, *taken)
+        tracking = case.drive.tracking(motor, shafts)
     travel = slide.end - slide.start
-    changes = contact, carriage, travel, blocked, case.drive.tracking(motor, shafts)
+    changes = contact, carriage, travel, blocked, tracking
     turned = shafts.angle - plant.shafts.angle
     apart = jnp.zeros(())
     if case.controller.advances:
@@ -313,6 +319,6 @@ def _read(
         noise = noise_draws(jax.random.key(case.seed), number)
     driven = jnp.asarray(case.bounds.ratio) * shafts.angle + shafts.offset
     return (
-        case.driving_sensor.read(shafts.angle, noise[0]),
-        case.driven_sensor.read(driven, noise[1]),
+        case.driving_encoder.read(shafts.angle, noise[0]),
+        case.driven_encoder.read(driven, noise[1]),
     )

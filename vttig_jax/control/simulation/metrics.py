@@ -87,7 +87,7 @@ def metric_inputs_of(case: Case) -> MetricInputs:
         turns=jnp.asarray(case.motion.turn_s) < case.motion.duration_s,
         idle=jnp.full((), not case.controller.closes),
         lost=jnp.full((), isinstance(case.controller, LostController)),
-        stroke=jnp.asarray(case.actuator.stroke),
+        stroke=jnp.asarray(case.actuator.stroke_mm),
         way_back=_way_back(case.motion),
     )
 

@@ -14,7 +14,6 @@ from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import NoController
-from ..hardware.shaft_drive import Prescribed
 from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks, spec_table
 from .accumulators import Accumulators
 from .case import Case, Sample
@@ -114,7 +113,7 @@ def _ending(run: "Simulation") -> str:
         ' "located"), or a reference (judgement.turn = "known").',
         "missed": f"The controller never sees the motor brake{_MISSED.get(run.controller, '')}.",
         "stroke": f"The controller commands {float(t.largest_command):.3f} mm, but"
-        f" actuator.stroke_mm is {float(run.case.actuator.stroke):g}; choose a longer stroke.",
+        f" actuator.stroke_mm is {float(run.case.actuator.stroke_mm):g}; choose a longer stroke.",
         "force": "The teeth are stronger than actuator.force_limit_N ="
         f" {run.spec.actuator.force_limit_N:g}: the actuator stalls or is pushed back; choose a"
         " higher limit, or less torque on the drive while the actuator moves.",
@@ -161,8 +160,8 @@ def _motion(run: "Simulation") -> str:
     """Describe the motion of the driving shaft and its duration."""
     table, hertz = run.spec.motion, run.spec.sampling.controller_hz
     time = f"{float(run.case.motion.duration_s):g} s at {hertz:g} Hz"
-    if table.kind == "recorded":
-        return f"recorded in {table.file}, {time}"
+    if table.kind not in ("trapezoid", "s_curve", "sine"):
+        return f"{table.kind}{f' in {table.file}' if table.file else ''}, {time}"
     event, shape = _EVENTS[table.event], table.kind.replace("_", "-")
     return f"{event} at {table.reversal_deg:g}°, {shape} of {table.speed_rpm:g} rpm, {time}"
 
@@ -314,7 +313,7 @@ class Simulation(PlottedResult):
     @property
     def servo(self) -> bool:
         """Whether a servo motor turns the driving shaft, which then can deviate from its motion."""
-        return not isinstance(self.case.drive, Prescribed)
+        return self.case.drive is not None
 
     @property
     def turns(self) -> bool:

@@ -1,22 +1,12 @@
 """Change of controller settings in a case that is already built."""
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, TypeVar
 
-from ...base.units import REV
-from ..controllers.smooth import SmoothAccelerationController, SmoothPredictiveController
+from ..fields import number_fields
 
 _Owner = TypeVar("_Owner")
-
-_FIELDS = {
-    "judgement.bandwidth_hz": ("observer", "bandwidth_hz", 1.0),
-    "judgement.threshold_rad_s2": ("controller", "threshold", 1.0),
-    "judgement.least_rpm": ("controller", "least_speed", REV / 60.0),
-    "judgement.horizon_s": ("controller", "horizon", 1.0),
-    "judgement.margin_mm": ("controller", "margin", 1.0),
-}
-"""Dotted key → part of a case or window, its field for the key, and factor from key to field."""
 
 
 def with_settings(owner: _Owner, settings: Mapping[str, Any]) -> _Owner:
@@ -40,28 +30,23 @@ def with_settings(owner: _Owner, settings: Mapping[str, Any]) -> _Owner:
     >>> rig |= {"driven_phase_deg": 79.3, "constant_backlash_deg": 0.038}
     >>> spec = parse_scenario_spec({"pair": "pair.toml", "eccentricities": rig})
     >>> case = with_settings(build_case(spec, paper_pair()), {"judgement.margin_mm": 0.02})
-    >>> float(case.controller.margin)
+    >>> float(case.controller.margin_mm)
     0.02
 
     ```
     """
     for name, value in settings.items():
-        if name not in _FIELDS:
+        field = name.removeprefix("judgement.")
+        for place in ("observer", "controller"):
+            part = getattr(owner, place)
+            if field != name and field in {one.name for one in number_fields(part)}:
+                changed = {place: replace(part, **{field: value})}
+                owner = replace(owner, **changed)  # type: ignore[type-var]
+                break
+        else:
             raise ValueError(
-                f"Argument `settings` must have keys among {', '.join(_FIELDS)}, but has {name!r}."
+                f"Argument `settings` must have keys that the case uses, but neither"
+                f" {type(owner.observer).__name__} nor {type(owner.controller).__name__} has"  # type: ignore[attr-defined]
+                f" {name!r}."
             )
-        part, field, factor = _FIELDS[name]
-        changed = _changed(getattr(owner, part), field, value * factor, name)
-        owner = replace(owner, **{part: changed})  # type: ignore[type-var]
     return owner
-
-
-def _changed(part: Any, field: str, value: Any, name: str) -> Any:
-    if isinstance(part, (SmoothAccelerationController, SmoothPredictiveController)):
-        return replace(part, hard=_changed(part.hard, field, value, name))
-    if field not in {one.name for one in fields(part)}:
-        raise ValueError(
-            f"Argument `settings` must have keys that the case uses, but its"
-            f" {type(part).__name__} has no {name!r}."
-        )
-    return replace(part, **{field: value})

@@ -1,7 +1,9 @@
 """Simulation of one case from its first period to its last."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -14,9 +16,11 @@ from ...base.runtime import require_x64
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.load import load_pair
 from ..controllers.controller import Controller
+from ..motion.motion import Motion
 from ..scenario.axes import SCENARIO_FILE
+from ..scenario.scenario import Scenario
 from ..scenario.spec import ScenarioSpec, load_scenario_spec
-from .build import CaseParts, Maps, case_of
+from .build import Maps, case_of, case_of_scenario, spec_of
 from .case import Case, Sample, State, initial_state, run_periods, trace_periods
 from .result import Simulation, Trace
 
@@ -27,7 +31,7 @@ Between two calls Ctrl-C can interrupt the run; much shorter calls would be slow
 
 
 def simulate(
-    scenario: str | Path | ScenarioSpec,
+    scenario: str | Path | ScenarioSpec | Scenario,
     pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
@@ -39,7 +43,8 @@ def simulate(
     """Simulate the run of one scenario: the gear drive, its motion and its controller.
 
     **Arguments**
-    - `scenario`: a scenario file (TOML) or its specification.
+    - `scenario`: a scenario file (TOML), its specification, or a `Scenario`, which goes with the
+      arguments `trace_every` and `progress` alone.
     - `pair`: gears instead of the pair file that the scenario names.
     - `folder`: folder for relative paths; by default that of the scenario file, or else the working
       folder.
@@ -72,39 +77,28 @@ def simulate(
     require_x64("simulate")
     if trace_every < 0:
         raise ValueError(f"Argument `trace_every` must be at least 0, but is {trace_every}.")
-    spec, pair, case = scenario_case(scenario, pair, folder, controller, maps)
+    spec, pair, case = specified_case(scenario, pair, folder, controller, maps)
     state, trace = run_in_chunks(case, trace_every, progress)
     return Simulation(spec, pair, case, state.accumulators, trace)
 
 
-def scenario_case(
-    scenario: str | Path | ScenarioSpec,
-    pair: GearPair | Drive | None,
-    folder: str | Path | None,
-    controller: Controller | None,
+def specified_case(
+    scenario: str | Path | ScenarioSpec | Scenario,
+    pair: GearPair | Drive | None = None,
+    folder: str | Path | None = None,
+    controller: Controller | None = None,
     maps: Maps = Maps(),
 ) -> tuple[ScenarioSpec, GearPair | Drive, Case]:
     """Return the specification, the gears and the case; the arguments are those of `simulate`."""
+    if isinstance(scenario, Scenario):
+        scenario = scenario if controller is None else replace(scenario, controller=controller)
+        return spec_of(scenario), scenario.pair, case_of_scenario(scenario)
     source = "" if isinstance(scenario, ScenarioSpec) else str(scenario)
-    if folder is None:
-        folder = Path(source).parent
+    folder = Path(source).parent if folder is None else Path(folder)
     spec = scenario if isinstance(scenario, ScenarioSpec) else load_scenario_spec(scenario)
-    return spec, *prepare_case(spec, Path(folder), source, pair, controller, maps)
-
-
-def prepare_case(
-    spec: ScenarioSpec,
-    folder: Path,
-    source: str = "",
-    pair: GearPair | Drive | None = None,
-    controller: Controller | None = None,
-    maps: Maps = Maps(),
-) -> tuple[GearPair | Drive, Case]:
-    """Return the gears and the case of a scenario; `source` is its file name for messages."""
     with SCENARIO_FILE.error_context(source):
-        if pair is None:
-            pair = load_gears(folder / spec.pair)
-        return pair, case_of(spec, pair, folder, controller, maps)
+        pair = load_gears(folder / spec.pair) if pair is None else pair
+        return spec, pair, case_of(spec, pair, folder, controller, maps)
 
 
 def load_gears(path: Path) -> GearPair | Drive:
@@ -116,9 +110,9 @@ def load_gears(path: Path) -> GearPair | Drive:
     return load_pair(path)
 
 
-def periods_of(case: Case | CaseParts) -> int:
-    """Return the number of periods of the controller in a run."""
-    return int(np.floor(float(case.motion.duration_s) / float(case.period) * (1 + 1e-12))) + 1
+def periods_of(motion: Motion, period: Any) -> int:
+    """Return the number of periods (s) of the controller in a run of a motion."""
+    return int(np.floor(float(motion.duration_s) / float(period) * (1 + 1e-12))) + 1
 
 
 def run_in_chunks(
@@ -129,7 +123,7 @@ def run_in_chunks(
     `trace_every`: see `simulate`. `progress` is called with the number of finished periods and the
     number of all periods.
     """
-    periods = periods_of(case)
+    periods = periods_of(case.motion, case.period)
     state, samples = initial_state(case), list[Sample]()
     chunk = max(CHUNK // case.substeps, 1)
     for first in range(0, periods, chunk):

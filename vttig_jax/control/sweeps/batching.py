@@ -6,7 +6,6 @@ Each device runs one batch at a time.
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -50,30 +49,26 @@ def batch_of(cases: Sequence[CaseLeaves], batched: tuple[bool, ...], lanes: int)
     An array that differs between the cases gets a lane axis even if `batched` is false for it.
     """
     filled = [*cases, *[cases[-1]] * (lanes - len(cases))]
-    leaves, has_axis = list[Any](), list[bool]()
-    for index, needed in enumerate(batched):
-        column = [case.leaves[index] for case in filled]
-        first = column[0]
-        differs = needed or any(not _same(leaf, first) for leaf in column)
-        has_axis.append(differs)
-        leaves.append(np.stack([np.asarray(leaf) for leaf in column]) if differs else first)
-    return CaseBatch(cases[0].structure, tuple(has_axis), tuple(leaves), lanes)
-
-
-def _same(first: Numbers, second: Numbers) -> bool:
-    return first is second or bool(np.array_equal(first, second, equal_nan=True))
-
-
-def varying(samples: Sequence[CaseLeaves]) -> tuple[bool, ...]:
-    """Return, for each array of a case, whether it differs between the cases `samples`.
-
-    All cases must have one structure.
-    """
-    first = samples[0].leaves
-    return tuple(
-        any(not _same(sample.leaves[index], leaf) for sample in samples[1:])
-        for index, leaf in enumerate(first)
+    columns = list(zip(*(case.leaves for case in filled), strict=True))
+    has_axis = tuple(b or _differs(column) for b, column in zip(batched, columns, strict=True))
+    leaves = tuple(
+        np.stack([np.asarray(leaf) for leaf in column]) if differs else column[0]
+        for column, differs in zip(columns, has_axis, strict=True)
     )
+    return CaseBatch(cases[0].structure, has_axis, leaves, lanes)
+
+
+def _differs(column: Sequence[Numbers]) -> bool:
+    """Return whether one of the arrays differs from the first."""
+    return any(
+        leaf is not column[0] and not np.array_equal(leaf, column[0], equal_nan=True)
+        for leaf in column
+    )
+
+
+def varying(cases: Sequence[CaseLeaves]) -> tuple[bool, ...]:
+    """Return, for each array of a case, whether it differs between cases of one structure."""
+    return tuple(map(_differs, zip(*(case.leaves for case in cases), strict=True)))
 
 
 def lanes_for(cases: int, devices: int) -> int:
@@ -102,93 +97,65 @@ class BatchRunner:
 
     def __init__(self, devices: Sequence[Any] | None = None) -> None:
         self.devices = list(devices or jax.devices())
-        self.compile_s = 0.0
-        self.device_s = 0.0
-        self._compiled: dict[Any, Future[Callable[..., Any]]] = {}
-        self._lock = threading.Lock()
-        self._compiling, self._began = 0, 0.0
+        self.compile_s = self.device_s = 0.0
+        self._lock, self._counted = threading.Lock(), 0.0
+        self._programs: dict[Any, threading.Lock] = {}
+        self._compiled: set[Any] = set()
 
     def run(
         self,
         batch: CaseBatch,
         periods: int,
-        substeps: int,
         progress: Callable[[int, int], None] | None = None,
         place: int = 0,
     ) -> tuple[MetricInputs, Accumulators]:
         """Run a batch on the device number `place`; return metric inputs and accumulators per lane.
 
-        `periods` and `substeps` as in `Case`. After each compiled call `progress` is called in this
-        thread with the numbers of finished periods before and after it.
+        `periods` as in `Case`. After each compiled call `progress` is called in this thread with
+        the numbers of finished periods before and after it.
         """
         device = self.devices[0 if self.devices[0].platform == "cpu" else place]
-        chunk = max(STEPS // substeps, 1)
-        lanes, leaves = jax.device_put((np.arange(batch.lanes), batch.leaves), device)
-        start = self._program(_start_lanes, batch, (), (leaves, lanes), device)
+        chunk = max(STEPS // batch.structure.substeps, 1)
+        program, leaves = batch[:2], jax.device_put(batch.leaves, device)
+
+        def advanced(state: State, first: int) -> State:
+            number = jax.device_put(np.asarray(first), device)
+            return jax.block_until_ready(_continue_lanes(*program, chunk, leaves, state, number))
+
+        key = (*program, batch.lanes, chunk, device.id)
+        with self._programs.setdefault(key, threading.Lock()):
+            began = time.perf_counter()
+            state, inputs = _start_lanes(*program, batch.lanes, leaves)
+            if key not in self._compiled:  # other threads wait until it is
+                advanced(state, 0)
+                self._compiled.add(key)
+                self._count_compilation(began)
         began = time.perf_counter()
-        state, inputs = start(leaves, lanes)
-        run = None
         for first in range(0, periods, chunk):
-            arguments = leaves, state, jax.device_put(np.asarray(first), device)
-            if run is None:
-                self._add_device_time(began)
-                run = self._program(_continue_lanes, batch, (chunk,), arguments, device)
-                began = time.perf_counter()
-            state = jax.block_until_ready(run(*arguments))
+            state = advanced(state, first)
             if progress is not None:
                 progress(first, min(first + chunk, periods))
-        self._add_device_time(began)
-        return jax.tree.map(np.asarray, (inputs, state.accumulators))
-
-    def _add_device_time(self, began: float) -> None:
         with self._lock:
             self.device_s += time.perf_counter() - began
+        return jax.tree.map(np.asarray, (inputs, state.accumulators))
 
-    def _program(
-        self,
-        function: Any,
-        batch: CaseBatch,
-        choices: tuple[Any, ...],
-        args: tuple[Any, ...],
-        device: Any,
-    ) -> Callable[..., Any]:
-        """Return a compiled program; if several threads need the same one, only one compiles it."""
-        key = function, batch.structure, batch.batched, batch.lanes, choices, device.id
+    def _count_compilation(self, began: float) -> None:
+        """Add the time since `began` in which no compilation was counted yet."""
         with self._lock:
-            own, known = Future[Callable[..., Any]](), self._compiled.get(key)
-            if known is None:
-                self._compiled[key] = own
-                if not self._compiling:
-                    self._began = time.perf_counter()
-                self._compiling += 1
-        if known is not None:
-            return known.result()
-        try:
-            own.set_result(
-                function.lower(batch.structure, batch.batched, *choices, *args).compile()
-            )
-        except BaseException as error:
-            with self._lock:  # before the waiting threads go on, so that one of them may try again
-                del self._compiled[key]
-            own.set_exception(error)
-            raise
-        finally:
-            with self._lock:
-                self._compiling -= 1
-                if not self._compiling:
-                    self.compile_s += time.perf_counter() - self._began
-        return own.result()
+            now = time.perf_counter()
+            self.compile_s += now - max(began, self._counted)
+            self._counted = now
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=(0, 1, 2))
 def _start_lanes(
-    structure: CaseStructure, batched: tuple[bool, ...], leaves: Any, lane: Any
+    structure: CaseStructure, batched: tuple[bool, ...], lanes: int, leaves: Any
 ) -> tuple[State, MetricInputs]:
-    def start(leaves: Any, lane: Any) -> tuple[State, MetricInputs]:
-        case = jax.tree.unflatten(structure.tree, leaves)
+    def start(leaves: Any) -> tuple[State, MetricInputs]:
+        case = structure.case(leaves)
         return initial_state(case), metric_inputs_of(case)
 
-    return jax.vmap(start, in_axes=(_axes(batched), 0))(leaves, lane)
+    return jax.vmap(start, in_axes=(_axes(batched),), axis_size=lanes)(leaves)
 
 
 @partial(
@@ -204,11 +171,10 @@ def _continue_lanes(
     state: State,
     first: Any,
 ) -> State:
-    def run(leaves: Any, state: State, first: Any) -> State:
-        case = jax.tree.unflatten(structure.tree, leaves)
-        return run_periods(case, state, first + jnp.arange(chunk))
+    def run(leaves: Any, state: State) -> State:
+        return run_periods(structure.case(leaves), state, first + jnp.arange(chunk))
 
-    return jax.vmap(run, in_axes=(_axes(batched), 0, None))(leaves, state, first)
+    return jax.vmap(run, in_axes=(_axes(batched), 0))(leaves, state)
 
 
 def _axes(batched: tuple[bool, ...]) -> tuple[int | None, ...]:

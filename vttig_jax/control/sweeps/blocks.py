@@ -45,13 +45,6 @@ _MOST_KINDS = 16
 """Largest number of text combinations that is used for the block size; a chosen value."""
 
 
-class Group(NamedTuple):
-    """Cases of one structure: their indices in the block, and their arrays (`leaves`)."""
-
-    indices: list[int]
-    leaves: list[CaseLeaves]
-
-
 class _Batch(NamedTuple):
     """Batch of a group, with the indices and the numbers of periods of its cases."""
 
@@ -59,16 +52,15 @@ class _Batch(NamedTuple):
     indices: list[int]
     cases: CaseBatch
     periods: np.ndarray
-    substeps: int
 
     def run(self, place: int, follow: Follow) -> tuple[MetricInputs, Accumulators]:
         """Run the batch on device number `place`; `follow` gets the finished lane-steps."""
 
         def count(before: int, now: int) -> None:
             done = np.minimum(self.periods, now) - np.minimum(self.periods, before)
-            follow(int(done.sum()) * self.substeps)
+            follow(int(done.sum()) * self.cases.structure.substeps)
 
-        return self.runner.run(self.cases, int(self.periods[-1]), self.substeps, count, place=place)
+        return self.runner.run(self.cases, int(self.periods[-1]), count, place=place)
 
 
 class _Started(NamedTuple):
@@ -101,7 +93,10 @@ class SweepWork:
         self._samples = [case for case in samples if not isinstance(case, InputError)]
         if not self._samples:
             raise refused[0]
-        self._batched = _varying(self._samples)
+        groups: dict[CaseStructure, list[CaseLeaves]] = {}
+        for one in map(leaves_of, self._samples):
+            groups.setdefault(one.structure, []).append(one)
+        self._batched = {structure: varying(group) for structure, group in groups.items()}
         self.block_size = _block_size(self._samples, min(cases.text_combinations, _MOST_KINDS))
         """Cases in a block, independent of the number of devices so that a sweep can be resumed."""
 
@@ -157,33 +152,26 @@ class SweepWork:
             outcome[indices] = outcomes_of(inputs, accumulators)[: len(indices)]
         return started.number, self._case_columns(numbers) | rows | {"outcome": outcome}
 
-    def _groups(self, numbers: Sequence[int]) -> list[Group]:
-        """Return the cases of a block, grouped by structure, without those that cannot run."""
-        groups: dict[CaseStructure, Group] = {}
+    def _groups(self, numbers: Sequence[int]) -> list[dict[int, CaseLeaves]]:
+        """Return the cases of a block that can run by their index, grouped by structure."""
+        groups: dict[CaseStructure, dict[int, CaseLeaves]] = {}
         for index, number in enumerate(numbers):
             leaves = self.cases.leaves(number)
-            if isinstance(leaves, InputError):
-                continue
-            group = groups.setdefault(leaves.structure, Group([], []))
-            group.indices.append(index)
-            group.leaves.append(leaves)
+            if not isinstance(leaves, InputError):
+                groups.setdefault(leaves.structure, {})[index] = leaves
         return list(groups.values())
 
-    def _batches(self, group: Group) -> Iterator["_Batch"]:
+    def _batches(self, group: dict[int, CaseLeaves]) -> Iterator["_Batch"]:
         """Yield the batches of a group; the cases of a batch have runs of similar length."""
-        batched = self._batched.get(group.leaves[0].structure, _none(group.leaves[0]))
-        periods = [case.periods for case in group.leaves]
-        order = sorted(range(len(periods)), key=lambda index: (periods[index], index))
+        structure = next(iter(group.values())).structure
+        batched = self._batched.get(structure, (False,) * len(group[min(group)].leaves))
+        order = sorted(group, key=lambda index: (group[index].periods, index))
         lanes = lanes_for(len(order), len(self.runner.devices))
         for first in range(0, len(order), lanes):
             chosen = order[first : first + lanes]
-            yield _Batch(
-                self.runner,
-                [group.indices[index] for index in chosen],
-                batch_of([group.leaves[index] for index in chosen], batched, lanes),
-                np.array([periods[index] for index in chosen]),
-                group.leaves[0].substeps,
-            )
+            cases = [group[index] for index in chosen]
+            periods = np.array([case.periods for case in cases])
+            yield _Batch(self.runner, chosen, batch_of(cases, batched, lanes), periods)
 
     def _case_columns(self, numbers: Sequence[int]) -> Rows:
         """Return the columns with the case number and the value of every axis."""
@@ -200,18 +188,8 @@ def _block_size(samples: Sequence[Case], combinations: int) -> int:
 
     Long runs give smaller blocks.
     """
-    steps = float(np.mean([periods_of(case) * case.substeps for case in samples]))
+    steps = float(
+        np.mean([periods_of(case.motion, case.period) * case.substeps for case in samples])
+    )
     size = int(np.clip(_BLOCK_STEPS / (combinations * steps), _LEAST, _MOST))
     return combinations << (size.bit_length() - 1)
-
-
-def _varying(samples: Sequence[Case]) -> dict[CaseStructure, tuple[bool, ...]]:
-    """Return for each structure which of its arrays differ between cases (need a lane axis)."""
-    groups: dict[CaseStructure, list[CaseLeaves]] = {}
-    for leaves in map(leaves_of, samples):
-        groups.setdefault(leaves.structure, []).append(leaves)
-    return {structure: varying(group) for structure, group in groups.items()}
-
-
-def _none(case: CaseLeaves) -> tuple[bool, ...]:
-    return (False,) * len(case.leaves)

@@ -15,10 +15,10 @@ from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE, Value
 from ..scenario.spec import KEYS, ScenarioSpec, load_sweep_spec, spec_table, with_values
-from ..simulation.build import Builder, Maps
+from ..simulation.build import FileParts, Maps
 from ..simulation.case import Case
 from ..simulation.simulate import load_gears
-from .case_leaves import CaseLeaves, LeafCache
+from .case_leaves import CaseLeaves, leaves_of
 
 DRAW = "draw"
 """Name of the axis of maps drawn from a posterior; this axis varies slowest."""
@@ -54,13 +54,13 @@ class SweepCases:
         self._lengths = [len(self._values[group[0]]) for group in self._groups]
         if self.draws:
             self._lengths.insert(0, self.draws)
-        self._builder = Builder(pair, folder, controller, maps)
-        self._leaves = LeafCache()
+        self._parts = FileParts(pair, folder, controller, maps)
+        self._flat: dict[int, Any] = {}
 
     @property
     def closing(self) -> float:
         """Decrease of the backlash per axial displacement, rad/mm; 0 without taper."""
-        return float(self._builder.closing.sum())
+        return self._parts.closing
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -108,15 +108,15 @@ class SweepCases:
     def case(self, number: int) -> Case | InputError:
         """Return a case ready to run, or the error that prevents it."""
         try:
-            return self._builder.case(self.spec_of(number), self._draw(number))
+            return self._parts.case(self.spec_of(number), self._draw(number))
         except InputError as error:
             return error
 
     def leaves(self, number: int) -> CaseLeaves | InputError:
         """Return structure and leaves of a case, or the error that prevents it."""
         try:
-            parts = self._builder.parts(self.spec_of(number), self._draw(number))
-            return self._leaves.leaves_of(parts)
+            fields = self._parts.fields(self.spec_of(number), self._draw(number))
+            return leaves_of(fields, self._flat)
         except InputError as error:
             return error
 

@@ -49,8 +49,8 @@ def estimate(work: SweepWork, folder: Path | None) -> SweepCost:
         _refuse("disk", 2 * rows, _disk(folder), count, "split an axis, or choose another disk")
     numbers = sorted({count * index // _SAMPLED for index in range(_SAMPLED)})
     sampled = [case for case in map(cases.case, numbers) if isinstance(case, Case)]
-    steps = count / len(numbers) * sum(periods_of(case) * case.substeps for case in sampled)
-    return SweepCost(count, steps)
+    steps = [periods_of(case.motion, case.period) * case.substeps for case in sampled]
+    return SweepCost(count, count / len(numbers) * sum(steps))
 
 
 def _refuse(resource: str, needed: int, available: int, count: int, cure: str) -> None:

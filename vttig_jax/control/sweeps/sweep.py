@@ -1,7 +1,7 @@
 """Sweep over the product of named axes: thousands of cases, run block by block."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from functools import lru_cache
 from pathlib import Path
@@ -17,7 +17,7 @@ from ..scenario.spec import ScenarioSpec
 from ..simulation.build import Maps
 from .batching import BatchRunner
 from .blocks import REFUSED, Rows, SweepWork
-from .cases import Recipe, recipe_of
+from .cases import recipe_of
 from .estimate import SweepCost, estimate
 from .store import TABLE, Memory, SweepFolder
 from .table import SweepTable, finished_sweep
@@ -90,28 +90,6 @@ def sweep(
         return done
     with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
         work = SweepWork(recipe.cases(), _runner(devices))
-    return _run(
-        recipe,
-        work=work,
-        out=out,
-        resume=resume,
-        overwrite=overwrite,
-        dask=dask,
-        announce=announce,
-        progress=progress,
-    )
-
-
-def _run(
-    recipe: Recipe,
-    work: SweepWork,
-    out: str | Path | None,
-    resume: bool,
-    overwrite: bool,
-    dask: str | None,
-    announce: Callable[[SweepCost], None] | None,
-    progress: Callable[[float, float], None] | None,
-) -> SweepTable:
     path = None if out is None else Path(out)
     compiled = work.runner.compile_s
     header = recipe.header | {"block": work.block_size}
@@ -123,80 +101,53 @@ def _run(
         expected = expected._replace(lane_steps=share * expected.lane_steps)
         if announce is not None:
             announce(expected)
-        done = 0
+        finished = 0
 
         def add_steps(steps: int) -> None:
-            nonlocal done
-            done += steps
+            nonlocal finished
+            finished += steps
             if progress is not None:
-                progress(done, expected.lane_steps)
+                progress(finished, expected.lane_steps)
 
-        timed = _TimedStore(store)
+        writing = 0.0
+
+        def write(number: int, rows: Rows) -> None:
+            nonlocal writing
+            started = time.perf_counter()
+            store.write(number, rows)
+            writing += time.perf_counter() - started
+
         began, before = time.perf_counter(), work.runner.compile_s
         busy = work.runner.device_s
-        devices = _run_blocks(recipe, work, todo, write=timed.write, progress=add_steps, dask=dask)
+        workers = len(work.runner.devices)
+        if dask is not None:
+            from .cluster import on_cluster
+
+            workers = on_cluster(dask, recipe, todo, write, add_steps)
+        else:
+            with closing(work.run_blocks(todo, add_steps)) as blocks:
+                for number, rows in blocks:
+                    write(number, rows)
         spent = time.perf_counter() - began - (work.runner.compile_s - before)
-        columns = timed.finish(work.blocks)
+        joining = time.perf_counter()
+        columns = store.finish(work.blocks)
+        writing += time.perf_counter() - joining
     return SweepTable(
         spec=recipe.spec,
         pair=recipe.pair.name,
         columns=columns,
         axes=work.cases.axes,
-        lane_steps=done,
+        lane_steps=finished,
         run_s=spent,
         compile_s=work.runner.compile_s - compiled,
-        devices=devices,
+        devices=workers,
         build_s=work.build_s,
         device_s=(work.runner.device_s - busy) / len(work.runner.devices),
-        write_s=timed.seconds,
+        write_s=writing,
         refusals=_refusals(work, columns),
         path=None if path is None else path / TABLE,
         closing=work.cases.closing,
     )
-
-
-def _run_blocks(
-    recipe: Recipe,
-    work: SweepWork,
-    todo: Sequence[int],
-    *,
-    write: Callable[[int, Rows], None],
-    progress: Callable[[int], None],
-    dask: str | None,
-) -> int:
-    """Run and write the blocks `todo`, in this process or on a cluster.
-
-    **Returns** the number of devices or workers.
-    """
-    if dask is not None:
-        from .cluster import on_cluster
-
-        return on_cluster(dask, recipe, todo, write, progress)
-    with closing(work.run_blocks(todo, progress)) as blocks:
-        for number, rows in blocks:
-            write(number, rows)
-    return len(work.runner.devices)
-
-
-class _TimedStore:
-    """Store whose methods add the time that they take to `seconds`."""
-
-    def __init__(self, store: Memory | SweepFolder) -> None:
-        self._store = store
-        self.seconds = 0.0
-
-    def write(self, number: int, rows: Rows) -> None:
-        """Write a block."""
-        began = time.perf_counter()
-        self._store.write(number, rows)
-        self.seconds += time.perf_counter() - began
-
-    def finish(self, blocks: int) -> Rows:
-        """Return the columns of all blocks."""
-        began = time.perf_counter()
-        columns = self._store.finish(blocks)
-        self.seconds += time.perf_counter() - began
-        return columns
 
 
 @lru_cache

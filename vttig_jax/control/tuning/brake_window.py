@@ -17,7 +17,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...base.arrays import Number, Numbers, float64
+from ...kinematics.flank_table import Bounds
 from ..controllers.controller import Controller, Measurement
+from ..controllers.retreat import Retreat
 from ..controllers.smooth import smoothed
 from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import noise_draws
@@ -44,7 +46,7 @@ class Window(eqx.Module):
     - `turn`: index of the period nearest to the turn, −1 without a turn.
     - `estimate`: observer estimate one period before the window, equal to the true motion.
     - `period`: controller period, s. - `closing`: decrease of backlash per displacement, rad/mm.
-    - `actuator`, `observer`, `controller`: parts of the case.
+    - `actuator`, `observer`, `controller`, `believed`, `lead_s`, `retreat`: parts of the case.
     """
 
     reading: Float[Numbers, " n"]
@@ -57,6 +59,9 @@ class Window(eqx.Module):
     actuator: Actuator
     observer: Observer
     controller: Controller
+    believed: Bounds
+    lead_s: Float[Number, ""]
+    retreat: Retreat | None
     period: Float[Number, ""] = eqx.field(converter=float64)
     closing: Float[Number, ""] = eqx.field(converter=float64)
 
@@ -97,6 +102,9 @@ def window_of(case: Case, extent: Extent, periods: int) -> Window:
         actuator=case.actuator,
         observer=case.observer,
         controller=case.controller,
+        believed=case.believed,
+        lead_s=case.lead_s,
+        retreat=case.retreat,
         period=case.period,
         closing=float(case.bounds.closing_sum),
     )
@@ -114,7 +122,7 @@ def _window_arrays(
     if case.noisy:
         key = jax.random.key(case.seed)
         noise = jax.vmap(lambda number: noise_draws(key, number)[0])(numbers)
-    reading = jax.vmap(case.driving_sensor.read)(point.angle, noise)
+    reading = jax.vmap(case.driving_encoder.read)(point.angle, noise)
     shares = jnp.arange(1.0, case.substeps + 1) / case.substeps
     steps = time[:, None] + period * shares[None]
     closing = case.bounds.closing_sum
@@ -181,8 +189,8 @@ def run_window(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""
     - `blur_mm`: width b of the softplus function, mm.
     """
     controller, actuator = smoothed(window.controller, width), window.actuator
-    half_step = 0.5 * jnp.asarray(actuator.resolution)
-    actuator = eqx.tree_at(lambda part: part.resolution, actuator, jnp.zeros(()))
+    half_step = 0.5 * jnp.asarray(actuator.resolution_mm)
+    actuator = eqx.tree_at(lambda part: part.resolution_mm, actuator, jnp.zeros(()))
     period, substeps = jnp.asarray(window.period), window.closed.shape[1]
 
     def excess(carriage: Carriage, closed: Float[Array, ""]) -> Float[Array, ""]:
@@ -201,6 +209,9 @@ def run_window(window: Window, width: Float[Array, ""], blur_mm: Float[Array, ""
             acceleration=acceleration,
             reference=reading,
             reference_speed=speed,
+            map=window.believed,
+            delay=window.lead_s,
+            retreat=window.retreat,
         )
         state, output = controller.step(carry.state, measurement)
         command = jnp.asarray(controller.as_command(output).shift)

@@ -1,0 +1,104 @@
+"""Fields of the parts of a simulation: numbers with default, unit, bounds and meaning.
+
+The tables of a scenario file, its defaults and checks, the axes of a sweep and the numbers that
+`tune` may change follow from these fields; see `scenario/tables.py`.
+"""
+
+import re
+from dataclasses import fields
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import equinox as eqx
+import msgspec
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float
+
+from ..base.arrays import Number, float64
+from ..base.files.toml_io import key
+
+if TYPE_CHECKING:  # users give floats, which the fields convert
+    from typing import Any as Quantity
+else:
+    Quantity = Float[Number, ""]
+
+
+class NumberField(NamedTuple):
+    """Name and default of a field, and its annotated type for `msgspec.convert`."""
+
+    name: str
+    kind: Any
+    default: Any
+    signed: bool
+
+
+def number(
+    default: float | None,
+    meaning: str,
+    unit: str = "1",
+    kind: type = float,
+    signed: bool = False,
+    **bounds: Any,
+) -> Any:
+    """Return the field of a part that holds one number; JAX may trace it.
+
+    `bounds` are `gt`, `ge`, `lt`, `le` and, without a default, `examples`; see `key`. In Python the
+    number may also be negative if it is `signed`; the bounds then hold for its absolute value.
+    """
+    annotated: Any = Annotated[kind, key(meaning, unit, **bounds)]
+    return eqx.field(
+        converter=lambda value: None if value is None else float64(value),
+        default=default,
+        metadata={
+            "kind": annotated if default is not None else annotated | None,
+            "signed": signed,
+        },
+    )
+
+
+positive = partial(number, gt=0, le=1e9)
+not_negative = partial(number, ge=0, le=1e9)
+
+
+def number_fields(part: Any) -> list[NumberField]:
+    """Return the fields of a part, or of its class, that `number` made, in their order."""
+    return [
+        NumberField(field.name, field.metadata["kind"], field.default, field.metadata["signed"])
+        for field in fields(part)
+        if "kind" in field.metadata
+    ]
+
+
+class Part(eqx.Module):
+    """Base class of the parts of a simulation, which checks the numbers of a new part.
+
+    **Raises** `ValueError` for a number outside its bounds, and for an array of several numbers.
+    Traced values are not checked.
+    """
+
+    def __check_init__(self) -> None:
+        for name, kind, _, signed in number_fields(self):
+            value = getattr(self, name)
+            if value is None or not is_known(value):
+                continue
+            if np.ndim(value):
+                raise ValueError(
+                    f"Argument `{name}` must be one number, but its shape is {np.shape(value)};"
+                    " use `jax.vmap` for a batch."
+                )
+            try:
+                msgspec.convert(abs(float(value)) if signed else float(value), kind, strict=False)
+            except msgspec.ValidationError as error:
+                bounds = re.sub(r"Expected `\w+( \| null)?`(, got `float`)?", "must be", str(error))
+                raise ValueError(f"Argument `{name}` {bounds}, but is {float(value):g}.") from None
+
+
+def is_known(value: Any) -> bool:
+    """Return whether a number has a value; it has none while JAX traces it."""
+    return not isinstance(value, Tracer)
+
+
+def may_be_positive(value: Any) -> bool:
+    """Return whether a number is above zero or traced, so that its effect must be computed."""
+    return not is_known(value) or bool(np.any(value > 0))

@@ -1,0 +1,457 @@
+"""Preparation of a case: all that a run computes from a scenario before its first period."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import reduce
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...base.arrays import float64, known, namespace
+from ...base.errors import ScenarioError
+from ...base.units import DEG, REV
+from ...kinematics.exact import exact_model
+from ...kinematics.first_order import ClosedModel, closed_model
+from ...kinematics.flank_model import FlankModel
+from ...kinematics.flank_table import (
+    Bounds,
+    FlankTable,
+    first_order_bounds,
+    nodes_per_turn,
+    tabulate_flanks,
+)
+from ...pair.eccentricities import Eccentricities
+from ...pair.gear_pair import GearPair
+from ..controllers.controller import Controller, NoController
+from ..controllers.retreat import Retreat
+from ..controllers.turn_location import LostController, turn_error
+from ..fields import may_be_positive
+from ..hardware.actuator import Thrust, can_back_drive
+from ..hardware.encoder import Encoder
+from ..hardware.servo import ServoDrive
+from ..motion.motion import Motion
+from ..plants.elastic import Elastic, largest_step
+from ..plants.plant import Drag, Plant
+from ..plants.play import Play
+from ..scenario.tables import CONTROLLERS, name_of
+from .case import Case
+
+_LOOP_PERIODS = 3.0
+"""Delay from an encoder reading to the resulting actuator position, in controller periods."""
+
+_WHOLE_ROWS, MOST_ROWS = 1 << 18, 1 << 25
+"""Most nodes of a table of the hunting period (8 MB), and of all tables (1 GB): chosen values."""
+
+_POINTS = 12
+"""Points in a cycle of the highest order, up to a tooth pitch, at which the predictive controller
+looks ahead: with 8, a wave of 0.16 mm leaves an interference of 0.001 mm; a chosen value."""
+
+_TIMES = 4097
+"""Times of a motion at which its travel is read: a chosen value."""
+
+Make = Callable[..., Any]
+"""(function, *names, **choices) → the function of an object that has the parts with these names.
+
+A sweep remembers the results, because many of its cases have the same parts."""
+
+Span = tuple[int, int, bool]
+"""First driving turn of a table, number of turns, and whether the table is periodic."""
+
+Travel = tuple[float, float] | None
+"""Smallest and largest driving angle of a motion, turns; None for a traced motion."""
+
+_MACHINE = ("pair", "plant", "servo", "inertia", "friction", "load", "mesh", "actuator", "sampling")
+_SENSING = ("pair", "driving_encoder", "driven_encoder", "observer", "seed")
+_PLANT = ("pair", "eccentricities", "flanks", "plant_map")
+_FLANKS = {"plant_map": _PLANT, "controller_map": (*_PLANT, "controller_map", "map_backlash_deg")}
+
+
+def prepared(make: Make, like: Case | None = None) -> dict[str, Any]:
+    """Return the fields of the case of a scenario by name; a pure function of all its numbers.
+
+    `like` is a case of known numbers whose static choices the case has, such as the number of steps
+    of the plant; without it they follow from the numbers of the scenario.
+
+    **Raises** `ScenarioError` for a controller that shifts gears without taper, for a map that is
+    shorter than the motion or whose flanks cross, and for a step of the plant that is too long for
+    the stiffness of the mesh or the gain of the servo; `ValueError` for a choice that would follow
+    from a traced number.
+    """
+    course: Course = make(course_of, "motion")
+
+    def flanks(which: str, place: str, turns: int = 0) -> tuple[Bounds, Waves | None]:
+        span = make(span_of, *_FLANKS[which], which=which, travel=course.travel)
+        found = make(table_of, *_FLANKS[which], which=which, span=span, turns=turns)
+        bounds, gap, waves = found
+        if gap is not None and not gap >= 0:
+            raise ScenarioError(
+                f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
+                " left; take a map with a larger backlash (constant_backlash_deg), or with its"
+                " flanks in order.",
+                where=which,
+            )
+        return bounds, waves
+
+    bounds, waves = flanks("plant_map", "at one angle")
+    static = like and (like.substeps, like.actuator.periods, like.actuator.thrust is not None)
+    parts = {
+        "motion": course.motion,
+        "sense": course.sense,
+        "bounds": bounds,
+        "believed": bounds,
+        "retreat": None,
+        **make(_machine, *_MACHINE, static=static),
+        **make(_sensing, *_SENSING),
+    }
+    controller, turns = _located(make, course, parts)
+    blind = isinstance(controller, (LostController, NoController))
+    if not blind and (turns or not make(_believes_plant, *_FLANKS["controller_map"])):
+        parts["believed"], waves = flanks("controller_map", "on the average", turns)
+    if not blind and controller.closes and waves is not None:
+        parts["retreat"] = make(_retreat, "pair", "actuator", waves=waves)
+    return {**parts, "controller": controller}
+
+
+class Waves(NamedTuple):
+    """Waves of a map that are as short as the teeth.
+
+    - `pitch`: tooth pitch, rad. - `swing`: largest change of the gap within it, rad; None for a
+      table whose step is traced. - `points`: number of points in it at which the gap is looked at.
+    """
+
+    pitch: float
+    swing: Any
+    points: int
+
+
+def _retreat(s: Any, waves: Waves) -> Retreat:
+    if waves.swing is None:
+        raise _traced("step of its map", "the number of nodes in a tooth pitch")
+    limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2
+    return Retreat(*limits, waves.pitch, waves.swing / closing_of(s.pair).sum(), waves.points)
+
+
+class Course(NamedTuple):
+    """Motion in its pieces, its travel, and the direction, 1 or −1, in which it begins."""
+
+    motion: Motion
+    travel: Travel
+    sense: Any
+
+
+def course_of(s: Any) -> Course:
+    """Return the motion in its pieces, with its travel and direction."""
+    motion = s.motion.pieces
+    if not known(motion):
+        return Course(motion, None, _ends(motion)[2])
+    with jax.ensure_compile_time_eval():
+        low, high, sense = map(float, _ends(motion))
+    return Course(motion, (low / REV, high / REV), float64(sense))
+
+
+@eqx.filter_jit
+def _ends(motion: Motion) -> tuple[Float[Array, ""], ...]:
+    """Return smallest and largest angle of a motion, rad, and the direction before its braking."""
+    angle = motion.at(jnp.linspace(0.0, 1.0, _TIMES) * jnp.asarray(motion.duration_s)).angle
+    change = motion.at(jnp.asarray(motion.braking_s)).angle - angle[0]
+    return angle.min(), angle.max(), jnp.where(change < 0, -1.0, 1.0)
+
+
+def _model(s: Any, which: str) -> tuple[FlankModel, bool]:
+    """Return a flank model, and whether it is a map rather than that of eccentricities."""
+    given, rig = s.plant_map, s.eccentricities
+    if which == "controller_map":
+        given = given if s.controller_map is None and rig is None else s.controller_map
+        rig = given if isinstance(given, Eccentricities) else rig
+    if isinstance(given, FlankModel):
+        return given, True
+    if rig is None:
+        raise ScenarioError(
+            "missing; give the eccentricities of the gears, or `plant_map`.", where="eccentricities"
+        )
+    if not isinstance(s.pair, GearPair):
+        raise ScenarioError(
+            "names a [drive] without gears, in which eccentricities mean nothing; write"
+            ' plant_map = "RUN" with the run folder of a fit of this drive.',
+            where="pair",
+        )
+    return (exact_model if s.flanks == "exact" else closed_model)(s.pair, rig), False
+
+
+def _believes_plant(s: Any) -> bool:
+    if s.map_backlash_deg is not None or s.controller_map is not None:
+        return s.map_backlash_deg is None and s.controller_map is s.plant_map
+    return s.plant_map is None or s.eccentricities is None
+
+
+def span_of(s: Any, which: str, travel: Travel, maps: int = 1) -> Span:
+    """Return the span of a table of flanks, or of the tables of several maps.
+
+    The table has the hunting period, or at least the travel where the period is too long. The
+    number of turns is then a power of two, so that motions share compiled programs. A map that is a
+    table already is used as it is.
+
+    **Raises** `ScenarioError` for a map that is shorter than the motion.
+    """
+    model, _ = _model(s, which)
+    if isinstance(model, FlankTable):
+        if travel is not None and not model.periodic:
+            _require_travel(model, travel, which)
+        return 0, 0, model.periodic
+    hunting = s.pair.hunting_turns
+    rows = hunting * nodes_per_turn(model)
+    if rows <= _WHOLE_ROWS and rows * maps <= MOST_ROWS:
+        return 0, hunting, True
+    if travel is None:
+        raise _traced("motion", "the part of the hunting period that its flank table covers")
+    first = math.floor(travel[0]) - 1
+    count = 1 << (math.ceil(travel[1]) - first).bit_length()
+    return (0, hunting, True) if count >= hunting else (first, count, False)
+
+
+def _traced(name: str, what: str) -> ValueError:
+    return ValueError(
+        f"Argument `scenario` must have a known {name}, which decides {what}, but JAX traces it;"
+        " give `like`, a scenario of known numbers of the same kind."
+    )
+
+
+def _require_travel(table: FlankTable, travel: tuple[float, float], where: str) -> None:
+    ends = float(table.start) / DEG, float(table.start + table.length) / DEG
+    asked = 360 * travel[0], 360 * travel[1]
+    if not (ends[0] < asked[0] + 1e-6 and asked[1] < ends[1] + 1e-6):
+        map_ends, motion_ends = (f"{low:z.2f}° … {high:z.2f}°" for low, high in (ends, asked))
+        raise ScenarioError(
+            f"the map covers {map_ends} of the driving angle, but the motion {motion_ends};"
+            " take a longer map (`vttig map --span-rev`) or a shorter motion.",
+            where=where,
+        )
+
+
+def closing_of(pair: Any) -> Any:
+    """Return the change of TE per axial displacement on both flanks, rad/mm; 0 for a drive."""
+    return pair.taper / pair.reference_radii[1] if isinstance(pair, GearPair) else np.zeros(2)
+
+
+def _taper(pair: Any) -> Any:
+    return pair.taper if isinstance(pair, GearPair) else np.zeros(2)
+
+
+def table_of(
+    s: Any, which: str, span: Span, turns: int
+) -> tuple[Bounds, float | None, Waves | None]:
+    """Return the flanks, `turns` driving turns on, the gap that is checked, and short waves.
+
+    The gap is the smallest of the plant, and the mean of what the controller believes, rad; None
+    for eccentricities and for traced numbers.
+    """
+    model, given = _model(s, which)
+    first, count, periodic = span
+    if isinstance(model, ClosedModel):
+        return first_order_bounds(model, closing_of(s.pair)).turned(turns), None, None
+    order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
+    if isinstance(model, FlankTable):
+        step: Any = model.step
+    else:
+        order, per_turn = model.highest_order, nodes_per_turn(model)
+        model = _tabulated(model, count, periodic, first + turns, per_turn)
+        step = REV / per_turn
+    bounds = replace(model, closing=closing_of(s.pair)).turned(turns)
+    judged = np.min if which == "plant_map" else np.mean
+    gap = float(judged(gaps_of(bounds))) if given and known(bounds) else None
+    waves = _waves(s.pair, bounds, step, order)
+    if which == "controller_map" and given and s.map_backlash_deg is not None:
+        nodes = jnp.asarray(bounds.nodes)
+        shift = s.map_backlash_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
+        bounds = replace(bounds, nodes=nodes.at[:, 2].add(shift))
+    return bounds, gap, waves
+
+
+def _waves(pair: Any, table: FlankTable, step: Any, order: float) -> Waves | None:
+    """Return the short waves of a table with nodes `step` (rad) apart; None without such waves."""
+    points = int(_POINTS * order / pair.driving.teeth) if isinstance(pair, GearPair) else 0
+    if points == 0:
+        return None
+    pitch, swing = REV / pair.driving.teeth, None
+    if known(step):
+        gap = gaps_of(table) if known(table) else table.nodes[:, 2] - table.nodes[:, 0]
+        rows = min(math.ceil(pitch / float(step)) + 1, len(gap))
+        shifted = [gap[row : len(gap) - rows + 1 + row] for row in range(rows)]
+        xp = namespace(gap)
+        swing = (reduce(xp.maximum, shifted) - reduce(xp.minimum, shifted)).max()
+    return Waves(pitch, swing, points)
+
+
+def gaps_of(table: Any) -> Any:
+    """Return the gap at the nodes of a table, or of tables that share a first axis, rad."""
+    return np.asarray(table.nodes[..., 2] - table.nodes[..., 0])
+
+
+@eqx.filter_jit
+def _tabulated(model: FlankModel, count: int, periodic: bool, first: int, per: int) -> FlankTable:
+    return tabulate_flanks(model, count, periodic=periodic, first_turn=first, per_turn=per)
+
+
+@eqx.filter_jit
+def tables_of(models: FlankModel, span: Span, per: int) -> FlankTable:
+    """Return the tables of models that are stacked along a first axis."""
+    first, count, periodic = span
+    return jax.lax.map(lambda model: _tabulated(model, count, periodic, first, per), models)
+
+
+def _substeps(s: Any, plant: Plant) -> int:
+    """Return the number of plant steps in a controller period.
+
+    **Raises** `ScenarioError` for steps that are too long for the mesh or for the servo.
+    """
+    if not known(s.sampling):
+        raise _traced("sampling", "the number of plant steps in a period")
+    hertz = float(s.sampling.controller_hz)
+    substeps = round(float(s.sampling.plant_hz) / hertz) or 1
+    if isinstance(plant, Elastic) and known(plant):
+        stiffness, mass = float(plant.stiffness), float(s.inertia.driven_kgm2)
+        longest = largest_step(stiffness, float(plant.damping_ratio), mass)
+        needed = math.ceil(1.0 / (hertz * longest) * (1 - 1e-12))
+        substeps = substeps if s.sampling.plant_hz else needed
+        if substeps < needed:
+            raise ScenarioError(
+                f"a step of {1 / (hertz * substeps):.3g} s is too long for a mesh of"
+                f" {stiffness:.3g} N m/rad on {mass:g} kg m²; the longest is"
+                f" {longest:.3g} s: take plant_hz = {hertz * needed:g}.",
+                where="sampling.plant_hz",
+            )
+    elif isinstance(plant, Elastic) and not s.sampling.plant_hz:
+        raise _traced("stiffness of the mesh", "the number of plant steps in a period")
+    if s.servo is not None and known(s.servo, s.inertia):
+        gain, mass = float(s.servo.speed_gain_Nms), float(s.inertia.driving_kgm2)
+        step, fastest = 1 / (hertz * substeps), gain / mass
+        if step * fastest > 1 + 1e-12:
+            raise ScenarioError(
+                f"steps of {step:.3g} s are too long for a servo of {gain:g}"
+                f" N m s/rad on {mass:g} kg m²; take {math.ceil(fastest):g} Hz"
+                " or more, or lower servo.speed_gain_Nms.",
+                where="sampling.plant_hz",
+            )
+    return substeps
+
+
+def _machine(s: Any, static: tuple[Any, ...] | None) -> dict[str, Any]:
+    """Return plant, drive and actuator, whose masses, friction and contact belong together.
+
+    `static` has the number of plant steps in a period, the length of the queue of commands, and
+    whether the actuator has a force limit; without it they follow from the numbers of the parts.
+    """
+    substeps, queue, limited = static or (None, None, None)
+    pair, friction, limit = s.pair, s.friction, s.actuator.force_limit_N
+    drag = Drag(
+        inertia=s.inertia.driven_kgm2,
+        coulomb=friction.coulomb_Nm,
+        viscous=friction.viscous_Nms,
+        stribeck=friction.stribeck_Nm,
+        stribeck_speed=friction.stribeck_rad_s,
+        load=s.load.torque_Nm,
+        sticky=may_be_positive(friction.stribeck_Nm),
+    )
+    plant = s.plant.with_shaft(drag, pair)
+    if isinstance(plant, Play):  # whose driven shaft has no inertia
+        drag = replace(drag, inertia=0.0)
+    drive = None
+    if s.servo is not None:
+        drive = ServoDrive(s.servo, Drag(s.inertia.driving_kgm2, friction.driving_Nm), drag)
+    taper, sliding = _taper(pair), s.mesh.friction_coefficient
+    thrust, back_drivable = None, can_back_drive(taper, sliding)
+    if isinstance(pair, GearPair) and (may_be_positive(limit) if limited is None else limited):
+        radius_m, ratio = 1e-3 * pair.reference_radii[1], float(pair.ratio)
+        thrust = Thrust(drag, taper, sliding, radius_m, ratio)
+        if s.servo is not None:
+            force = s.servo.torque_limit_Nm / (ratio * radius_m) * (taper.max() - sliding)
+            back_drivable = back_drivable & ((force >= limit) | (limit <= 0))
+    hertz = s.sampling.controller_hz
+    delay = s.actuator.delay_s * hertz * (1 - 1e-12)
+    delay = namespace(delay).ceil(delay)
+    if queue is None and not known(delay):
+        raise _traced("delay of the actuator", "the length of the queue of its commands")
+    return {
+        "plant": plant,
+        "drive": drive,
+        "actuator": replace(
+            s.actuator,
+            delay=delay,
+            # A power of two, so that most new delays need no new compiled program.
+            periods=queue or 1 << (max(int(delay), 1) - 1).bit_length(),
+            back_drivable=back_drivable,
+            thrust=thrust,
+        ),
+        "substeps": _substeps(s, plant) if substeps is None else substeps,
+        "period": float64(1.0 / hertz),
+        "lead_s": float64((delay + _LOOP_PERIODS) / hertz),
+    }
+
+
+def _sensing(s: Any) -> dict[str, Any]:
+    """Return encoders and observer, by which the controller sees the shafts."""
+    encoders = {}
+    for shaft in ("driving", "driven"):
+        encoder: Encoder = getattr(s, f"{shaft}_encoder")
+        counts = encoder.counts_per_rev
+        if counts is None and isinstance(s.pair, GearPair):
+            counts = getattr(s.pair, shaft).encoder.counts_per_rev
+        encoders[f"{shaft}_encoder"] = replace(
+            encoder,
+            counts_per_rev=0.0 if counts is None else counts,
+            eccentric=may_be_positive(encoder.amplitude_arcsec),
+        )
+    noisy = any(may_be_positive(encoder.noise_arcsec) for encoder in encoders.values())
+    return {**encoders, "observer": s.observer, "seed": s.seed, "noisy": noisy}
+
+
+def _located(make: Make, course: Course, parts: dict[str, Any]) -> tuple[Controller, int]:
+    """Return the controller, or a `LostController` if it cannot locate its driving turn.
+
+    If the controller locates a wrong turn of the hunting period, its map is shifted by this error:
+    the number of turns that is also returned.
+
+    **Raises** `ScenarioError` for a controller that shifts gears without taper.
+    """
+    controller, turn, pair = make(_chosen, "controller", "turn", "pair")
+    if turn == "known" or isinstance(controller, NoController):
+        return controller, 0
+    if turn == "unknown":
+        return LostController(), 0
+    believed, _ = make(_model, *_FLANKS["controller_map"], which="controller_map")
+    sensors = parts["driving_encoder"], parts["driven_encoder"]
+    if not known(believed, parts["bounds"], sensors, course):
+        raise ValueError('Argument `turn` must be "known" in a scenario that JAX traces.')
+    with jax.ensure_compile_time_eval():
+        turns = turn_error(
+            pair,
+            believed=believed,
+            rig=parts["bounds"],
+            sensors=sensors,
+            angle=float(course.motion.at(jnp.zeros(())).angle),
+            seed=int(parts["seed"]),
+        )
+    return (LostController(), 0) if turns is None else (controller, turns)
+
+
+def _chosen(s: Any) -> tuple[Controller, str, Any]:
+    """Return controller, `turn` and gears; see `_located`."""
+    chosen = s.controller, s.turn, s.pair
+    if not s.controller.closes or (isinstance(s.pair, GearPair) and not known(s.pair)):
+        return chosen
+    if closing_of(s.pair).sum() > 0:
+        return chosen
+    why = "this drive has no gears"
+    if isinstance(s.pair, GearPair):
+        why = f"the helix angles of both flanks add up to {float(s.pair.taper.sum()):g} in tan β"
+    raise ScenarioError(
+        f"the controller {name_of(s.controller, CONTROLLERS)!r} shifts a gear along its axis to"
+        f' close the gap, but {why}; choose "none" or "feedforward", or gears that thin along the'
+        " axis (`helix_angle_deg`).",
+        where="controller",
+    )
