@@ -1,6 +1,7 @@
 """A fit on disk and back."""
 
 import json
+import re
 
 import jax
 import numpy as np
@@ -58,7 +59,7 @@ def test_no_pickle_is_written(noisy_fit):
 def test_a_missing_file_is_named(noisy_fit, noisy_rig, tmp_path, name):
     _write(noisy_fit, tmp_path)
     (tmp_path / name).unlink()
-    with pytest.raises(UsageError, match=f"no fit here \\({name} missing\\)") as caught:
+    with pytest.raises(UsageError, match=re.escape(name)) as caught:
         read_fit(tmp_path, noisy_rig.pair)
     assert caught.value.where == str(tmp_path)
 
