@@ -100,7 +100,7 @@ def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
     call = ["sample", "--out", str(tmp_path / "run"), "--resume", "--steps", "80", "--no-figures"]
     assert main([*call, "--json"]) == 5
     resumed = open_run(tmp_path / "run").posterior
-    straight = vttig_jax.sample(quick_fit, steps=80, seed=3)
+    straight = vttig_jax.sample(run.fit, steps=80, seed=3)
     np.testing.assert_array_equal(resumed.draws, straight.draws)
     capsys.readouterr()
 
