@@ -100,8 +100,9 @@ def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
     call = ["sample", "--out", str(tmp_path / "run"), "--resume", "--steps", "80", "--no-figures"]
     assert main([*call, "--json"]) == 5
     resumed = open_run(tmp_path / "run").posterior
-    straight = vttig_jax.sample(run.fit, steps=80, seed=3)
-    np.testing.assert_array_equal(resumed.draws, straight.draws)
+    straight = vttig_jax.sample(quick_fit, steps=80, seed=3)
+    # The proposal of a fit that was read from its folder may differ in the last digit.
+    np.testing.assert_allclose(resumed.draws, straight.draws, rtol=1e-9, atol=1e-12)
     capsys.readouterr()
 
 
