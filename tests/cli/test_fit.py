@@ -180,7 +180,6 @@ def test_bad_calls_end_in_one_sentence(
     ("damage", "code", "words"),
     [
         (lambda rows: rows[:1], 3, "header"),
-        (lambda rows: rows[:40], 4, "certain contact"),
         (lambda rows: [rows[0].replace("driven", "table"), *rows[1:]], 3, "driven"),
         (lambda rows: [*rows[:50], rows[50].replace(",", ",x", 1), *rows[51:]], 3, "line 51"),
         (lambda rows: [rows[0], *(",".join((t, d, d)) for t, d, _ in split(rows))], 3, "ratio"),
@@ -205,6 +204,14 @@ def test_bad_logs_end_in_one_sentence(vttig, rig_folder, tmp_path, damage, code,
     assert words in err
     assert err.count("\n") == 1
     assert not (tmp_path / "o").exists()
+
+
+def test_a_log_that_tells_nothing_is_printed_and_no_answer(vttig, rig_folder, tmp_path):
+    rows = (rig_folder / "log.csv").read_text().splitlines()
+    path = tmp_path / "short.csv"
+    path.write_text("\n".join(rows[:400]) + "\n")
+    code, out, err = vttig("fit", path, "--pair", rig_folder / "pair.toml")
+    assert code == 4 and "not determined" in out and "determines no parameter" in err
 
 
 def split(rows):
