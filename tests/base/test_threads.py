@@ -5,7 +5,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import vttig_jax
 from vttig_jax.base.threads import one_blas_thread
-from vttig_jax.logs.lines import search as line_search
+from vttig_jax.identify import identification
+from vttig_jax.rig.motion import PassMotion
+from vttig_jax.rig.paper import paper_rig
 
 
 def threads() -> set[int]:
@@ -42,31 +44,20 @@ def test_threads_are_given_back_after_an_error():
 
 
 @pytest.mark.usefixtures("two_threads")
-def test_a_fit_and_its_checks_use_one(monkeypatch):
-    from vttig_jax.identify.report import residual_tests as diagnostics
-
-    from vttig_jax.identify import build_result as assemble
-    from vttig_jax.rig.motion import PassMotion
-    from vttig_jax.rig.paper import paper_rig
-
+def test_a_fit_and_its_search_for_lines_use_one(monkeypatch):
     found: dict[str, set[int]] = {}
-    solve, search = assemble.solve, line_search.find_lines
 
-    def solving(*args):
-        found["fit"] = threads()
-        return solve(*args)
+    def watch(name: str) -> None:
+        function = getattr(identification, name)
 
-    def searching(*args, **kwargs):
-        found["lines"] = threads()
-        return search(*args, **kwargs)
+        def watched(*args, **keywords):
+            found[name] = threads()
+            return function(*args, **keywords)
 
-    monkeypatch.setattr(assemble, "solve", solving)
-    monkeypatch.setattr(diagnostics, "find_lines", searching)
+        monkeypatch.setattr(identification, name, watched)
+
+    watch("mixed_fit")
+    watch("found_lines")
     rig = paper_rig(0, PassMotion(reversal_deg=900.0, dwell_s=0.5))
-    result = vttig_jax.fit(rig.log(0), rig.pair)
-    assert found == {"fit": {1}, "lines": {1}} and threads() == {2}
-    found.clear()
-    later = vttig_jax.fit(rig.log(0), rig.pair, lines="report")
-    assert found == {"fit": {1}} and threads() == {2}
-    assert list(later.checks.lines) == list(result.checks.lines)
-    assert found["lines"] == {1} and threads() == {2}
+    vttig_jax.fit(rig.log(0), rig.pair)
+    assert found == {"mixed_fit": {1}, "found_lines": {1}} and threads() == {2}
