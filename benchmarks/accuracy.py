@@ -78,6 +78,7 @@ def one_seed(seed: int) -> dict[str, Any]:
     paper = fit(log, rig.pair, flank="A")
     off, z = errors(both, truth)
     jump_deg = paper.checks.reversals[0].constant_backlash_deg
+    assert jump_deg is not None
     grid = backlash_map(both)
     paper_grid = backlash_map(paper, constant_backlash_deg=jump_deg)
     return {
