@@ -38,9 +38,9 @@ class Wave:
     """Harmonic exp(j (n₁ φ₁ + n₂ φ₂)) of the shaft angles; `shaft` and `order` name it."""
 
     shaft: str
-    order: float
-    driving: float
-    driven: float
+    order: int | float
+    driving: int | float
+    driven: int | float
 
     @property
     def is_first(self) -> bool:
@@ -279,9 +279,9 @@ def _waves(
     """Yield every wave at the samples; whole orders by multiplication of the first ones."""
     angles = angle, nominal[0] * angle + nominal[1]
     bases = np.exp(1j * angles[0]), np.exp(1j * angles[1])
-    known: dict[tuple[int, float], np.ndarray] = {}
+    known: dict[tuple[int, int | float], np.ndarray] = {}
 
-    def power(shaft: int, order: float) -> np.ndarray:
+    def power(shaft: int, order: int | float) -> np.ndarray:
         if order < 0:
             return power(shaft, -order).conj()
         if order == 1:

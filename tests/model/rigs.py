@@ -1,0 +1,109 @@
+"""Logs of rigs with known truth, by the exact relation or by plain harmonics."""
+
+from fractions import Fraction
+
+import numpy as np
+
+from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
+from vttig_jax.model.mixed_fit import MixedFit, mixed_fit
+from vttig_jax.model.runs import shafts_of
+from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.pair.schema import HarmonicOrders
+
+PAIRS = ((45, 80), (60, 35), (19, 61))
+RATE_HZ = 250.0
+FINE = 20
+"""Points of the motion in a sampling interval, so that a delayed angle is exact."""
+
+
+def gear_pair(driving: int, driven: int) -> GearPair:
+    return GearPair(
+        Gear(driving, 3.0, 3.0, 20.0),
+        Gear(driven, 3.0, 3.0, 20.0),
+        module_mm=2.0,
+        pressure_angles_deg=20.0,
+        centre_distance_mm=float(driving + driven) + 0.12,
+        name="pair",
+    )
+
+
+def there_and_back(turns: float, *, back: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Times (s) and driving angles (rad) in fine steps; half of the way at 0.6 of the speed."""
+    knots = [0, 0.4, 0.7, 8.3, 8.6, 9.0] + ([9.2, 9.5, 17.1, 17.4, 18.0] if back else [])
+    speeds = [0, 0, 1, 1, 0, 0] + ([0, -1, -1, 0, 0] if back else [])
+    time = np.arange(0, knots[-1], 1 / RATE_HZ / FINE)
+    speed = np.interp(time, knots, speeds) * np.where((time % 9) > 4.5, 0.6, 1.0)
+    angle = np.cumsum(np.convolve(speed, np.ones(50 * FINE) / (50 * FINE), "same"))
+    return time, angle * turns * REV / np.ptp(angle)
+
+
+def backwards(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Samples on flank B: from the rest before the way back."""
+    back = np.flatnonzero(np.gradient(angle) < -1e-9)
+    return time >= (time[back[0]] - 0.1 if len(back) else np.inf)
+
+
+def exact_log(
+    pair: GearPair, truth: dict, *, turns: float = 12.0, back: bool = True, noise: float = 2e-6
+) -> EncoderLog:
+    """Log of eccentric gears and encoders, encoder errors in arcsec; a delay of 0.3 ms."""
+    time, angle = there_and_back(turns, back=back)
+    gears = Eccentricities(
+        **{k: v for k, v in truth.items() if not k.endswith(("encoder", "encoder_deg"))}
+    )
+    model, delay = exact_model(pair, gears), 3e-4 if back else 0.0
+    seen, side = np.interp(time - delay, time, angle)[::FINE], backwards(time, angle)[::FINE]
+    time, angle = time[::FINE], angle[::FINE]
+    error = [np.asarray(model.transmission_error(seen, flank)) for flank in ("A", "B")]
+    error = np.where(side, error[1], error[0])
+    ratio = float(pair.ratio)
+    rng = np.random.default_rng(0)
+    shown, driven = (
+        reading
+        + truth.get(f"{shaft}_encoder", 0.0)
+        * ARCSEC
+        * np.sin(reading + np.radians(truth.get(f"{shaft}_encoder_deg", 0.0)))
+        for shaft, reading in (("driving", angle), ("driven", ratio * seen + error))
+    )
+    driven = driven + noise * rng.normal(size=len(time))
+    return EncoderLog.from_arrays(time, shown / DEG, driven / DEG, pair=pair, unit="deg")
+
+
+def drive(ratio: str, orders: HarmonicOrders = HarmonicOrders((1, 2, 3), (1, 2), 0)) -> Drive:
+    return Drive(Fraction(ratio), fit=orders, name="drive")
+
+
+def harmonic_log(
+    pair: Drive,
+    waves: dict[tuple[str, float], tuple[float, float]],
+    *,
+    gap_deg: float = 0.1,
+    delay_s: float = 0.0,
+    turns: float = 12.0,
+    noise_deg: float = 1e-3,
+    seed: int = 0,
+    unit: float = 1.0,
+) -> EncoderLog:
+    """Log of a drive; `waves`: (shaft, order) → amplitude (°) and phase (rad).
+
+    `unit` multiplies the time.
+    """
+    time, angle = there_and_back(turns)
+    seen, ratio = np.interp(time - delay_s, time, angle)[::FINE], float(pair.ratio)
+    error = gap_deg * DEG * backwards(time, angle)[::FINE]
+    time, angle = time[::FINE], angle[::FINE]
+    for (shaft, order), (amplitude, phase) in waves.items():
+        turned = seen * (ratio if shaft == "driven" else 1.0)
+        error = error + amplitude * DEG * np.sin(order * turned + phase)
+    error = error + noise_deg * DEG * np.random.default_rng(seed).normal(size=len(time))
+    driven = ratio * seen + error
+    return EncoderLog.from_arrays(time * unit, angle / DEG, driven / DEG, pair=pair, unit="deg")
+
+
+def fitted(logs, pair, **options) -> MixedFit:
+    shafts = [shafts_of(log, assigned_segments(log)) for log in logs]
+    return mixed_fit(shafts, pair, options.pop("orders", pair.fit), **options)
