@@ -1,5 +1,6 @@
 """Logs of rigs with known truth, by the exact relation or by plain harmonics."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -8,8 +9,8 @@ from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
-from vttig_jax.model.mixed_fit import MixedFit, mixed_fit
-from vttig_jax.model.runs import shafts_of
+from vttig_jax.model import MixedFit, shafts_of
+from vttig_jax.model.mixed_fit import mixed_fit
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.pair.schema import HarmonicOrders
@@ -77,33 +78,43 @@ def drive(ratio: str, orders: HarmonicOrders = HarmonicOrders((1, 2, 3), (1, 2),
     return Drive(Fraction(ratio), fit=orders, name="drive")
 
 
-def harmonic_log(
-    pair: Drive,
-    waves: dict[tuple[str, float], tuple[float, float]],
+DRIVE = drive("9/16")
+WAVES = {("driving", 1): (0.02, 0.7), ("driven", 1): (0.03, 2.0), ("driving", 3): (0.008, -1.0)}
+"""(shaft, order) → amplitude (°) and phase (rad)."""
+
+Columns = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Time (s) and both angles (rad)."""
+
+
+def harmonic_columns(
+    waves: dict = WAVES,
     *,
     gap_deg: float = 0.1,
-    delay_s: float = 0.0,
+    delay_s: float = 4e-4,
     turns: float = 12.0,
-    noise_deg: float = 1e-3,
     seed: int = 0,
-    unit: float = 1.0,
-) -> EncoderLog:
-    """Log of a drive; `waves`: (shaft, order) → amplitude (°) and phase (rad).
-
-    `unit` multiplies the time.
-    """
+) -> Columns:
+    """Columns of a log of `DRIVE` with a noise of 0.001°."""
     time, angle = there_and_back(turns)
-    seen, ratio = np.interp(time - delay_s, time, angle)[::FINE], float(pair.ratio)
+    seen, ratio = np.interp(time - delay_s, time, angle)[::FINE], float(DRIVE.ratio)
     error = gap_deg * DEG * backwards(time, angle)[::FINE]
     time, angle = time[::FINE], angle[::FINE]
     for (shaft, order), (amplitude, phase) in waves.items():
         turned = seen * (ratio if shaft == "driven" else 1.0)
         error = error + amplitude * DEG * np.sin(order * turned + phase)
-    error = error + noise_deg * DEG * np.random.default_rng(seed).normal(size=len(time))
-    driven = ratio * seen + error
-    return EncoderLog.from_arrays(time * unit, angle / DEG, driven / DEG, pair=pair, unit="deg")
+    error = error + 1e-3 * DEG * np.random.default_rng(seed).normal(size=len(time))
+    return time, angle, ratio * seen + error
 
 
-def fitted(logs, pair, **options) -> MixedFit:
-    shafts = [shafts_of(log, assigned_segments(log)) for log in logs]
-    return mixed_fit(shafts, pair, options.pop("orders", pair.fit), **options)
+def logged(columns: Columns, pair: Drive = DRIVE, **options) -> EncoderLog:
+    time, driving, driven = columns
+    options = {"unit": "rad"} | options
+    return EncoderLog.from_arrays(time, driving, driven, pair=pair, **options)
+
+
+def fitted(
+    log: EncoderLog, pair: GearPair | Drive = DRIVE, *, keep_ramps: bool = True, **options
+) -> MixedFit:
+    shafts = shafts_of(log, assigned_segments(log))
+    shafts = shafts if ramps else replace(shafts, ramps=())
+    return mixed_fit([shafts], pair, pair.fit, **options)

@@ -1,14 +1,11 @@
 """Small problems with known rows, and their density from dense covariance matrices."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mpmath
 import numpy as np
 
-from vttig_jax.model.columns import FLAT, GROUPS, KNOWN, Column, embedding
-from vttig_jax.model.density import LAGS
-from vttig_jax.model.problem import Problem, problem_of
-from vttig_jax.model.rows import Rows
+from vttig_jax.model import FLAT, GROUPS, KNOWN, LAGS, Column, Problem, Rows, embedding, problem_of
 
 USUAL = dict(zip(GROUPS, (0.7, 0.5, 0.4, 0.3, 0.2, 0.1), strict=True))
 
@@ -125,39 +122,42 @@ def autocovariance(partial: np.ndarray, sigma: float, count: int) -> np.ndarray:
         return np.array(levels[:count])
 
 
+def dense(small: Small, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Columns, readings, covariance of the noise in 50 digits, widths and means of the priors.
+
+    All are in scaled coefficients; the width of a flat prior is infinite.
+    """
+    problem = small.problem
+    norm = 1 / np.diag(problem.natural)
+    x, y, run = whole(small)
+    x, y = x @ problem.natural, y / problem.unit
+    levels = autocovariance(0.9999 * np.tanh(theta[:LAGS]), float(np.exp(theta[LAGS])), len(y))
+    apart = np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y))))
+    noise = levels[apart] * np.equal.outer(run, run).astype(int)
+    scale = dict(zip(GROUPS, np.exp(theta[LAGS + 1 :]), strict=True))
+    scale |= {FLAT: np.inf, KNOWN: 1 / problem.unit}
+    width = norm * [column.width * scale[column.prior] for column in small.columns]
+    mean = -norm * [small.centres.get(column.name, 0.0) for column in small.columns]
+    return x, y, noise, width, mean / problem.unit
+
+
 def dense_density(small: Small, theta: np.ndarray, digits: int = 0) -> float:
     """Log density of θ from the marginal covariance of all rows; flat columns are projected.
 
     With `digits` the matrices are solved by `mpmath` with so many digits.
     """
-    problem = small.problem
-    columns = problem.columns
-    norm = 1 / np.diag(problem.natural)
-    orthogonal = problem.natural * norm
-    x, y, run = whole(small)
-    x, y = x @ orthogonal / norm, y / problem.unit
-    partial = 0.9999 * np.tanh(theta[:LAGS])
-    levels = autocovariance(partial, float(np.exp(theta[LAGS])), len(y))
-    apart = np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y))))
-    covariance = levels[apart] * np.equal.outer(run, run).astype(int)
+    x, y, covariance, width, mean = dense(small, theta)
     covariance = covariance if digits else covariance.astype(float)
-    mean = np.zeros(len(columns))
-    tau: dict[str, float] = dict(zip(GROUPS, np.exp(theta[LAGS + 1 :]), strict=True))
-    flat = np.array([c.prior == FLAT for c in columns])
-    constant = 0.0
-    for k, column in enumerate(columns):
-        mean[k] = -small.centres.get(column.name, 0.0) * norm[k] / problem.unit
-        width = column.width * norm[k]
-        if column.prior == KNOWN:
-            covariance = covariance + np.outer(x[:, k], x[:, k]) * (width / problem.unit) ** 2
-            constant += 2 * np.log(width / problem.unit)
-        elif column.prior != FLAT:
-            covariance = covariance + np.outer(x[:, k], x[:, k]) * (width * tau[column.prior]) ** 2
-    twice = restricted(covariance, x[:, flat], y - x @ mean, digits) - constant
-    far = theta[LAGS + 1 :] - np.log([small.usual[g] / problem.unit for g in GROUPS])
-    present = np.isin(GROUPS, [c.prior for c in columns])
+    for column, own in zip(x.T, width, strict=True):
+        if np.isfinite(own):
+            covariance = covariance + np.outer(column, column) * own**2
+    prior = np.array([column.prior for column in small.columns])
+    twice = restricted(covariance, x[:, prior == FLAT], y - x @ mean, digits)
+    twice -= 2 * np.sum(np.log(width[prior == KNOWN]))
+    far = theta[LAGS + 1 :] - np.log([small.usual[g] / small.problem.unit for g in GROUPS])
     widths = np.array([2.5, 0.7, 0.7, 0.4, 0.4, 0.4, 0.4, 0.4])
     twice += np.sum((theta[:LAGS] / widths) ** 2)
+    present = np.isin(GROUPS, prior)
     twice += np.sum(np.where(present, 2 * np.log1p(np.exp(2 * far)) - 2 * far, far**2))
     return -0.5 * float(twice)
 
@@ -176,21 +176,3 @@ def restricted(covariance: np.ndarray, flat: np.ndarray, y: np.ndarray, digits: 
     gram, score = flat.T @ solution[:, 1:], flat.T @ solution[:, 0]
     logs = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(gram)[1]
     return float(logs + y @ solution[:, 0] - score @ np.linalg.solve(gram, score))
-
-
-def scaled(small: Small, factor: float) -> Small:
-    """The same rig in another unit of the readings."""
-    logs = []
-    for rows in small.logs:
-        table = rows.table.copy()
-        table[:, -1] *= factor
-        logs.append(replace(rows, table=table))
-    columns = tuple(
-        replace(c, width=c.width * factor) if c.prior == KNOWN else c for c in small.columns
-    )
-    return Small(
-        columns,
-        tuple(logs),
-        {name: value * factor for name, value in small.centres.items()},
-        {name: value * factor for name, value in small.usual.items()},
-    )

@@ -7,10 +7,7 @@ import pytest
 from scipy.special import stdtrit
 
 from tests.model.small import drawn
-from vttig_jax.model.density import solved
-from vttig_jax.model.functionals import Estimate, Posterior
-from vttig_jax.model.newton import maximise
-from vttig_jax.model.problem import first_theta
+from vttig_jax.model import Posterior, first_theta, maximise, solved
 
 
 @pytest.fixture(scope="module")
@@ -84,19 +81,3 @@ def test_moved_rows_leave_the_fixed_part(posterior):
     assert moved.value == pytest.approx(coefficients[posterior.problem.index["delay",]])
     assert raw.value != pytest.approx(moved.value, rel=1e-6)
     assert moved.std < raw.std
-
-
-def test_a_scaled_row_scales_its_number(posterior):
-    row = posterior.row(("gap",))
-    one, other = posterior.one(row), posterior.one(-1e6 * row)
-    assert other.value == pytest.approx(-1e6 * one.value)
-    assert other.std == pytest.approx(1e6 * one.std)
-    assert other.freedom == pytest.approx(one.freedom)
-
-
-def test_the_gap_is_in_its_interval(posterior):
-    """The rows have −0.6 on flank A and +0.6 on flank B."""
-    gap = posterior.one(posterior.row(("gap",)))
-    assert abs(gap.value - 1.2) < gap.half
-    assert gap.half < 0.5
-    assert isinstance(gap, Estimate)
