@@ -2,18 +2,24 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+import pytest
 
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
-from vttig_jax.model import MixedFit, shafts_of
+from vttig_jax.model import shafts_of
 from vttig_jax.model.mixed_fit import mixed_fit
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.pair.schema import HarmonicOrders
+
+STRAIGHT = pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="a delayed angle is interpolated on a straight line"
+)
 
 PAIRS = ((45, 80), (60, 35), (19, 61))
 RATE_HZ = 250.0
@@ -112,9 +118,8 @@ def logged(columns: Columns, pair: Drive = DRIVE, **options) -> EncoderLog:
     return EncoderLog.from_arrays(time, driving, driven, pair=pair, **options)
 
 
-def fitted(
-    log: EncoderLog, pair: GearPair | Drive = DRIVE, *, keep_ramps: bool = True, **options
-) -> MixedFit:
+def fitted(log: EncoderLog, pair: GearPair | Drive = DRIVE, ramps: bool = True, **options: Any):
+    """Fit of the mixed model, also without the ramps that slow down."""
     shafts = shafts_of(log, assigned_segments(log))
     shafts = shafts if ramps else replace(shafts, ramps=())
     return mixed_fit([shafts], pair, pair.fit, **options)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.model.rigs import PAIRS, exact_log, fitted, gear_pair
+from tests.model.rigs import PAIRS, STRAIGHT, exact_log, fitted, gear_pair
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.model import ENCODERS, GEARS, Relation, fitted_gears, parameters_of
@@ -126,7 +126,6 @@ def _off(parameters: Any, truth: dict) -> dict[str, float]:
     return off
 
 
-STRAIGHT = pytest.mark.xfail(strict=True, reason="a delayed shaft is interpolated straight")
 PAIRS_SEEN = [pytest.param(p, marks=STRAIGHT) if p == (60, 35) else p for p in PAIRS]
 # The gap is small, because the model takes driven harmonics at one angle for both flanks.
 SMALL = TRUTH | {"constant_backlash_deg": 0.02}
@@ -145,7 +144,9 @@ def test_planted_eccentricities_are_recovered(teeth):
     assert wrong["driving_eccentricity_mm"] > 6 and wrong["driven_encoder_arcsec"] > 6
 
 
-@pytest.mark.xfail(strict=True, reason="driven harmonics stand at the nominal angle")
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="driven harmonics stand at the nominal angle"
+)
 def test_a_wide_gap_moves_no_eccentricity():
     """A gap of 1° turns the driven gear by 1° between the flanks: 5 standard errors of 0.17 µm."""
     pair, truth = gear_pair(45, 80), TRUTH | {"constant_backlash_deg": 1.0}

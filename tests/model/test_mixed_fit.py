@@ -5,7 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.model.rigs import DRIVE, WAVES, Columns, drive, fitted, harmonic_columns, logged
+from tests.model.rigs import (
+    DRIVE,
+    STRAIGHT,
+    WAVES,
+    Columns,
+    drive,
+    fitted,
+    harmonic_columns,
+    logged,
+)
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.model import Assumptions, MixedFit, found_lines, parameters_of, waves_of
 from vttig_jax.pair import HarmonicOrders
@@ -45,7 +54,7 @@ def test_claims_hold_and_are_narrow(claims):
     assert claims["delay_s"].std < 2e-5
 
 
-@pytest.mark.xfail(strict=True, reason="a delayed shaft is interpolated on a straight line")
+@STRAIGHT
 def test_intervals_hold_over_seeds():
     """96 claims: outside 5 % of 95 % intervals would be 5, and 14 have a probability of 2e-4."""
     outside = []
@@ -79,7 +88,9 @@ def test_torque_is_a_regressor(columns):
     assert abs(gap.value - 0.1) < 2 * (gap.high95 - gap.low95)
 
 
-@pytest.mark.xfail(strict=True, reason="marked rows are moved by two interpolants")
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="marked rows are moved by two interpolants"
+)
 def test_readings_that_stand_alone_move_nothing(columns, claims):
     time, driving, driven = columns
     rng, driven = np.random.default_rng(4), driven.copy()

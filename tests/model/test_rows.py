@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.model.rigs import STRAIGHT
 from vttig_jax.base.units import DEG
 from vttig_jax.model import BENDS, KNOTS, LAGS, PARTS, Shafts, Wave, rows_of
 
@@ -91,7 +92,7 @@ def test_runs_of_few_rows_are_left_out():
     assert len(rows.table) == LAGS + 2 and list(rows.side) == [-1]
 
 
-@pytest.mark.xfail(strict=True, reason="a delayed shaft is interpolated on a straight line")
+@STRAIGHT
 @pytest.mark.parametrize("delay_s", [0.0137, -0.0042])
 def test_a_delay_is_taken_off(delay_s):
     """At the delay of the log, y is the error that the shafts have; at another it is not."""
