@@ -214,7 +214,7 @@ def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarr
     curves, found, place = [], [], 0
     left, good = core.residual, good_rows(core)
     for shafts, rows in zip(core.shafts, core.rows, strict=True):
-        late = shafts.driving - shafts.delayed(core.delay_s)
+        late = shafts.driving - shafts.delayed(core.delay_s)[0]
         error = (shafts.error + shafts.ratio * late)[rows.samples].mean(1)
         for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
             own = np.arange(first, last + 1)
@@ -240,7 +240,7 @@ def _reversals(
     beyond = max(gap.value, 0.0) / abs(core.scope.ratio)
     found: list[Reversal] = []
     for number, (shafts, own) in enumerate(zip(core.shafts, segments, strict=True), 1):
-        moved = shafts.delayed(core.delay_s)
+        moved, _ = shafts.delayed(core.delay_s)
         error = shafts.error + shafts.ratio * (shafts.driving - moved)
         found += reversal_jumps(moved, error, own.segments, number, beyond)
     if constant is None or not found:

@@ -153,7 +153,7 @@ class GivenModel:
 
     def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns, less the transmission error."""
-        moved = shafts.delayed(delay_s)
+        moved, _ = shafts.delayed(delay_s)
         size = rows.samples.shape[1]
         kept = [0, *(1 + self.names.index(name) for name in self.told)]
         table = np.empty((len(rows.table), len(kept)))

@@ -12,6 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
+from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import uniform_filter1d
 
 from ..base.units import DEG
@@ -115,17 +116,21 @@ class Shafts:
         speed = smooth_speed(self.time, clean, self.resolution).value
         return replace(self, good=good, speed=speed)
 
-    def delayed(self, delay_s: float) -> Float[np.ndarray, " n"]:
-        """Return φ₁(t − d) = φ₁(t) less the integral of the smoothed speed over the delay.
+    def delayed(
+        self, delay_s: float
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return φ₁ and its smoothed speed at t − d.
 
-        It is the smoothed speed that the column of the delay has, so that the delay of the next
-        pass is the sum of both.
+        φ₁(t) is moved by the integral of the smoothed speed over the delay, so that its derivative
+        by the delay is that speed, and the delay of the next pass is the sum of both.
         """
         if delay_s == 0:
-            return self.driving
+            return self.driving, self.speed
         mean = 0.5 * (self.speed[1:] + self.speed[:-1])
         path = np.concatenate([[0.0], np.cumsum(mean * np.diff(self.time))])
-        return self.driving + np.interp(self.time - delay_s, self.time, path) - path
+        curve = CubicHermiteSpline(self.time, path, self.speed)
+        earlier = np.clip(self.time - delay_s, self.time[0], self.time[-1])
+        return self.driving + curve(earlier) - path, curve(earlier, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +231,7 @@ def rows_of(
     samples = (np.concatenate(pieces) if pieces else np.arange(0)).reshape(-1, size)
     names = names_of(waves, torque=shafts.torque is not None, ratio=ratio)
     table = np.empty((len(samples), len(names)))
-    moved = shafts.delayed(delay_s)
+    moved, moved_speed = shafts.delayed(delay_s)
     span = shafts.time[-1] - shafts.time[0]
     centre = moved[samples].mean() if len(samples) else 0.0
     level = shafts.level
@@ -238,7 +243,7 @@ def rows_of(
         own = slice(begin, begin + step)
         index = samples[own]
         mean = lambda values: values.mean(1)  # noqa: E731
-        angle, speed = moved[index], mean(shafts.speed[index])
+        angle, speed = moved[index], mean(moved_speed[index])
         late = -shafts.ratio * speed
         table[own, 0], table[own, names["delay",]] = 1.0, late
         if kinds[0] is not None:
