@@ -111,10 +111,8 @@ def autocovariance(partial: np.ndarray, sigma: float, count: int) -> np.ndarray:
         for k in range(1, count):
             ahead = mpmath.fsum(tap * level for tap, level in zip(taps, levels[::-1], strict=False))
             if k <= len(exact):
-                left = levels[0] - mpmath.fsum(
-                    t * c for t, c in zip(taps, levels[1:], strict=False)
-                )
-                one = exact[k - 1]
+                seen = mpmath.fsum(t * c for t, c in zip(taps, levels[1:], strict=False))
+                one, left = exact[k - 1], levels[0] - seen
                 levels.append(ahead + one * left)
                 taps = [a - one * b for a, b in zip(taps, taps[::-1], strict=True)] + [one]
             else:
@@ -166,11 +164,10 @@ def restricted(covariance: np.ndarray, flat: np.ndarray, y: np.ndarray, digits: 
     """ln|V| + ln|XᵀV⁻¹X| + the quadratic form of y after X is projected out."""
     if digits:
         with mpmath.workdps(digits):
-            v, x, r = mpmath.matrix(covariance.tolist()), mpmath.matrix(flat.tolist()), y.tolist()
-            r = mpmath.matrix(r)
-            inverse = v**-1
-            gram, score = x.T * inverse * x, x.T * inverse * r
-            left = (r.T * inverse * r)[0] - (score.T * gram**-1 * score)[0]
+            v, x, r = (mpmath.matrix(part.tolist()) for part in (covariance, flat, y))
+            solution = v**-1
+            gram, score = x.T * solution * x, x.T * solution * r
+            left = (r.T * solution * r)[0] - (score.T * gram**-1 * score)[0]
             return float(mpmath.log(mpmath.det(v)) + mpmath.log(mpmath.det(gram)) + left)
     solution = np.linalg.solve(covariance, np.c_[y, flat])
     gram, score = flat.T @ solution[:, 1:], flat.T @ solution[:, 0]

@@ -5,12 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.model.small import (
-    dense,
-    dense_density,
-    drawn,
-    theta_near,
-)
+from tests.model.small import dense, dense_density, drawn, theta_near
 from vttig_jax import model
 from vttig_jax.model import LAGS
 

@@ -7,15 +7,13 @@ import pytest
 from scipy.special import stdtrit
 
 from tests.model.small import drawn
-from vttig_jax.model import Posterior, first_theta, maximise, solved
+from vttig_jax.model import Posterior, largest, solved
 
 
 @pytest.fixture(scope="module")
 def posterior() -> Posterior:
     problem = drawn(1, ((300, 250), (400, 350))).problem
-    found = maximise(
-        problem.compressed, jnp.asarray(first_theta(problem.compressed)), jnp.asarray(2)
-    )
+    found = largest(problem.compressed, None)
     return Posterior(problem, np.asarray(found.value), found.aux)
 
 

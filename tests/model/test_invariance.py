@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vttig_jax
-from tests.model.rigs import DRIVE, STRAIGHT, Columns, drive, harmonic_columns, logged
+from tests.model.rigs import DRIVE, Columns, drive, harmonic_columns, logged
 from vttig_jax.logs import EncoderLog
 from vttig_jax.pair import Drive, HarmonicOrders
 
@@ -62,12 +62,9 @@ def test_zeros_of_time_and_angles(given, claimed, written: Callable[[Columns], C
 
 def test_time_scaled(given, claimed):
     """Eight times slower: the delay is eight times as long, and no other claim moves."""
-    slow = claims(logged((8 * given[0], *given[1:])))
-    same(claimed, slow, delay_s=8.0)
-    assert slow["delay_s"].value != pytest.approx(claimed["delay_s"].value, rel=0.5)
+    same(claimed, claims(logged((8 * given[0], *given[1:]))), delay_s=8.0)
 
 
-@STRAIGHT
 def test_columns_swapped_with_the_ratio(given, claimed):
     """TE is −1/i of that before, and the flanks change places; the delay changes its sign."""
     inverse, ratio = drive("16/9", HarmonicOrders((1, 2), (1, 2, 3), 0)), 9 / 16
@@ -93,7 +90,6 @@ def test_logs_in_another_order(claimed):
         assert both[name].std < 0.85 * claimed[name].std
 
 
-@STRAIGHT
 def test_rows_in_two_halves(given, claimed):
     """Every other row in a log of its own: the claims of the whole log."""
     time, driving, driven = given

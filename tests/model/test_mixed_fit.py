@@ -7,7 +7,6 @@ import pytest
 
 from tests.model.rigs import (
     DRIVE,
-    STRAIGHT,
     WAVES,
     Columns,
     drive,
@@ -54,7 +53,6 @@ def test_claims_hold_and_are_narrow(claims):
     assert claims["delay_s"].std < 2e-5
 
 
-@STRAIGHT
 def test_intervals_hold_over_seeds():
     """96 claims: outside 5 % of 95 % intervals would be 5, and 14 have a probability of 2e-4."""
     outside = []
@@ -88,13 +86,14 @@ def test_torque_is_a_regressor(columns):
     assert abs(gap.value - 0.1) < 2 * (gap.high95 - gap.low95)
 
 
-@pytest.mark.xfail(
-    strict=True, raises=AssertionError, reason="marked rows are moved by two interpolants"
-)
-def test_readings_that_stand_alone_move_nothing(columns, claims):
+MANY = pytest.mark.xfail(strict=True, raises=AssertionError, reason="one in five rows holds one")
+
+
+@pytest.mark.parametrize("one_in", [500, 100, pytest.param(50, marks=MANY)])
+def test_readings_that_stand_alone_move_nothing(columns, claims, one_in):
     time, driving, driven = columns
     rng, driven = np.random.default_rng(4), driven.copy()
-    bad = rng.choice(len(driven), len(driven) // 50, replace=False)
+    bad = rng.choice(len(driven), len(driven) // one_in, replace=False)
     driven[bad] += rng.choice([-1, 1], len(bad)) * DEG
     fit = fitted(logged((time, driving, driven)))
     assert fit.weights is not None and 0.005 < fit.outliers < 0.3

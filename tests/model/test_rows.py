@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.model.rigs import STRAIGHT
 from vttig_jax.base.units import DEG
 from vttig_jax.model import BENDS, KNOTS, LAGS, PARTS, Shafts, Wave, rows_of
 
@@ -92,7 +91,6 @@ def test_runs_of_few_rows_are_left_out():
     assert len(rows.table) == LAGS + 2 and list(rows.side) == [-1]
 
 
-@STRAIGHT
 @pytest.mark.parametrize("delay_s", [0.0137, -0.0042])
 def test_a_delay_is_taken_off(delay_s):
     """At the delay of the log, y is the error that the shafts have; at another it is not."""
@@ -120,7 +118,15 @@ def test_outliers_leave_their_neighbours_alone():
     spoilt, driving = np.array([500, 501, 900]), one.driving.copy()
     driving[spoilt] += 0.5
     clean = replace(one, driving=driving).without(spoilt)
-    apart = clean.delayed(0.004) - one.delayed(0.004)
+    apart = clean.delayed(0.004)[0] - one.delayed(0.004)[0]
     assert np.abs(np.delete(apart, spoilt)).max() < 1e-5
     np.testing.assert_allclose(apart[spoilt], 0.5, atol=1e-3)
     assert np.abs(clean.speed - one.speed).max() < 0.05
+
+
+def test_twins_of_a_time_stamp_are_one_sample():
+    one = shafts()
+    time = one.time.copy()
+    time[700] = time[699]
+    apart = replace(one, time=time).delayed(0.004)[0] - one.delayed(0.004)[0]
+    assert np.abs(apart[np.r_[:650, 750:3000]]).max() < 1e-12

@@ -116,9 +116,7 @@ class Shafts:
         speed = smooth_speed(self.time, clean, self.resolution).value
         return replace(self, good=good, speed=speed)
 
-    def delayed(
-        self, delay_s: float
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def delayed(self, delay_s: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return φ₁ and its smoothed speed at t − d.
 
         φ₁(t) is moved by the integral of the smoothed speed over the delay, so that its derivative
@@ -128,7 +126,8 @@ class Shafts:
             return self.driving, self.speed
         mean = 0.5 * (self.speed[1:] + self.speed[:-1])
         path = np.concatenate([[0.0], np.cumsum(mean * np.diff(self.time))])
-        curve = CubicHermiteSpline(self.time, path, self.speed)
+        later = np.diff(self.time, prepend=-np.inf) > 0  # a log may have a time stamp twice
+        curve = CubicHermiteSpline(self.time[later], path[later], self.speed[later])
         earlier = np.clip(self.time - delay_s, self.time[0], self.time[-1])
         return self.driving + curve(earlier) - path, curve(earlier, 1)
 
