@@ -42,6 +42,7 @@ ROOMS = (
     "geometry",
     "logs",
     "rig",
+    "model",
     "identify",
     "posterior",
     "control",

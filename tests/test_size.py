@@ -26,9 +26,9 @@ BOUNDS = {
     "geometry": (4558, 62),  # 2800
     "logs": (9822, 264),  # 7400
     "rig": (326, 1),  # 260
-    "model": (1779, 39),
-    "identify": (3132, 22),  # 9000 together with posterior
-    "posterior": (2978, 44),
+    "model": (1788, 42),
+    "identify": (3147, 22),  # 9000 together with posterior
+    "posterior": (2958, 46),
     "control": (6843, 80),  # 3600
     "plotting": (1889, 52),  # 2000 together with the report
     "runs": (1756, 2),  # 900

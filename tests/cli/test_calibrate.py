@@ -28,6 +28,7 @@ def run(vttig, logged, tmp_path):
     return tmp_path / "run"
 
 
+@pytest.mark.portable
 def test_table_and_file(vttig, run, tmp_path):
     out = tmp_path / "found"
     code, text, _ = vttig("calibrate", run, "--rigs", "30", "--out", out)

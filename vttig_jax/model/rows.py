@@ -39,9 +39,9 @@ class Wave:
     """Harmonic exp(j (n₁ φ₁ + n₂ φ₂)) of the shaft angles; `shaft` and `order` name it."""
 
     shaft: str
-    order: float
-    driving: float
-    driven: float
+    order: int | float
+    driving: int | float
+    driven: int | float
 
     @property
     def is_first(self) -> bool:
@@ -116,9 +116,7 @@ class Shafts:
         speed = smooth_speed(self.time, clean, self.resolution).value
         return replace(self, good=good, speed=speed)
 
-    def delayed(
-        self, delay_s: float
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def delayed(self, delay_s: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return φ₁ and its smoothed speed at t − d.
 
         φ₁(t) is moved by the integral of the smoothed speed over the delay, so that its derivative
@@ -128,7 +126,8 @@ class Shafts:
             return self.driving, self.speed
         mean = 0.5 * (self.speed[1:] + self.speed[:-1])
         path = np.concatenate([[0.0], np.cumsum(mean * np.diff(self.time))])
-        curve = CubicHermiteSpline(self.time, path, self.speed)
+        later = np.diff(self.time, prepend=-np.inf) > 0  # a log may have a time stamp twice
+        curve = CubicHermiteSpline(self.time[later], path[later], self.speed[later])
         earlier = np.clip(self.time - delay_s, self.time[0], self.time[-1])
         return self.driving + curve(earlier) - path, curve(earlier, 1)
 
@@ -284,9 +283,9 @@ def _waves(
     """Yield every wave at the samples; whole orders by multiplication of the first ones."""
     angles = angle, nominal[0] * angle + nominal[1]
     bases = np.exp(1j * angles[0]), np.exp(1j * angles[1])
-    known: dict[tuple[int, float], np.ndarray] = {}
+    known: dict[tuple[int, int | float], np.ndarray] = {}
 
-    def power(shaft: int, order: float) -> np.ndarray:
+    def power(shaft: int, order: int | float) -> np.ndarray:
         if order < 0:
             return power(shaft, -order).conj()
         if order == 1:

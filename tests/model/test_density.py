@@ -1,0 +1,100 @@
+"""The density, its derivatives and the way to it, against independent computations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tests.model.small import dense, dense_density, drawn, theta_near
+from vttig_jax import model
+from vttig_jax.model import LAGS
+
+solved, log_density = jax.jit(model.solved), jax.jit(model.log_density)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_density_is_that_of_dense_matrices(seed):
+    lengths = [((14, 11), (12, 17)), ((10, 10, 10, 10),), ((30,), (25, 9)), ((60, 40),)][seed]
+    small = drawn(seed, lengths)
+    problem = small.problem
+    found, expected = [], []
+    for number in range(5):
+        theta = theta_near(100 * seed + number, problem)
+        found.append(float(log_density(jnp.asarray(theta), problem.compressed)))
+        expected.append(dense_density(small, theta))
+    np.testing.assert_allclose(found, expected, rtol=2e-6)
+    assert np.ptp(found) > 1
+
+
+def test_little_noise_under_wide_priors_costs_no_digits():
+    """The marginal covariance is solved in 50 digits: its condition number is 1e10 here."""
+    small = drawn(3, ((22, 19),), noise=1e-2)
+    problem = small.problem
+    theta = theta_near(2, problem, 0.1)
+    theta[LAGS] = -1.0
+    found = float(log_density(jnp.asarray(theta), problem.compressed))
+    assert found == pytest.approx(dense_density(small, theta, 50), rel=1e-6)
+    assert float(log_density(jnp.asarray(theta + 1e-3), problem.compressed)) != pytest.approx(
+        found, rel=1e-6
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_derivatives_are_those_of_the_density(seed):
+    problem = drawn(seed).problem
+    theta = jnp.asarray(theta_near(seed, problem))
+    negative = lambda t: -log_density(t, problem.compressed)  # noqa: E731
+    told = solved(theta, problem.compressed)
+    assert float(told.value) == pytest.approx(float(negative(theta)), rel=1e-10)
+    gradient, hessian = jax.grad(negative)(theta), jax.hessian(negative)(theta)
+    np.testing.assert_allclose(told.gradient, gradient, atol=1e-6)
+    np.testing.assert_allclose(told.hessian, hessian, atol=1e-5)
+    steps = 1e-4 * np.eye(len(theta))
+    values = [(negative(theta + s) - negative(theta - s)) / 2e-4 for s in steps]
+    np.testing.assert_allclose(told.gradient, np.array(values), atol=1e-5)
+    near = solved(theta + 1e-3, problem.compressed)
+    assert np.abs(np.asarray(told.hessian - near.hessian)).max() > 1e-4
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_coefficients_and_their_slopes(seed):
+    """β̂ maximises the joint density: least squares with the priors; its slopes by differences."""
+    problem = drawn(seed).problem
+    theta = jnp.asarray(theta_near(seed, problem))
+    told = solved(theta, problem.compressed)
+    at = lambda t: np.asarray(solved(t, problem.compressed).beta)  # noqa: E731
+    h = 1e-5
+    expected = np.array(
+        [(at(theta + h * e) - at(theta - h * e)) / (2 * h) for e in np.eye(len(theta))]
+    )
+    found = -np.asarray(told.spread @ told.slopes).T
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    assert np.abs(expected).max() > 1e-3
+
+
+def test_coefficients_are_generalised_least_squares():
+    small = drawn(5)
+    problem, theta = small.problem, theta_near(5, small.problem)
+    told, size = solved(jnp.asarray(theta), problem.compressed), len(small.columns)
+    x, y, noise, width, mean = dense(small, theta)
+    weight = np.linalg.inv(noise.astype(float))
+    whole = x.T @ weight @ x + np.diag(width**-2)
+    expected = np.linalg.solve(whole, x.T @ weight @ y + width**-2 * mean)
+    found = np.asarray(told.beta)[:size] + problem.start / problem.unit
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
+    spread = np.asarray(told.spread)[:size, :size]
+    np.testing.assert_allclose(spread, np.linalg.inv(whole), rtol=1e-5, atol=1e-9)
+
+
+def test_batches_are_loops():
+    problem = drawn(1).problem
+    thetas = jnp.asarray(np.stack([theta_near(k, problem) for k in range(3)]))
+    one = [solved(t, problem.compressed) for t in thetas]
+    for many in (
+        jax.vmap(solved, (0, None))(thetas, problem.compressed),
+        jax.lax.map(lambda t: solved(t, problem.compressed), thetas),
+    ):
+        for name in ("value", "gradient", "hessian", "beta", "spread", "slopes", "moments"):
+            expected = np.stack([np.asarray(getattr(told, name)) for told in one])
+            np.testing.assert_allclose(getattr(many, name), expected, rtol=1e-8, atol=1e-8)
+    assert np.ptp(np.asarray(jax.vmap(log_density, (0, None))(thetas, problem.compressed))) > 1
