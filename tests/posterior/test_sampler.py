@@ -30,7 +30,9 @@ DIFFERENT: dict[str, Callable[[], Fit]] = {
     "perfect gears": lambda: quick_fit(perfect_gears=True),
     "a known delay": lambda: quick_fit(delay="off"),
     "two logs": two_logs,
-    "fractional orders": lambda: drive_fit(orders=HarmonicOrders((1, Fraction(23, 64)), (1, 2), 0)),
+    "fractional orders": lambda: drive_fit(
+        orders=HarmonicOrders((*range(1, 9), Fraction(23, 64)), tuple(range(1, 9)), 0)
+    ),
 }
 
 
