@@ -1,7 +1,6 @@
 """From fits of every kind to their posteriors."""
 
 from collections.abc import Callable
-from fractions import Fraction
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -31,7 +30,7 @@ DIFFERENT: dict[str, Callable[[], Fit]] = {
     "a known delay": lambda: quick_fit(delay="off"),
     "two logs": two_logs,
     "fractional orders": lambda: drive_fit(
-        orders=HarmonicOrders((*range(1, 9), Fraction(23, 64)), tuple(range(1, 9)), 0)
+        orders=HarmonicOrders((*range(1, 9), 23 / 64), tuple(range(1, 9)), 0)
     ),
 }
 
