@@ -91,12 +91,13 @@ class Shafts:
         if torque is not None:
             window = max(1, round(_TORQUE_S / log.interval_s))
             torque = uniform_filter1d(torque, window, mode="nearest")
-        return cls(
+        speed = log.smooth_speed(driving).value
+        found = cls(
             log.time,
             driving,
             error,
-            log.smooth_speed(driving).value,
-            steady_speed(log.time, driving, error, ratio),
+            speed,
+            speed,
             ratio,
             log.interval_s,
             joined(runs),
@@ -105,6 +106,7 @@ class Shafts:
             log.driving.resolution,
             torque,
         )
+        return replace(found, steady=steady_speed(found, driving, (*runs, *ramps)))
 
     @property
     def level(self) -> float:
@@ -117,8 +119,8 @@ class Shafts:
         good[outliers] = False
         clean = np.interp(self.time, self.time[good], self.driving[good])
         speed = smooth_speed(self.time, clean, self.resolution).value
-        steady = steady_speed(self.time, clean, self.error, self.ratio)
-        return replace(self, good=good, speed=speed, steady=steady)
+        moved = replace(self, good=good, speed=speed)
+        return replace(moved, steady=steady_speed(moved, clean, (*self.runs, *self.ramps)))
 
     def delayed(
         self, delay_s: float
@@ -139,25 +141,26 @@ class Shafts:
 
 
 def steady_speed(
-    time: Float[np.ndarray, " n"],
-    driving: Float[np.ndarray, " n"],
-    error: Float[np.ndarray, " n"],
-    ratio: float,
+    shafts: "Shafts", driving: Float[np.ndarray, " n"], runs: Sequence[Run]
 ) -> Float[np.ndarray, " n"]:
-    """Return the speed from the means of the h samples before and after each one, rad/s.
+    """Return the speed from the means of the h samples before and after each one in its run, rad/s.
 
     Noise v of the angle gives it a variance of 2 v/(h³ Δt²), as if the speed changed and told the
     delay. Beside a noise e of the error, n samples then tell the delay a tenth as well as half a
-    sampling interval does if h³ = 5 n i² v/e.
+    sampling interval does if h³ = 5 n i² v/e. A change beside a run says nothing about the run.
     """
-    noise, whole = abs(ratio) * cubic_noise(time, driving), cubic_noise(time, error)
+    time, found = shafts.time, shafts.speed.copy()
+    noise, whole = abs(shafts.ratio) * cubic_noise(time, driving), cubic_noise(time, shafts.error)
     share = min(noise / max(whole, 1e-300), 1.0) ** 2
-    half = int(np.clip(np.ceil((5 * len(time) * share) ** (1 / 3)), 1, len(time) // 4))
-    place = np.arange(len(time))
-    before, after = np.maximum(place - half, 0), np.minimum(place + 1, len(time) - half)
-    means = (uniform_filter1d(values, half, origin=-(half // 2)) for values in (driving, time))
-    rise, run = (mean[after] - mean[before] for mean in means)
-    return rise / np.maximum(run, 1e-300)
+    for start, stop, _ in runs:
+        own = slice(start, stop)
+        place = np.arange(count := stop - start)
+        half = int(np.clip(np.ceil((5 * len(time) * share) ** (1 / 3)), 1, max(1, count // 4)))
+        before, after = np.maximum(place - half, 0), np.minimum(place + 1, max(count - half, 0))
+        means = (uniform_filter1d(x[own], half, origin=-(half // 2)) for x in (driving, time))
+        rise, past = (mean[after] - mean[before] for mean in means)
+        found[own] = rise / np.maximum(past, 1e-300)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
