@@ -19,17 +19,15 @@ vttig_jax.enable_x64()
 HERE = Path(__file__).resolve().parent
 LOGS = HERE.parents[2] / "shared" / "data" / "kuka_kr300"
 
-PLAIN, REPORTED, OFF, MORE = (
+PLAIN, REPORTED, OFF = (
     "no options",
     "--lines report",
-    "--delay off --noise white",
-    "--regressor acceleration --free-ratio",
+    "--delay off",
 )
 WAYS: dict[str, dict[str, Any]] = {
     PLAIN: {},
-    OFF: {"delay": "off", "noise": "white"},
+    OFF: {"delay": "off"},
     REPORTED: {"lines": "report"},
-    MORE: {"regressors": ("acceleration",), "free_ratio": True},
 }
 """Options of the command, and what they are in Python."""
 
@@ -37,7 +35,6 @@ _HEADERS = {
     PLAIN: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line"],
     REPORTED: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line"],
     OFF: ["residual", "B above A"],
-    MORE: ["delay [ms]", "residual", "B above A", "per rad/s²", "ratio [ppm off]"],
 }
 
 
@@ -60,11 +57,6 @@ def row(axis: int, logs: str, way: str) -> list[str]:
         "motor order 1": _limit(fit.parameters["driving_amplitude_arcsec"]),
         "strongest line": _line(fit),
     }
-    for found in fit.regressors:
-        if found.name == "ratio":
-            cells["ratio [ppm off]"] = _with_std(found, 1e6 / float(fit.pair.ratio), ".0f", 1e6)
-        elif found.name.startswith("acceleration"):
-            cells["per rad/s²"] = _with_std(found, 1.0, ".1f")
     return [str(axis), " and ".join(logs), *(cells[name] for name in _HEADERS[way])]
 
 

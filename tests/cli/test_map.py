@@ -87,9 +87,7 @@ def test_a_freed_ratio_leaves_no_hunting_period(vttig, vttig_json, tmp_path):
         table[:, names.index("driven_deg")] *= 1 + off
         header = ",".join(names)
         np.savetxt(log, table, "%.9g", delimiter=",", header=header, comments="")
-        assert (
-            vttig("fit", log, "--pair", pair, "--free-ratio", "--out", run, "--no-figures")[0] == 0
-        )
+        assert vttig("fit", log, "--pair", pair, "--out", run, "--no-figures")[0] == 0
         _, text, _ = vttig("map", run)
         assert ("none: the shafts turn at" in text) is told
         assert ("until both shafts have made whole turns" in text) is not told
