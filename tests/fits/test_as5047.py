@@ -22,7 +22,7 @@ def test_encoder_against_the_fourier_transform(data_dir: Path, number: str):
     path = data_dir / "as5047" / f"lookup_{number}.csv"
     pair = vttig_jax.load_pair(AS5047 / "pair.toml")
     log = vttig_jax.read_log(path, pair)
-    fit = vttig_jax.fit(log, pair, perfect_gears=True, delay="off", drift_order=0)
+    fit = vttig_jax.fit(log, pair, perfect_gears=True, delay="off")
     lines = encoder_lines(np.loadtxt(path))
     size, phase = (fit.parameters[f"driven_encoder_{n}"] for n in ("arcsec", "phase_deg"))
     assert size.std is not None and phase.std is not None

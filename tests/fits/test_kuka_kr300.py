@@ -49,7 +49,7 @@ def test_kuka_residual(kuka: ModuleType, axis: int, log: str):
 def test_kuka_line_of_axis_2_takes_no_order_with_it(kuka: ModuleType, log: str):
     """The leakage of 3.087 into the third order of the motor, up to 5.7″ without it."""
     fit = kuka.fitted(2, log)
-    assert any(abs(line.order - 3.088) < 0.002 for line in fit.checks.joined_lines)
+    assert any(abs(line.cycles_per_rev - 3.088) < 0.002 for line in fit.checks.lines)
     third = [one for one in fit.judged_orders() if (one.shaft, one.order) == ("driving", 3)]
     assert all(one.amplitude_arcsec < 0.7 and not one.significant for one in third)
 
@@ -57,7 +57,7 @@ def test_kuka_line_of_axis_2_takes_no_order_with_it(kuka: ModuleType, log: str):
 @EACH
 def test_kuka_values_do_not_hang_on_the_lines(kuka: ModuleType, axis: int, log: str):
     with_lines, without = kuka.fitted(axis, log), kuka.fitted(axis, log, kuka.REPORTED)
-    assert without.checks.lines and not without.checks.joined_lines
+    assert without.checks.lines and not any(line.joined for line in without.checks.lines)
     for name in ("delay_s", "driving_amplitude_arcsec"):
         one, other = with_lines.parameters[name], without.parameters[name]
         assert abs(one.value - other.value) < 1.96 * other.std
@@ -74,7 +74,7 @@ def test_kuka_motor_order_is_within_the_known_ones(kuka: ModuleType, axis: int, 
 def test_kuka_undetermined(kuka: ModuleType, axis: int, log: str):
     fit = kuka.fitted(axis, log)
     output, motor = (fit.parameters[f"{s}_amplitude_arcsec"] for s in ("driven", "driving"))
-    assert not output.determined and "of a revolution" in (output.reason or "")
+    assert not output.determined and "turned only" in (output.reason or "")
     assert not fit.parameters["constant_backlash_deg"].determined
     assert motor.determined and not motor.significant
     assert motor.upper95 is not None
@@ -92,7 +92,6 @@ def test_kuka_without_delay_looks_like_backlash(
     naive, fit = kuka.fitted(axis, "A", kuka.OFF), kuka.fitted(axis, "A")
     gap = naive.checks.gap_over_angles_covered
     assert gap.value is not None and gap.std is not None and gap.value > gap.std
-    assert (gap.value > 3 * gap.std) == (naive.checks.wander is None)
     assert 3600 * gap.value == pytest.approx(gap_arcsec, abs=3.0)
     assert 3600 * naive.residual_rms_deg == pytest.approx(left_arcsec, abs=0.5)
     assert naive.residual_rms_deg > 4.5 * fit.residual_rms_deg
