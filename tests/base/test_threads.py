@@ -5,7 +5,6 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import vttig_jax
 from vttig_jax.base.threads import one_blas_thread
-from vttig_jax.logs.lines import search as line_search
 
 
 def threads() -> set[int]:
@@ -43,30 +42,18 @@ def test_threads_are_given_back_after_an_error():
 
 @pytest.mark.usefixtures("two_threads")
 def test_a_fit_and_its_checks_use_one(monkeypatch):
-    from vttig_jax.identify.report import residual_tests as diagnostics
+    from vttig_jax.identify import checking, identification
+    from vttig_jax.rig import PassMotion, paper_rig
 
-    from vttig_jax.identify import build_result as assemble
-    from vttig_jax.rig.motion import PassMotion
-    from vttig_jax.rig.paper import paper_rig
+    found: list[set[int]] = []
+    for module, name in ((identification, "mixed_fit"), (checking, "likelihood_ratio")):
 
-    found: dict[str, set[int]] = {}
-    solve, search = assemble.solve, line_search.find_lines
+        def seen(*args, inner=getattr(module, name), **keywords):
+            found.append(threads())
+            return inner(*args, **keywords)
 
-    def solving(*args):
-        found["fit"] = threads()
-        return solve(*args)
-
-    def searching(*args, **kwargs):
-        found["lines"] = threads()
-        return search(*args, **kwargs)
-
-    monkeypatch.setattr(assemble, "solve", solving)
-    monkeypatch.setattr(diagnostics, "find_lines", searching)
+        monkeypatch.setattr(module, name, seen)
     rig = paper_rig(0, PassMotion(reversal_deg=900.0, dwell_s=0.5))
     result = vttig_jax.fit(rig.log(0), rig.pair)
-    assert found == {"fit": {1}, "lines": {1}} and threads() == {2}
-    found.clear()
-    later = vttig_jax.fit(rig.log(0), rig.pair, lines="report")
-    assert found == {"fit": {1}} and threads() == {2}
-    assert list(later.checks.lines) == list(result.checks.lines)
-    assert found["lines"] == {1} and threads() == {2}
+    assert result.checks is not None
+    assert len(found) > 1 and set.union(*found) == {1} and threads() == {2}

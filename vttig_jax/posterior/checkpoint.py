@@ -53,14 +53,12 @@ class Header:
 class Record:
     """State of several ensembles: every stored step, and their random generators at the last one.
 
-    `proposal` is the `Proposal.table` of the run: computed anew from the fit it might differ in the
-    last bit. `accepted` counts proposals of every walker. `keys` and `rest` (position, has_gauss,
+    `accepted` counts proposals of every walker. `keys` and `rest` (position, has_gauss,
     cached_gaussian) are the states of Mersenne twisters.
     """
 
     draws: Float[np.ndarray, "ensembles stored walkers d"]
     log_density: Float[np.ndarray, "ensembles stored walkers"]
-    proposal: Float[np.ndarray, "d columns"]
     accepted: Int[np.ndarray, "ensembles walkers"]
     keys: UInt32[np.ndarray, "ensembles 624"]
     rest: Float[np.ndarray, "ensembles 3"]
