@@ -120,7 +120,7 @@ def test_draws_that_were_continued_in_their_folder_are_reported_anew(tmp_path, q
     assert record["parameters"] == json.loads(json.dumps(longer.to_json()))["parameters"]
     assert not (folder / "figures" / "corner.png").exists()  # that of the shorter chains
     assert (folder / "figures" / "te_fit.png").exists()
-    np.testing.assert_array_equal(open_run(folder).posterior.draws, longer.draws)
+    np.testing.assert_array_equal(open_run(folder).posterior.chains.draws, longer.chains.draws)
     before = place.read_bytes()
     shorter, other = (vttig_jax.sample(quick_fit, steps=n, seed=s) for n, s in ((40, 3), (120, 4)))
     for refused in (longer, shorter, other):
