@@ -101,7 +101,7 @@ def negative_gap(case: Case) -> Iterator[Finding]:
 
 def not_settled(case: Case) -> Iterator[Finding]:
     """Say that the passes did not end."""
-    if case.core.passes >= MOST_PASSES:
+    if not case.core.settled:
         yield Finding(
             "not-settled",
             "warning",

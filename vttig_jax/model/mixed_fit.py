@@ -225,7 +225,7 @@ def mixed_fit(
                 " runs.",
             )
         design = design.measured(rows, delay_s)
-        if number == 1 or weights is not None:
+        if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
             weights, share, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
