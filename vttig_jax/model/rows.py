@@ -80,12 +80,14 @@ class Shafts:
 
     @classmethod
     def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":
-        """Return the shafts of a log; spikes of the driving channel are interpolated."""
+        """Return the shafts of a log; spikes of both channels are interpolated."""
         driving = log.driving.steady_angle(log.time)
         ratio = float(log.ratio)
         error = log.transmission_error
         if driving is not log.driving_angle:
             error = error + ratio * (log.driving_angle - driving)
+        if log.driven is not None:
+            error = error + (log.driven.steady_angle(log.time) - log.driven_angle)
         slope, level = np.polyfit(driving, error, 1)
         torque = log.torque
         if torque is not None:
