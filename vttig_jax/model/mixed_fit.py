@@ -294,7 +294,7 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
     ]
     height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
     best = min(found, key=height)
-    usual = float(np.log(logs.usual[0]))
+    usual = float(orders[LAGS + 1])
     if best.value[LAGS] < usual + np.log(_QUIET) or height(best) == np.inf:
         # A smooth log without noise is as well a noise that remembers everything.
         quiet = orders.copy()
@@ -364,9 +364,11 @@ def outlying(
 ) -> tuple[list[Float[np.ndarray, " n"]] | None, float, float]:
     """Return weights of the rows (None: no outliers), share of outliers, and the noise, rad.
 
-    `certain`: whether it is known already that there are outliers.
+    `certain`: whether it is known already that there are outliers. A delay that is still in the
+    readings follows every change of the speed, also those that do not tell it.
     """
     steady = [c for c in columns if c.name[0] not in ("part", "bend", "drift")]
+    steady.append(Column(("late",), ("late",)))
     tables = []
     for number, one in enumerate(rows):
         links = {side: embedding(steady, one.names, number, side) for side in (1, -1)}
