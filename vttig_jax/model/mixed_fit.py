@@ -22,7 +22,7 @@ from .problem import Problem, first_theta, problem_of
 from .rows import BENDS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
-MOST_PASSES, MOMENTS = 7, 2
+_MOST_PASSES, _MOMENTS = 7, 2
 _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
 """Turns below which a log is a table of one turn, and the prior widths of atanh π_k, k > 1, there."""
@@ -225,7 +225,7 @@ def mixed_fit(
                 " runs.",
             )
         design = design.measured(rows, delay_s)
-        if number == 1 or weights is not None:
+        if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
             weights, share, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
@@ -245,7 +245,7 @@ def mixed_fit(
         theta = np.asarray(found.value)
         steps += int(found.stats["num_steps"])
         posterior = Posterior(problem, theta, found.aux)
-        if number >= MOST_PASSES:
+        if number >= _MOST_PASSES:
             break
         step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
         if any(one.ramps for one in shafts):
@@ -290,11 +290,11 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
     noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, noise[LAGS + 1 : LAGS + 4] - _SMALL
     found = [
         maximise(logs, jnp.asarray(start), jnp.asarray(moments))
-        for start, moments in ((orders, MOMENTS), (noise, 0))
+        for start, moments in ((orders, _MOMENTS), (noise, 0))
     ]
     height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
     best = min(found, key=height)
-    usual = float(np.log(logs.usual[0]))
+    usual = float(orders[LAGS + 1])
     if best.value[LAGS] < usual + np.log(_QUIET) or height(best) == np.inf:
         # A smooth log without noise is as well a noise that remembers everything.
         quiet = orders.copy()
@@ -364,9 +364,11 @@ def outlying(
 ) -> tuple[list[Float[np.ndarray, " n"]] | None, float, float]:
     """Return weights of the rows (None: no outliers), share of outliers, and the noise, rad.
 
-    `certain`: whether it is known already that there are outliers.
+    `certain`: whether it is known already that there are outliers. A delay that is still in the
+    readings follows every change of the speed, also those that do not tell it.
     """
     steady = [c for c in columns if c.name[0] not in ("part", "bend", "drift")]
+    steady.append(Column(("late",), ("late",)))
     tables = []
     for number, one in enumerate(rows):
         links = {side: embedding(steady, one.names, number, side) for side in (1, -1)}

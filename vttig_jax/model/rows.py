@@ -80,12 +80,14 @@ class Shafts:
 
     @classmethod
     def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":
-        """Return the shafts of a log; spikes of the driving channel are interpolated."""
+        """Return the shafts of a log; spikes of both channels are interpolated."""
         driving = log.driving.steady_angle(log.time)
         ratio = float(log.ratio)
         error = log.transmission_error
         if driving is not log.driving_angle:
             error = error + ratio * (log.driving_angle - driving)
+        if log.driven is not None:
+            error = error + (log.driven.steady_angle(log.time) - log.driven_angle)
         slope, level = np.polyfit(driving, error, 1)
         torque = log.torque
         if torque is not None:
@@ -224,7 +226,7 @@ def joined(runs: Sequence[Run]) -> tuple[Run, ...]:
 
 def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:
     """Return the place of every column of a row."""
-    names: list[Name] = [("one",), ("delay",)]
+    names: list[Name] = [("one",), ("delay",), ("late",)]
     names += [("ratio",)] * ratio + [("torque",)] * torque
     names += [(w.shaft, w.order, part) for w in waves for part in ("cos", "sin")]
     names += [("drift", k) for k in range(KNOTS)]
@@ -276,6 +278,7 @@ def rows_of(
         angle, speed = moved[index], mean(moved_speed[index])
         late = -shafts.ratio * speed
         table[own, 0], table[own, names["delay",]] = 1.0, late
+        table[own, names["late",]] = -shafts.ratio * mean(shafts.speed[index])
         if kinds[0] is not None:
             table[own, kinds[0]] = mean(angle) - centre
         if kinds[1] is not None:
