@@ -10,9 +10,8 @@ from scipy.signal import lfilter
 
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.logs.motion.segments import find_segments
+from vttig_jax.pair.gear_pair import GearPair
 from vttig_jax.rig.synthetic import SyntheticRig
-
-from .problem import first_order
 
 ORDERS = tuple(range(2, 9))
 _TRANSIENT = 50
@@ -58,11 +57,31 @@ def _design(rig: SyntheticRig, driving: np.ndarray, driven: np.ndarray, flank: s
     four = [np.cos(driving), np.sin(driving), np.cos(driven), np.sin(driven)]
     columns = np.stack([*four, np.ones_like(driving)], axis=1)
     matrix = np.zeros((len(driving), 10 + 4 * len(terms)))
-    matrix[:, :10] = columns @ first_order(rig.pair, side, encoders=True)
+    matrix[:, :10] = columns @ _first_order(rig.pair, side)
     for place, (n1, n2) in enumerate(terms):
         column = 10 + 2 * (side * len(terms) + place)
         phase = n1 * driving + n2 * driven
         matrix[:, column], matrix[:, column + 1] = np.cos(phase), np.sin(phase)
+    return matrix
+
+
+def _first_order(pair: GearPair, side: int) -> np.ndarray:
+    """From parameters to coefficients of (cos φ₁, sin φ₁, cos φ₂, sin φ₂, 1) on a flank, arcsec.
+
+    The parameters are those of (19) and (20): x and y of both eccentricities in mm, the offsets of
+    both flanks in arcsec, x and y of both encoder errors in arcsec.
+    """
+    gain = 1 / float(pair.base_radii[1][side]) / ARCSEC
+    alpha = float(pair.working_pressure_angles[side]) * (1 if side == 0 else -1)
+    cosine, sine = gain * np.cos(alpha), gain * np.sin(alpha)
+    matrix = np.zeros((5, 10))
+    matrix[0, :2] = sine, cosine
+    matrix[1, :2] = cosine, -sine
+    matrix[2, 2:4] = -sine, cosine
+    matrix[3, 2:4] = cosine, sine
+    matrix[4, 4 + side] = 1.0
+    matrix[0, 7] = matrix[1, 6] = -float(pair.ratio)
+    matrix[2, 9] = matrix[3, 8] = 1.0
     return matrix
 
 

@@ -84,14 +84,14 @@ class SampledPlant(Plant):
     damping_ratio: Number
 
     def step(
-        self, shafts: Shafts, ahead: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+        self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
         ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
-        flanks = bounds.at(ahead.angle)
+        flanks = bounds.at(driving.angle)
         now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
-        then = walls(flanks, ahead.speed, closing, slide.end, slide.end_rate)
-        turned = ratio * (ahead.angle - shafts.angle)
-        base = ratio * shafts.speed, ratio * ahead.speed
+        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        turned = ratio * (driving.angle - shafts.angle)
+        base = ratio * shafts.speed, ratio * driving.speed
         low, high = (
             cubic(a - shafts.offset, b + turned - shafts.offset, v + base[0], w + base[1], step)
             for a, b, v, w in (
@@ -109,7 +109,9 @@ class SampledPlant(Plant):
         place, speed = self.advanced(force, shafts.drift + base[0], jnp.asarray(step))
         offset = shafts.offset + place - turned
         none = ContactEvent(*[jnp.zeros_like(offset)] * len(dataclasses.fields(ContactEvent)))
-        ended = Shafts(ahead.angle, ahead.speed, offset, speed - base[1], none.side + FREE, flanks)
+        ended = Shafts(
+            driving.angle, driving.speed, offset, speed - base[1], none.side + FREE, flanks
+        )
         return ended, none
 
     def push(self, depth: Any, rate: Any) -> Any:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parent / "results"
-_PACKAGES = ("vttig-jax", "jax", "optimistix", "equinox", "numpy", "scipy", "lmfit")
+_PACKAGES = ("vttig-jax", "jax", "optimistix", "equinox", "numpy", "scipy")
 
 
 def environment() -> dict[str, Any]:

@@ -68,7 +68,7 @@ class Rig:
     truth: dict[str, float]
     oracle: dict[str, float]
     order: tuple[str, int] | None
-    amplitudes: dict[tuple[str, int], float]
+    amplitudes: dict[tuple[str, float], float]
     noise: float
 
 
@@ -212,7 +212,7 @@ def drawn(kind: str, turns: float, rng: np.random.Generator, *, both_ways: bool)
         value["slope"] = rng.uniform(-0.003, 0.003)
     error = columns @ np.array([value[name] for name in names])
     order = _extra(pair, turns, rng)
-    amplitudes: dict[tuple[str, int], float] = {}
+    amplitudes: dict[tuple[str, float], float] = {}
     if order is not None:
         shaft_angle = angle * (ratio if order[0] == "driven" else 1.0)
         error = error + PRESENT * noise * np.sin(order[1] * shaft_angle + rng.uniform(0, REV))

@@ -62,7 +62,7 @@ def gradient() -> dict[str, Any]:
 
     @jax.jit
     def left(x):
-        rig = Eccentricities(*x[:4], RIG["constant_backlash_deg"])
+        rig = Eccentricities(x[0], x[1], x[2], x[3], RIG["constant_backlash_deg"])
         scenario = Scenario(_pair(x[4]), rig, motion, controller=Predictive(margin_mm=x[5]))
         return run(scenario, rounding="none", smooth_width=0.1).metrics["residual_gap_deg"]
 

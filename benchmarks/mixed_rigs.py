@@ -150,7 +150,7 @@ def stated(record: dict[str, Any], name: str, number: dict[str, Any]) -> tuple[A
     return value, low, high
 
 
-def write_paper(seed: int, folder: Path) -> dict[str, dict[str, float | None]]:
+def write_paper(seed: int, folder: Path) -> dict[str, dict[str, Any]]:
     """Write log and pair file of the paper's rig with drawn properties; return its truths."""
     rng = np.random.default_rng([seed, *PAPER.encode()])
     speed_rpm, turns = float(rng.uniform(20, 120)), float(rng.uniform(6, 24))
@@ -177,7 +177,7 @@ def write_paper(seed: int, folder: Path) -> dict[str, dict[str, float | None]]:
     (folder / "log.csv").write_text(log_csv(rig.log(int(rng.integers(2**31)))))
     (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
     shorter = np.sqrt(21.0 / (turns * 60.0 / speed_rpm))
-    numbers: dict[str, dict[str, float | None]] = {
+    numbers: dict[str, dict[str, Any]] = {
         "delay_s": {"value": rig.delay_s, "widest": None},
         "driving_encoder_arcsec": {"value": 18.0, "widest": None},
         "driven_encoder_arcsec": {"value": 18.0, "widest": None},

@@ -2,12 +2,12 @@
 
     python -m benchmarks.mutants [--number 150] [--seed 0] [--package DIR] [--seconds 300]
 
-Each mutant is one change in one function of `kinematics`, `identify`, `posterior` or `control`: a
-sign, a comparison, an index, a constant, or a term that is left out. The tests that import the
-changed module run until one fails, the slow ones last. Where no test imports it, those of the
-modules that import it do. A mutant that no test kills within the seconds allowed has survived. Two
-commits are compared by the share that is killed; `--package` is the root of the other commit.
-Writes results/mutants.json.
+Each mutant is one change in one function of `kinematics`, `model`, `identify`, `posterior` or
+`control`: a sign, a comparison, an index, a constant, or a term that is left out. The tests that
+import the changed module run until one fails, the slow ones last. Where no test imports it, those
+of the modules that import it do. A mutant that no test kills within the seconds allowed has
+survived. Two commits are compared by the share that is killed; `--package` is the root of the other
+commit. Writes results/mutants.json.
 """
 
 import argparse
@@ -24,7 +24,7 @@ from pathlib import Path
 
 from .environment import write
 
-ROOMS = ("kinematics", "identify", "posterior", "control")
+ROOMS = ("kinematics", "model", "identify", "posterior", "control")
 HERE = Path(__file__).resolve().parents[1]
 COMPARISONS = {
     ast.Lt: "<=",
@@ -60,7 +60,9 @@ def mutants_of(path: Path, root: Path) -> Iterator[Mutant]:
     for function in ast.walk(ast.parse(source)):
         if not isinstance(function, ast.FunctionDef):
             continue
-        for node in (inner for statement in function.body for inner in ast.walk(statement)):
+        every = (inner for statement in function.body for inner in ast.walk(statement))
+        for node in (one for one in every if isinstance(one, ast.expr)):
+            assert node.end_lineno is not None and node.end_col_offset is not None
             for kind, changed in changes(node):
                 begin = starts[node.lineno - 1] + node.col_offset
                 end = starts[node.end_lineno - 1] + node.end_col_offset
@@ -68,7 +70,7 @@ def mutants_of(path: Path, root: Path) -> Iterator[Mutant]:
                 yield Mutant(module, node.lineno, kind, before, changed, begin, end)
 
 
-def changes(node: ast.AST) -> Iterator[tuple[str, str]]:
+def changes(node: ast.expr) -> Iterator[tuple[str, str]]:
     """Kind and new text of every change of one expression."""
     match node:
         case ast.BinOp(left, ast.Add() | ast.Sub() as operator, right):
@@ -150,7 +152,7 @@ def killed(mutant: Mutant, root: Path, copy: Path, seconds: float) -> str:
 
 def main() -> None:
     """Draw, run, write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=150)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--package", type=Path, default=HERE)

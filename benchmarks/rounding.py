@@ -143,14 +143,14 @@ def words(text: str) -> str:
     return re.sub(r"[-+−]?\d[\d.e+−-]*", "#", text)
 
 
-def compared(one: Fit | str, other: Fit | str) -> dict[str, Any]:
+def compared(kind: str, one: Fit | str, other: Fit | str) -> dict[str, Any]:
     """What changed between two answers."""
     if isinstance(one, str) or isinstance(other, str):
         return {"refused": True, "words": one == other, "moved": 0.0}
     return {
         "refused": False,
         "words": said(one) == said(other),
-        "moved": 0.0 if one.noise.is_rounding else largest_move(one, other),
+        "moved": 0.0 if kind == "noise-free" else largest_move(one, other),
         "differences": [
             f"{a} | {b}" for a, b in zip(said(one), said(other), strict=False) if a != b
         ],
@@ -163,7 +163,7 @@ def said(result: Fit) -> list[str]:
         f"{p.name} {p.determined} {p.significant} {p.reason}"
         for p in (*result.parameters.values(), *result.regressors)
     ]
-    return [result.outcome, result.noise.name, *names, *(words(note) for note in result.notes)]
+    return [result.outcome, result.noise.model, *names, *(words(note) for note in result.notes)]
 
 
 def largest_move(one: Fit, other: Fit) -> float:
@@ -186,7 +186,7 @@ def main() -> None:
     everything = [*drawn_logs(arguments.logs), *logs_of(arguments.folder)]
     for number, (kind, log, pair) in enumerate(everything):
         generator = np.random.default_rng([number, 1])
-        row = compared(answer(log, pair), answer(changed(log, generator), pair))
+        row = compared(kind, answer(log, pair), answer(changed(log, generator), pair))
         rows.append({"kind": kind} | row)
         kinds[kind] += 1
         if not row["words"] or row["moved"] > MOST_OF_A_STD:

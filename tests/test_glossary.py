@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import vttig_jax
+from vttig_jax.cli.words import WORDS
 
 pytestmark = pytest.mark.smoke
 
@@ -40,3 +41,9 @@ def test_every_name_of_the_glossary_is_in_the_package():
     assert len(named) > 50
     assert named - known == set()
     assert "no_such_name" not in known
+
+
+def test_the_words_of_a_report_are_those_of_explain():
+    section = GLOSSARY.read_text().partition("## Words of a report")[2]
+    rows = [line.strip("| ").split(" | ") for line in section.splitlines() if "| " in line]
+    assert dict(rows[1:]) == dict(WORDS.values())

@@ -19,25 +19,27 @@ vttig_jax.enable_x64()
 HERE = Path(__file__).resolve().parent
 LOGS = HERE.parents[2] / "shared" / "data" / "kuka_kr300"
 
-PLAIN, REPORTED, OFF, MORE = (
-    "no options",
-    "--lines report",
-    "--delay off --noise white",
-    "--regressor acceleration --free-ratio",
-)
+PLAIN, REPORTED, OFF, EXACT = "no options", "--lines report", "--delay off", "--ratio-within 0"
 WAYS: dict[str, dict[str, Any]] = {
     PLAIN: {},
-    OFF: {"delay": "off", "noise": "white"},
+    OFF: {"delay": "off"},
     REPORTED: {"lines": "report"},
-    MORE: {"regressors": ("acceleration",), "free_ratio": True},
+    EXACT: {"ratio_within": 0.0},
 }
 """Options of the command, and what they are in Python."""
 
 _HEADERS = {
-    PLAIN: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line"],
+    PLAIN: [
+        "delay [ms]",
+        "residual",
+        "B above A",
+        "motor order 1",
+        "strongest line",
+        "ratio [ppm]",
+    ],
     REPORTED: ["delay [ms]", "residual", "B above A", "motor order 1", "strongest line"],
     OFF: ["residual", "B above A"],
-    MORE: ["delay [ms]", "residual", "B above A", "per rad/s²", "ratio [ppm off]"],
+    EXACT: ["delay [ms]", "residual", "B above A"],
 }
 
 
@@ -62,18 +64,15 @@ def row(axis: int, logs: str, way: str) -> list[str]:
     }
     for found in fit.regressors:
         if found.name == "ratio":
-            cells["ratio [ppm off]"] = _with_std(found, 1e6 / float(fit.pair.ratio), ".0f", 1e6)
-        elif found.name.startswith("acceleration"):
-            cells["per rad/s²"] = _with_std(found, 1.0, ".1f")
+            cells["ratio [ppm]"] = _with_std(found, 1e6 / float(fit.pair.ratio), "+.0f", 1e6)
     return [str(axis), " and ".join(logs), *(cells[name] for name in _HEADERS[way])]
 
 
 def _with_std(found: Parameter, scale: float, places: str, less: float = 0.0) -> str:
     if found.value is None or found.std is None:
         return "–"
-    sign = "+" if less else ""
-    value = format(scale * found.value - less, sign + places)
-    return f"{value} ± {format(scale * found.std, places)}"
+    value = format(scale * found.value - less, places)
+    return f"{value} ± {format(scale * found.std, places.lstrip('+'))}"
 
 
 def _limit(found: Parameter) -> str:

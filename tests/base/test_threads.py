@@ -5,6 +5,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import vttig_jax
 from vttig_jax.base.threads import one_blas_thread
+from vttig_jax.identify import identification
+from vttig_jax.rig.motion import PassMotion
+from vttig_jax.rig.paper import paper_rig
 
 
 def threads() -> set[int]:
@@ -41,19 +44,20 @@ def test_threads_are_given_back_after_an_error():
 
 
 @pytest.mark.usefixtures("two_threads")
-def test_a_fit_and_its_checks_use_one(monkeypatch):
-    from vttig_jax.identify import checking, identification
-    from vttig_jax.rig import PassMotion, paper_rig
+def test_a_fit_and_its_search_for_lines_use_one(monkeypatch):
+    found: dict[str, set[int]] = {}
 
-    found: list[set[int]] = []
-    for module, name in ((identification, "mixed_fit"), (checking, "likelihood_ratio")):
+    def watch(name: str) -> None:
+        function = getattr(identification, name)
 
-        def seen(*args, inner=getattr(module, name), **keywords):
-            found.append(threads())
-            return inner(*args, **keywords)
+        def watched(*args, **keywords):
+            found[name] = threads()
+            return function(*args, **keywords)
 
-        monkeypatch.setattr(module, name, seen)
+        monkeypatch.setattr(identification, name, watched)
+
+    watch("mixed_fit")
+    watch("found_lines")
     rig = paper_rig(0, PassMotion(reversal_deg=900.0, dwell_s=0.5))
-    result = vttig_jax.fit(rig.log(0), rig.pair)
-    assert result.checks is not None
-    assert len(found) > 1 and set.union(*found) == {1} and threads() == {2}
+    vttig_jax.fit(rig.log(0), rig.pair)
+    assert found == {"mixed_fit": {1}, "found_lines": {1}} and threads() == {2}

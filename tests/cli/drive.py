@@ -31,13 +31,14 @@ def write_drive(
     start_deg: float = 0.0,
     delay_s: float = DELAY_S,
     torque_arcsec: float = 0.0,
+    hum_arcsec: float = 0.0,
     outliers: int = 0,
     ratio: float = 0.5,
 ) -> Path:
     """Ten turns forward at two speeds and back; the angles count from `start_deg` of the shafts.
 
     Noise of 1″, and `outliers` single samples 0.1° above the rest. `ratio` is driven over driving
-    speed.
+    speed. `hum_arcsec` is the size of a line of 3.7 cycles per driving turn.
     """
     generator = np.random.default_rng(seed)
     speeds_rpm = np.array([0, 60, 60, 100, 100, 0, 0, -100, -100, -60, -60, 0, 0])
@@ -56,6 +57,7 @@ def write_drive(
         + FIRST_ARCSEC["driven"] * np.sin(late * ratio + 1.1)
         + np.where(np.interp(time - delay_s, fine, speed) < 0, 100.0, 0.0)
         + torque_arcsec * torque
+        + hum_arcsec * np.sin(3.7 * late)
         + generator.standard_normal(len(time))
     )
     arcsec[generator.choice(len(time), outliers, replace=False)] += 360.0

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-STEPS = "200"
+STEPS = "60"
 """Far from converged, but quick."""
 
 

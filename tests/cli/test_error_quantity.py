@@ -91,7 +91,7 @@ def both(tmp_path_factory) -> Path:
 def worm(tmp_path_factory) -> Path:
     """One direction, at one speed."""
     folder = tmp_path_factory.mktemp("worm") / "drive"
-    return fitted(folder, worm_arcsec, ratio=1 / 40, back=False)
+    return fitted(folder, worm_arcsec, "--ratio-within", "0", ratio=1 / 40, back=False)
 
 
 def table_of(path: Path) -> np.ndarray:
@@ -168,8 +168,10 @@ def test_a_worm_of_one_direction_has_an_error_and_no_backlash(vttig, vttig_json,
     assert code == 0 and list(record["transmission_error"]) == ["A"]
     table = table_of(tmp_path / "te.csv")
     assert table.dtype.names == ("driving_deg", "te_a_deg") and len(table) == 40 * 360
-    true = truth_deg(worm_arcsec, "A", table["driving_deg"])
-    np.testing.assert_allclose(table["te_a_deg"], true, atol=0.6 / 3600)
+    covered = table["driving_deg"] < TURNS * 360
+    true = truth_deg(worm_arcsec, "A", table["driving_deg"][covered])
+    found = table["te_a_deg"][covered] - table["te_a_deg"][covered].mean()
+    np.testing.assert_allclose(found, true, atol=1.2 / 3600)  # orders of the wheel are a slow wave
     code, exported = vttig_json("export", worm, "--quantity", "error", "--out", tmp_path / "x.csv")
     assert code == 0 and (tmp_path / "x.csv").read_bytes() == (tmp_path / "te.csv").read_bytes()
     assert not (tmp_path / "x.json").exists()
@@ -223,7 +225,7 @@ def test_perfect_gears_have_a_table_that_is_not_above_its_noise(vttig_json, both
 
 
 def test_a_slipping_drive_has_no_map_for_a_controller_but_an_error(vttig, vttig_json, tmp_path):
-    run = fitted(tmp_path / "belt", error_arcsec, "--delay", "off", "--free-ratio", slip=1.001)
+    run = fitted(tmp_path / "belt", error_arcsec, "--delay", "off", slip=1.001)
     assert vttig("export", run, "--out", tmp_path / "gap.csv")[0] == 4
     _, record = vttig_json("export", run, "--quantity", "error", "--out", tmp_path / "te.csv")
     assert record["no_period"] is not None

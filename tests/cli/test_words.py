@@ -27,7 +27,7 @@ def test_a_fit_explains_its_words_under_v(vttig, rig_folder):
     code, out, _ = vttig(*command, "-v")
     assert code == 0 and out.startswith(plain.rstrip("\n")) and "\n\nwords:\n" in out
     legend = out.partition("\nwords:\n")[2]
-    for word in ("flank A, flank B", "std", "order", "constant backlash", "AR(n)"):
+    for word in ("flank A, flank B", "std", "order", "constant_backlash_deg", "slow share"):
         assert f"  {word}: " in legend
     assert "R-hat" not in legend and "words:" not in plain
     assert "words:" not in vttig(*command, "-v", "--json")[1]

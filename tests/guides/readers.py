@@ -106,6 +106,7 @@ HAVE: dict[str, Callable[[Path], None]] = {
     "docs/logs.md": with_own_log,
     "docs/many_fits.md": with_rigs,
     "docs/on_the_machine.md": with_nothing,
+    "docs/reading_a_report.md": with_nothing,
     "docs/reversals.md": with_worm,
     "docs/simulation.md": with_a_sweep,
     "docs/what_a_log_tells.md": with_nothing,
@@ -117,6 +118,7 @@ DEMO = (
     "docs/calibration.md",
     "docs/from_log_to_map.md",
     "docs/gear.md",
+    "docs/reading_a_report.md",
     "docs/reversals.md",
     "docs/what_a_log_tells.md",
 )

@@ -36,7 +36,7 @@ NAMES: dict[str, Callable[..., dict[str, Any]]] = {
 
 
 def test_pages_with_code():
-    assert len(WITH_CODE) == 6 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
+    assert len(WITH_CODE) == 7 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
 
 
 @pytest.mark.parametrize(("page", "number"), [("docs/many_fits.md", 2), ("docs/own_model.md", 2)])

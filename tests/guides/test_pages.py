@@ -6,12 +6,13 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 import benchmarks.environment
-from tests.guides.pages import REPOSITORY, commands, fences, pages, text_of
+from tests.guides.pages import REPOSITORY, Fence, commands, fences, pages, text_of
 from tests.guides.printed import differences
 from tests.guides.readers import DEMO, DRAWN_SHARE, HAVE, NAMED, SHORTER, files_of, with_demo
 from vttig_jax.base.errors import PairError
@@ -54,30 +55,47 @@ def test_every_page_says_first_what_it_answers():
     "page", [pytest.param(p, marks=() if p in QUICK else pytest.mark.slow) for p in sorted(HAVE)]
 )
 def test_the_commands_of_a_page(page, request, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    HAVE[page](tmp_path)
-    if page in DEMO:
-        keep = tmp_path / "pair.toml"
+    demo = request.getfixturevalue("demo") if page in DEMO else None
+    printed = lambda: capsys.readouterr().out  # noqa: E731
+    for fence, text in shown_and_printed(page, demo, tmp_path, monkeypatch, printed):
+        assert differences(fence.text, text, DRAWN_SHARE.get(page, 0.0)) == []
+
+
+def shown_and_printed(
+    page: str,
+    demo: Path | None,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    printed: Callable[[], str],
+) -> Iterator[tuple[Fence, str]]:
+    """Run the commands of a page in `folder`, and yield every text it shows with what is printed.
+
+    `printed` returns what was printed since its last call.
+    """
+    monkeypatch.chdir(folder)
+    HAVE[page](folder)
+    if demo is not None:
+        keep = folder / "pair.toml"
         own = keep.read_text() if keep.exists() else None
-        with_demo(tmp_path, request.getfixturevalue("demo"))
+        with_demo(folder, demo)
         if own is not None:
             keep.write_text(own)
     if page in NAMED:
-        files_of(page, tmp_path)
-    monkeypatch.setattr(benchmarks.environment, "RESULTS", tmp_path / "results")
+        files_of(page, folder)
+    monkeypatch.setattr(benchmarks.environment, "RESULTS", folder / "results")
     shown = fences(text_of(page))
     for fence, following in zip(shown, [*shown[1:], None], strict=True):
-        printed = ""
+        text = ""
         for words in commands_of(fence):
-            capsys.readouterr()
+            printed()
             assert run(words, monkeypatch) == 0, shlex.join(words)
-            printed = capsys.readouterr().out
+            text = printed()
             if ">" in words:
                 # The page asks the reader to fill in the required keys; their examples serve.
-                filled = re.sub(r"(?m)^# ((?:pair|driv|const)\w* = .*# required)", r"\1", printed)
+                filled = re.sub(r"(?m)^# ((?:pair|driv|const)\w* = .*# required)", r"\1", text)
                 Path(words[-1]).write_text(filled, encoding="utf-8")
         if fence.language == "sh" and following is not None and following.language == "":
-            assert differences(following.text, printed, DRAWN_SHARE.get(page, 0.0)) == []
+            yield following, text
 
 
 def commands_of(fence):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,11 @@ def known(number: float | None) -> float:
     """The number of a parameter that is determined."""
     assert number is not None
     return number
+
+
+def near(one: Any, truth: float, *, stds: float = 4.0) -> bool:
+    """Whether a number with a standard error is as near to the truth as it says."""
+    return abs(known(one.value) - truth) < stds * known(one.std)
 
 
 def level(arcsec: float) -> Curve:

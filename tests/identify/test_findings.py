@@ -1,19 +1,24 @@
 """Every finding both ways: on a log that has it, and not on one that has not."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from fractions import Fraction
+from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.identify.drives import drive, drive_log, level, there_and_back
-from vttig_jax.base.units import DEG
+from tests.identify.drives import drive, drive_log, known, level, near, there_and_back
+from tests.logs.profiles import played
+from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.identify.findings import FINDINGS
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.readers.backlash_readings import BacklashReadings
-from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.pair.gear_pair import Drive, GearPair
+from vttig_jax.rig.motion import PassMotion
+from vttig_jax.rig.paper import paper_rig
 
 GAP = 300.0
 """Gap of the drives, arcsec of the driven shaft."""
@@ -33,6 +38,13 @@ def log_of(pair: Drive, rpms=(30.0, 75.0), *, passes: int = 1, **options) -> Enc
 PAIR = drive("1/2", orders=(1, 2))
 
 
+def with_angles(log: EncoderLog, pair: Drive | GearPair, driving, driven, **options) -> EncoderLog:
+    """The log with other angles, rad."""
+    return EncoderLog.from_arrays(
+        log.time, driving / DEG, driven / DEG, pair=pair, unit="deg", **options
+    )
+
+
 @pytest.fixture(scope="module")
 def plain() -> Fit:
     """Fit of a drive that behaves."""
@@ -43,42 +55,113 @@ def slugs(result: Fit) -> set[str]:
     return {one.slug for one in result.findings}
 
 
-UNWANTED = {
-    "gap-below-zero",
-    "not-settled",
-    "delay-open",
-    "delay-changes",
-    "gap-of-speed",
-    "outliers",
-    "no-noise",
-    "drift",
-    "line-joined",
-    "line-left",
-    "hidden-shaft",
-    "ratio-off",
-    "column-computed",
-    "jumps-disagree",
-    "readings",
+USUAL = {"closure", "jumps-agree", "orders-equal", "ratio-seen"}
+"""Notes on a drive that behaves."""
+
+
+@cache
+def late_and_unstated() -> Fit:
+    """5 ms of delay that the fit takes for a gap: 0.9°, which the slow turns do not show."""
+    return fit(log_of(PAIR, (30.0,), passes=2, delay_s=level(5e-3)), PAIR, delay="off")
+
+
+def one_long_stroke() -> Fit:
+    """Ten turns forward, and a third of a second back."""
+    motion = [0.3, 0.2, 20.0, 0.2, 0.3, 0.1, 0.3, 0.1], [0, 30.0, 30.0, 0, 0, -30.0, -30.0, 0]
+    return fit(drive_log(PAIR, motion, gap=level(GAP), error=wave), PAIR)
+
+
+def short_strokes() -> Fit:
+    """The teeth cross the gap over 26° of strokes of 30°."""
+    time = np.arange(0.0, 20.0, 1e-3)
+    driving = 15.0 * (1 - np.cos(time))
+    driven = played(driving / 2, 13.0) + 0.003 * np.random.default_rng(0).standard_normal(len(time))
+    return fit(EncoderLog.from_arrays(time, driving, driven, pair=PAIR, unit="deg"), PAIR)
+
+
+@cache
+def hidden_shaft(**settings: Any) -> Fit:
+    """Three orders of a shaft between both."""
+    turns = lambda a, k: np.sin(1.37 * k * a)  # noqa: E731
+    hums = lambda a, v: wave(a, v) + 20 * turns(a, 1) + 10 * turns(a, 2) + 10 * turns(a, 3)  # noqa: E731
+    motion = there_and_back((60.0,), 60.0)
+    return fit(drive_log(PAIR, motion, gap=level(GAP), error=hums), PAIR, **settings)
+
+
+@cache
+def one_tooth_off() -> Fit:
+    """Gears that turn at another ratio than that of their teeth."""
+    rig = paper_rig(0, PassMotion(reversal_deg=1440.0))
+    log = rig.log(0)
+    return fit(with_angles(log, rig.pair, log.driving_angle, 1.0003 * log.driven_angle), rig.pair)
+
+
+@cache
+def a_log_with_notes() -> Fit:
+    """Notes of reading, and of dividing by a direction column."""
+    log = replace(log_of(PAIR), notes=("read with care",))
+    return fit(
+        replace(log, direction=np.sign(np.gradient(log.driving_angle)).astype(np.int8)), PAIR
+    )
+
+
+SAY: dict[str, Callable[[], Fit]] = {
+    "jumps-disagree": late_and_unstated,
+    "crossing-short": late_and_unstated,
+    "flank-short": one_long_stroke,
+    "flank-unclear": short_strokes,
+    "line-joined": hidden_shaft,
+    "line-left": lambda: hidden_shaft(lines="report"),
+    "hidden-shaft": hidden_shaft,
+    "ratio-doubtful": one_tooth_off,
+    "drawing": one_tooth_off,
+    "log": a_log_with_notes,
+    "segments": a_log_with_notes,
+    "no-noise": lambda: fit(log_of(PAIR, noise_arcsec=0.0), PAIR),
+    "drift": lambda: fit(drifting(), PAIR),
 }
 
 
+def drifting() -> EncoderLog:
+    """A level that swings by ± 3.6″ within the log."""
+    log = log_of(PAIR)
+    swing = 1e-3 * DEG * np.sin(REV * log.time / 50)
+    return with_angles(log, PAIR, log.driving_angle, log.driven_angle + swing)
+
+
+@pytest.mark.parametrize("slug", SAY)
+def test_what_a_log_has_is_said(slug):
+    assert slug in slugs(SAY[slug]())
+
+
+def test_what_is_usual_is_not_said_of_a_short_table():
+    """One direction of a pair whose shafts have no common order, over less than a period."""
+    rig = paper_rig(0, PassMotion(reversal_deg=1440.0, passes=1))
+    log = rig.log(0)
+    curve = EncoderLog.from_arrays(
+        log.time,
+        log.driving_angle / DEG,
+        pair=rig.pair,
+        unit="deg",
+        transmission_error=log.transmission_error / ARCSEC,
+    )
+    assert not USUAL & slugs(fit(curve, rig.pair))
+
+
 def test_a_drive_that_behaves_has_no_warning(plain):
-    assert not UNWANTED & slugs(plain)
+    assert slugs(plain) == USUAL
     assert plain.warnings == () and plain.outcome == "ok"
 
 
 def test_numbers_of_a_drive_that_behaves(plain):
-    gap = plain.checks.gap_over_angles_covered
-    assert abs(gap.value - GAP / 3600) < 4 * gap.std
-    first = plain.parameters["driving_amplitude_arcsec"]
-    assert abs(first.value - 40) < 4 * first.std
+    assert near(plain.checks.gap_over_angles_covered, GAP / 3600)
+    assert near(plain.parameters["driving_amplitude_arcsec"], 40)
 
 
 def test_one_speed_leaves_the_delay_open():
     result = fit(log_of(PAIR, (30.0,), passes=2, rate_hz=60.0), PAIR)
     assert "delay-open" in slugs(result) and not result.parameters["delay_s"].determined
-    both = result.parameters["backlash_plus_delay_deg"]
-    assert abs(both.value - GAP / 3600) < 4 * both.std
+    assert near(result.parameters["backlash_plus_delay_deg"], GAP / 3600)
     assert any(name.startswith("delay_within") for name in result.conditional_on)
 
 
@@ -90,7 +173,7 @@ def test_a_stated_delay_is_not_open():
 def test_a_delay_is_found():
     result = fit(log_of(PAIR, delay_s=level(2e-3)), PAIR)
     delay = result.parameters["delay_s"]
-    assert abs(delay.value - 2e-3) < 4 * delay.std and delay.significant
+    assert near(delay, 2e-3) and delay.significant
 
 
 def test_a_delay_that_creeps_is_said():
@@ -109,15 +192,8 @@ def test_a_gap_that_depends_on_the_speed_is_said():
 
 
 def test_exchanged_columns_contradict():
-    log = log_of(drive("1", orders=(1, 2)))
-    swapped = EncoderLog.from_arrays(
-        log.time,
-        log.driven_angle / DEG,
-        log.driving_angle / DEG,
-        pair=drive("1", orders=(1, 2)),
-        unit="deg",
-    )
-    result = fit(swapped, drive("1", orders=(1, 2)))
+    log = log_of(pair := drive("1", orders=(1, 2)))
+    result = fit(with_angles(log, pair, log.driven_angle, log.driving_angle), pair)
     assert result.outcome == "contradicts" and "gap-below-zero" in slugs(result)
 
 
@@ -139,25 +215,18 @@ def test_lost_readings_are_outliers():
     log = log_of(PAIR)
     generator = np.random.default_rng(1)
     off = np.where(generator.random(len(log)) < 0.02, 0.5, 0.0)
-    spoilt = EncoderLog.from_arrays(
-        log.time, log.driving_angle / DEG, log.driven_angle / DEG + off, pair=PAIR, unit="deg"
-    )
-    result = fit(spoilt, PAIR)
+    result = fit(with_angles(log, PAIR, log.driving_angle, log.driven_angle + off * DEG), PAIR)
     assert "outliers" in slugs(result)
-    first = result.parameters["driving_amplitude_arcsec"]
-    assert abs(first.value - 40) < 4 * first.std
+    assert near(result.parameters["driving_amplitude_arcsec"], 40)
 
 
 def test_a_wrong_ratio_is_said():
-    near = drive("1/2", orders=(1, 2))
-    log = drive_log(
-        near, there_and_back((30.0, 75.0), 12.0), gap=level(GAP), error=wave, ratio=0.5002
-    )
-    result = fit(log, near)
+    log = log_of(PAIR, ratio=0.5002)
+    result = fit(log, PAIR)
     assert "ratio-off" in slugs(result)
     (ratio,) = [one for one in result.regressors if one.name == "ratio"]
-    assert abs(ratio.value - 0.5002) < 4 * ratio.std
-    exact = fit(log, near, ratio_within=0.0)
+    assert near(ratio, 0.5002)
+    exact = fit(log, PAIR, ratio_within=0.0)
     assert not [one for one in exact.regressors if one.name == "ratio"]
 
 
@@ -171,10 +240,10 @@ def test_a_computed_column_is_said():
 def test_readings_agree_or_contradict(plain):
     angles = np.arange(0.0, 1440.0, 90.0)
     generator = np.random.default_rng(0)
-    near = GAP / 3600 + 1e-4 * generator.standard_normal(len(angles))
+    gaps = GAP / 3600 + 1e-4 * generator.standard_normal(len(angles))
     log = log_of(PAIR)
-    right = fit(log, PAIR, readings=BacklashReadings.from_arrays(angles, near))
-    wrong = fit(log, PAIR, readings=BacklashReadings.from_arrays(angles, near + 0.02))
+    right = fit(log, PAIR, readings=BacklashReadings.from_arrays(angles, gaps))
+    wrong = fit(log, PAIR, readings=BacklashReadings.from_arrays(angles, gaps + 0.02))
     severities = [
         next(one.severity for one in result.findings if one.slug == "readings")
         for result in (right, wrong)
@@ -192,17 +261,13 @@ def test_readings_may_join_the_fit():
     without = fit(log, pair).checks.gap_over_angles_covered
     joined = fit(log, pair, readings=readings, use_readings=True).checks
     assert joined.readings is not None and joined.readings.used
-    assert joined.gap_over_angles_covered.std < 0.3 * without.std
+    assert known(joined.gap_over_angles_covered.std) < 0.3 * known(without.std)
     assert joined.gap_over_angles_covered.value == pytest.approx(GAP / 3600, abs=3e-4)
 
 
 def test_equal_orders_are_named():
-    pair = Drive(Fraction(1), fit=replace_orders((1, 2)))
+    pair = drive("1", orders=(1, 2))
     assert "orders-equal" in slugs(fit(log_of(pair), pair))
-
-
-def replace_orders(orders):
-    return drive("1", orders=orders).fit
 
 
 def test_a_log_without_a_common_zero_says_where_it_starts():
@@ -255,14 +320,8 @@ def test_a_slower_clock_makes_the_same_claims(plain, factor):
 
 def test_a_turned_log_makes_the_same_claims(plain):
     """Whole turns on both encoders are no other rig."""
-    log = log_of(replace(PAIR))
-    other = EncoderLog.from_arrays(
-        log.time,
-        log.driving_angle / DEG + 720.0,
-        log.driven_angle / DEG + 360.0,
-        pair=PAIR,
-        unit="deg",
-    )
+    log = log_of(PAIR)
+    other = with_angles(log, PAIR, log.driving_angle + 2 * REV, log.driven_angle + REV)
     same_claims(fit(other, PAIR), plain)
 
 
@@ -271,5 +330,7 @@ def same_claims(one: Fit, other: Fit) -> None:
     for name in ("driving_amplitude_arcsec", "constant_backlash_deg"):
         a, b = one.parameters[name], other.parameters[name]
         assert a.determined == b.determined
-        assert abs(a.value - b.value) < 0.1 * b.std and a.std == pytest.approx(b.std, rel=0.1)
+        assert abs(known(a.value) - known(b.value)) < 0.1 * known(b.std) and a.std == pytest.approx(
+            b.std, rel=0.1
+        )
     assert slugs(one) - {"segments", "log"} == slugs(other) - {"segments", "log"}

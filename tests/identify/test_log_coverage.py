@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.posterior.made import made_posterior, quick_fit
+from tests.posterior.made import quick_fit, quick_posterior
 from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.identify.records import LogStart
 from vttig_jax.posterior.summary.bands import band_map
@@ -68,7 +68,7 @@ def test_logs_are_told_apart_by_their_time_or_not_at_all():
 
 
 def test_a_map_with_bands_has_it():
-    found = band_map(made_posterior(quick_fit()), 10.0)
+    found = band_map(quick_posterior(), 10.0)
     assert found.map.coverage is not None
     assert found.map.coverage.share == quick_fit().coverage.share
     assert "of the 16 driving turns of the hunting period on both flanks" in str(found)

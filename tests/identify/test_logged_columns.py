@@ -26,7 +26,7 @@ def test_a_logged_axial_position_is_taken_out(clean_rig):
         clean_rig,
         pair=tapered,
         eccentricities=moved,
-        motion=PassMotion(speed_rpm=180.0, reversal_deg=3600.0),
+        motion=PassMotion(speed_rpm=180.0, reversal_deg=7200.0),
     )
     log = rig.log()
     closed = SHIFT_MM * (np.tan(3 * DEG) + np.tan(2 * DEG)) / 80.0 / DEG
@@ -48,7 +48,7 @@ def test_a_logged_axial_position_is_taken_out(clean_rig):
 @pytest.mark.portable
 def test_an_axial_position_that_changes_is_followed(clean_rig):
     """Each flank by its own helix: s moves flank A up by s tan β_L/R₂, flank B down."""
-    log = replace(clean_rig, motion=PassMotion(speed_rpm=180.0, reversal_deg=3600.0)).log()
+    log = replace(clean_rig, motion=PassMotion(speed_rpm=180.0, reversal_deg=7200.0)).log()
     axial = 0.05 * np.sin(np.linspace(0, 20, len(log)))
     slope = np.tan(3 * DEG) / 80.0
     turning_back = np.arange(len(log)) > np.argmax(log.driving_angle)

@@ -14,7 +14,12 @@ TRUTH = {
 }
 
 
-@pytest.mark.parametrize("turns", [6, 20])
+STAYS = "the largest density of ten turns has noise, and a drift and a delay that are not there"
+
+
+@pytest.mark.parametrize(
+    "turns", [6, pytest.param(10, marks=pytest.mark.xfail(reason=STAYS, strict=True)), 20]
+)
 def test_the_truth_comes_back_and_the_lack_of_noise_is_said(clean_rig, turns):
     rig = replace(clean_rig, motion=PassMotion(speed_rpm=180.0, reversal_deg=360.0 * turns))
     result = fit(rig.log(), rig.pair)

@@ -30,9 +30,9 @@ def quick_fit(seed: int = 0, **settings: Any) -> Fit:
 
 
 @cache
-def drive_fit(seed: int = 0) -> Fit:
+def drive_fit(seed: int = 0, **settings: Any) -> Fit:
     """No geometry: angles only."""
-    return fit(short_rig(seed).log(seed), Drive(Fraction(9, 16)))
+    return fit(short_rig(seed).log(seed), Drive(Fraction(9, 16)), **settings)
 
 
 @cache

@@ -29,6 +29,9 @@ DIFFERENT: dict[str, Callable[[], Fit]] = {
     "perfect gears": lambda: quick_fit(perfect_gears=True),
     "a known delay": lambda: quick_fit(delay="off"),
     "two logs": two_logs,
+    "fractional orders": lambda: drive_fit(
+        orders=HarmonicOrders((*range(1, 9), 23 / 64), tuple(range(1, 9)), 0)
+    ),
 }
 
 
@@ -115,11 +118,11 @@ class Wavy(eqx.Module):
         return side * self.gap + self.wave[0] * jnp.sin(angle) + self.wave[1] * jnp.cos(angle)
 
 
-def test_a_flank_model_of_the_user_is_sampled():
+@pytest.mark.parametrize("orders", [HarmonicOrders((2, 3), (1, 2, 3), 0), None], ids=str)
+def test_a_flank_model_of_the_user_is_sampled(orders):
     rig = short_rig()
-    orders = HarmonicOrders(driving_orders=(2, 3), driven_orders=(1, 2, 3), mesh_orders=0)
     start = Wavy(jnp.asarray(0.0), jnp.zeros(2))
-    result = fit(rig.log(0), rig.pair, model=start, orders=orders)
+    result = fit(rig.log(0), rig.pair, model=start, orders=orders, lines="report")
     found = sample(result, steps=100)
     told = [name for name, one in result.parameters.items() if one.determined]
     assert "model.wave[0]" in told

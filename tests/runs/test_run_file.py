@@ -21,10 +21,7 @@ OPTIONS = RunOptions(
         flank="A",
         perfect_encoders=True,
         delay=-0.002,
-        loss="huber",
-        regressors=("torque",),
-        free_ratio=True,
-        drift_order=0,
+        ratio_within=0.001,
         same_zero=False,
     ),
 )
@@ -63,16 +60,18 @@ def test_every_option_comes_back(run, tmp_path):
     full = RunRecord(run.logs, run.spec, OPTIONS, run.sha256)
     folder = tmp_path / "run"
     table = full.table(folder)
-    table["options"] |= {"regressors": ["speed"], "delay": -0.002}
-    with pytest.raises(InputError, match="--regressor speed"):
-        read_run(write(tmp_path, table))
-    table["options"]["regressors"] = ["torque"]
     assert read_run(write(tmp_path, table)).options.table() == table["options"]
     names = (*ReadingOptions.__struct_fields__, *FitSettings.__struct_encode_fields__)
-    excluded = {"drift_knots", "delay_within_ms"}  # by the drift order and the given delay
+    excluded = {"delay_within_ms"}  # by the given delay
     assert set(table["options"]) == set(names) - excluded
     table["options"] |= {"delay": "auto", "delay_within_ms": 5.0}
     assert read_run(write(tmp_path, table)).options.table() == table["options"]
+
+
+def test_options_of_older_versions_at_their_default_are_read(run, tmp_path):
+    table = run.table(tmp_path / "run")
+    table["options"] |= {"loss": "auto", "regressors": [], "noise_in": "time"}
+    assert read_run(write(tmp_path, table)) == run
 
 
 @pytest.mark.parametrize(
@@ -91,12 +90,13 @@ def test_every_option_comes_back(run, tmp_path):
         (lambda t: t["options"].update(delay=7.5), "delay"),
         (lambda t: t["options"].update(delay=float("nan")), "delay"),
         (lambda t: t["options"].update(delay="late"), "delay"),
-        (lambda t: t["options"].update(loss=1), "loss"),
-        (lambda t: t["options"].update(regressors=["load"]), "regressors"),
+        (lambda t: t["options"].update(lines="drop"), "lines"),
+        (lambda t: t["options"].update(loss="huber"), "`loss` is no option any more"),
+        (lambda t: t["options"].update(regressors=["speed"]), "`regressors` is no option"),
         (lambda t: t["options"].update(sample_rate=float("inf")), "sample_rate"),
         (lambda t: t["options"].update(sample_rate=float("nan")), "sample_rate"),
-        (lambda t: t["options"].update(drift_order=7), "drift_order"),
-        (lambda t: t["options"].update(drift_order=1, drift_knots=5.0), "exclude each other"),
+        (lambda t: t["options"].update(ratio_within=7.0), "ratio_within"),
+        (lambda t: t["options"].update(delay_within_ms=5.0, delay=0.1), "exclude each other"),
         (lambda t: t["options"].update(columns=["load=x"]), "ROLE=NAME"),
         (lambda t: t["options"].update(columns="time=x"), "columns"),
         (lambda t: t["options"].update(colour="red"), "colour"),

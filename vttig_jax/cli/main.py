@@ -82,6 +82,10 @@ VERBS = {
         "vttig_jax.cli.verbs.export:command",
         "Write the compensation as CSV, JSON or a C header.",
     ),
+    "explain": (
+        "vttig_jax.cli.verbs.explain:command",
+        "Say what a word or a parameter of a report means.",
+    ),
     "demo": (
         "vttig_jax.cli.verbs.demo:command",
         "Simulate the paper's rig, fit it and show the result.",
@@ -90,7 +94,7 @@ VERBS = {
 """Verb → ("module:command", short help)."""
 
 GROUPS = {
-    "From a log": ("inspect", "fit", "fit-many", "map", "sample", "locate", "export"),
+    "From a log": ("inspect", "fit", "fit-many", "map", "sample", "locate", "export", "explain"),
     "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
     "The gear": ("measure", "surface", "contact"),
 }

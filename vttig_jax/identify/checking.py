@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_model import FlankModel
+from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
@@ -20,8 +21,9 @@ from ..model.mixed_fit import MixedFit, residuals
 from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
 from ..model.rows import BENDS
+from ..pair.eccentricities import Eccentricities
 from ..pair.gear_pair import Drive, GearPair
-from .orders import SIDES
+from .orders import SIDES, mounted_exact
 from .records import (
     Checks,
     CoveredGap,
@@ -57,6 +59,8 @@ def checks_of(
     }
     gap = covered_gap(core, parameters.get("gap_over_angles_covered"))
     constant = parameters["constant_backlash_deg"].value
+    if len(core.scope.flanks) < 2 and isinstance(pair, GearPair) and isinstance(model, OrderModel):
+        model, constant = _first_orders(core, pair, parameters, model), 0.0
     reversals = _reversals(core, segments, gap, model, constant)
     return Checks(
         gap_over_angles_covered=gap,
@@ -227,6 +231,19 @@ def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarr
     return tuple(curves), tuple(found)
 
 
+def _first_orders(
+    core: MixedFit, pair: GearPair, parameters: dict[str, Parameter], model: OrderModel
+) -> FlankModel:
+    """Return the fitted eccentricities without backlash, the paper's way from one flank to j_v."""
+    polar = [
+        parameters[f"{shaft}_{name}"].value or 0.0
+        for shaft in ("driving", "driven")
+        for name in ("eccentricity_mm", "phase_deg")
+    ]
+    mounting = float(model.offset[0 if core.scope.flanks[0] > 0 else 1])
+    return mounted_exact(pair, Eccentricities(*polar, constant_backlash_deg=0.0), mounting)
+
+
 def _reversals(
     core: MixedFit,
     segments: Sequence[Segments],
@@ -235,9 +252,9 @@ def _reversals(
     constant: float | None,
 ) -> tuple[Reversal, ...]:
     """Return the jumps at the reversals, from samples without delay."""
-    if gap.value is None:
+    if gap.value is None and constant is None:
         return ()
-    beyond = max(gap.value, 0.0) / abs(core.scope.ratio)
+    beyond = max(gap.value or 0.0, 0.0) / abs(core.scope.ratio)
     found: list[Reversal] = []
     for number, (shafts, own) in enumerate(zip(core.shafts, segments, strict=True), 1):
         moved, _ = shafts.delayed(core.delay_s)

@@ -66,6 +66,7 @@ class Case:
     noise: Noise
     records: Sequence[LogRecord]
     residual_rms_deg: float
+    short: Sequence[str]
 
     def name(self, log: int) -> str:
         """Return the name of a log and a colon, or nothing for a single log."""
@@ -168,6 +169,17 @@ def unclear_flanks(case: Case) -> Iterator[Finding]:
     for number, one in enumerate(case.segments):
         if one.unclear:
             yield Finding("flank-unclear", "question", case.name(number) + one.unclear)
+
+
+def short_flanks(case: Case) -> Iterator[Finding]:
+    """Say which flank has no stroke that is long enough."""
+    for flank in case.short:
+        yield Finding(
+            "flank-short",
+            "warning",
+            f"flank {flank} is left out: each of its strokes is shorter than the fit needs",
+            "log longer strokes",
+        )
 
 
 def computed_column(case: Case) -> Iterator[Finding]:
@@ -428,6 +440,7 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     not_settled,
     computed_column,
     unclear_flanks,
+    short_flanks,
     open_delay,
     changing_delay,
     gap_of_speed,

@@ -37,7 +37,7 @@ from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
 from .door import require_distinct, require_pair, stated_drive, usable
-from .findings import Case, Finding, contradicts, findings_of
+from .findings import Case, contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
 from .given import (
     GIVEN_INSTEAD,
@@ -364,6 +364,7 @@ def result_of(
         noise := noise_of(core),
         records,
         rms,
+        short,
     )
     flanks = tuple(SIDES[side] for side in core.scope.flanks)
     return Fit(
@@ -387,7 +388,7 @@ def result_of(
         covariance_names=told.names,
         values=told.mean,
         checks=checks,
-        findings=(*findings_of(case), *_short_flanks(short)),
+        findings=findings_of(case),
         regressors=regressors,
         logs=records,
         core=core,
@@ -397,18 +398,6 @@ def result_of(
 
 def _fields(record: Any) -> dict[str, Any]:
     return {name: getattr(record, name) for name in record.__struct_fields__}
-
-
-def _short_flanks(short: Sequence[str]) -> list[Finding]:
-    return [
-        Finding(
-            "flank-short",
-            "warning",
-            f"flank {flank} is left out: each of its strokes is shorter than the fit needs",
-            "log longer strokes",
-        )
-        for flank in short
-    ]
 
 
 def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:

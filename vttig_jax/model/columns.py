@@ -71,8 +71,9 @@ class Shape:
 
     **Arguments**
     - `logs`: number of logs. - `both`: whether both flanks have runs.
-    - `torque`: whether every log has a torque. - `ratio`: i of a drive, whose error is a column;
-      None for gears, whose first orders follow from eccentricities and have a flat prior.
+    - `torque`: whether every log has a torque. - `ratio`: i.
+    - `drive`: whether it is a drive, whose error of the ratio is a column. The first orders of
+      gears follow from eccentricities and have a flat prior.
     - `one_zero`: whether all logs count from one zero and so share their harmonics.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
     """
@@ -80,7 +81,8 @@ class Shape:
     logs: int
     both: bool
     torque: bool
-    ratio: float | None
+    ratio: float
+    drive: bool
     one_zero: bool
     interval_s: float
     usual: float
@@ -94,7 +96,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
         yield Column(("gap",), ("one",), differs=True)
     if assumed.delay == "fitted":
         yield Column(("delay",), ("delay",), prior=KNOWN)
-    if shape.ratio is not None and assumed.ratio > 0:
+    if shape.drive and assumed.ratio > 0:
         width = assumed.ratio * abs(shape.ratio)
         yield Column(("ratio",), ("ratio",), prior=KNOWN, width=width)
     if shape.torque:
@@ -103,7 +105,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
         for wave in waves:
             for differs in (False, True) if shape.both else (False,):
                 prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
-                if wave.shaft == "both" or (shape.ratio is None and wave.is_first):
+                if wave.shaft == "both" or (not shape.drive and wave.is_first):
                     prior, width = FLAT, 1.0
                 elif wave.is_first or wave.shaft not in GROUPS:
                     prior, width = KNOWN, assumed.orders * shape.usual
@@ -113,7 +115,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
     for log in range(shape.logs):
         for k in range(KNOTS):
             yield Column(("drift", log, k), ("drift", k), log, prior="drift", width=KNOTS**-0.5)
-        if assumed.delay == "fitted":
+        if assumed.delay == "fitted" and shape.both:  # on one flank it is a drift
             for k in range(PARTS):
                 yield Column(("part", log, k), ("part", k), log, prior="delay_parts")
     if shape.both:

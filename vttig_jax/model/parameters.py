@@ -104,10 +104,12 @@ def quantities_of(
         for name, value, row in zip(found.relation.names, found.values, found.rows, strict=True):
             add(name, row, float(value - row @ posterior.moved))
     elif isinstance(pair, Drive):
-        for shaft in SHAFTS:
+        # Without gears the first order is that of the encoder, E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁).
+        kind = "" if gears else "_encoder"
+        for shaft, gain in zip(SHAFTS, (1.0 if gears else -1 / scope.ratio, 1.0), strict=True):
             for axis, part in (("x", "sin"), ("y", "cos")):
                 if (name := (shaft, 1, part, False, 0)) in index:
-                    add(f"{shaft}_{axis}", posterior.row(name))
+                    add(f"{shaft}{kind}_{axis}", gain * posterior.row(name))
     late = posterior.row(("delay",)) if ("delay",) in index else None
     if both:
         constant = 0.0 if found is None else float(found.constants[-1])
@@ -264,7 +266,7 @@ def _reason(
     if source == shaft:
         if not gears:
             return PERFECT_GEARS
-    elif drive:
+    elif drive and gears:
         return NO_GEOMETRY
     elif not encoders:
         return PERFECT

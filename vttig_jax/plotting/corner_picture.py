@@ -85,8 +85,9 @@ def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
     """
     figure.set_layout_engine("none")
     below, above = (inch / figure.get_figheight() for inch in _MARGINS_IN)
+    left, right = (0.115, 0.985) if count > 6 else (0.14, 0.975)  # larger letters for few
     grid = figure.add_gridspec(
-        count, count, left=0.115, right=0.985, bottom=below, top=1 - above, wspace=0.16, hspace=0.16
+        count, count, left=left, right=right, bottom=below, top=1 - above, wspace=0.16, hspace=0.16
     )
     axes: dict[tuple[int, int], Axes] = {}
     for row in range(count):

@@ -141,7 +141,8 @@ def _flanks(
     whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
     sides = [side if side in core.scope.flanks else -side for side in SIDES]
     rows = np.array([[order_rows(core, wave, side) for wave in whole] for side in sides])
-    series = np.einsum("mc,fwpc->mfwp", coefficients, rows.reshape(2, len(whole), 2, -1))
+    rows = rows.reshape(2, len(whole), 2, coefficients.shape[1])  # a model may have no orders
+    series = np.einsum("mc,fwpc->mfwp", coefficients, rows)
     offset = np.repeat(np.asarray(fit.model.offset)[None], len(coefficients), axis=0)
     if (place := core.posterior.problem.index.get(("gap",))) is not None:
         off = coefficients[:, place] - core.posterior.moved[place]

@@ -100,7 +100,7 @@ def test_std_of_the_eccentricity_is_the_closed_form(white_pair, white_plan):
     gap = WHITE.std_deg * np.sqrt(2 / each)
     assert gap < white_plan.std("constant_backlash_deg") < 3 * gap  # drift costs something
     phase_deg = expected / 0.02 / DEG
-    assert white_plan.std("driven_phase_deg") == pytest.approx(phase_deg, rel=0.03)
+    assert white_plan.std("driven_phase_deg") == pytest.approx(phase_deg, rel=0.08)
 
 
 def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):

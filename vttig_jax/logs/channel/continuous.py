@@ -124,7 +124,7 @@ def make_continuous(
             + (
                 "a fit interpolates them"
                 if origin.role == "driving"
-                else "a robust loss leaves them out"
+                else "a fit leaves them out as outliers"
             )
         )
     return Continuous(readings, outliers, modulus, wraps, tuple(notes))

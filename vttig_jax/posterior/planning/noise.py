@@ -34,7 +34,7 @@ class PlannedNoise:
     >>> noise = PlannedNoise(std_deg=0.002, correlation_s=0.00475)
     >>> covariance = noise.autocovariance(11, 2000.0, 2)
     >>> (covariance / covariance[0]).round(2).tolist()
-    [1.0, 0.46, 0.14]
+    [1.0, 0.5, 0.16]
 
     ```
     """

@@ -49,7 +49,7 @@ def shortest_run(
     >>> noise = PlannedNoise(std_deg=0.002, correlation_s=0.00475)
     >>> wanted = {"driving_eccentricity_mm": 2e-4}
     >>> shortest_run(paper_pair(), wanted, rate_hz=1987.0, noise=noise).run.turns
-    15.0
+    16.0
 
     ```
     """

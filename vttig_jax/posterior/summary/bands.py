@@ -249,7 +249,7 @@ def band_map(
         driving_angle=angle,
         band=bands,
         first_order=grid.first_order_over(angle),
-        smallest=posterior.smallest_gap,
+        smallest=draws.smallest,
         step_deg=float(step_deg),
         turns=float(turns),
     )

@@ -325,9 +325,9 @@ class SmallestGap:
         """Return names and values, as text, for the report."""
         record = self.to_json()
         gap, closing = record["backlash_deg"], record["safe_closing_mm"]
-        where = (
-            f"at {record['driving_deg']:.1f}° in {100 * record['share_there']:.0f} % of the draws"
-        )
+        share = f"{100 * record['share_there']:.0f}"
+        where = f"at {record['driving_deg']:.1f}° in {share} % of the draws"
+        where = "at another angle in every draw" if share == "0" else where
         span = f"{gap['median']:.5f}° ({gap['low95']:.5f}° … {gap['high95']:.5f}°), 95 %, {where}"
         rows = [("smallest gap", span)]
         if closing is not None:

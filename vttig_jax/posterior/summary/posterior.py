@@ -135,9 +135,15 @@ class Posterior(PlottedResult):
     def smallest_gap(self) -> SmallestGap:
         """Distribution of the smallest gap over the hunting period and of the safe closing.
 
-        **Raises** `NoAnswerError` if the gap is not known.
+        **Raises** `NoAnswerError` if the gap is not known, or only that over the angles covered.
         """
-        return gap_draws(self).smallest
+        draws, gap = gap_draws(self), self.fit.parameters["constant_backlash_deg"]
+        if not gap.determined:
+            raise NoAnswerError(
+                f"{gap.reason}; the parameters state the gap over the angles covered.",
+                where=self.fit.source,
+            )
+        return draws.smallest
 
     def probability_of_binding(self, closing_mm: float) -> Share:
         """Return the share of draws in which an axial closing, mm, binds, with standard error."""
@@ -198,12 +204,23 @@ class Posterior(PlottedResult):
         return posterior_text(self)
 
 
+_FLAT = {
+    "both": "orders 1 ± i of both shafts together",
+    "driving": "driving order 1",
+    "driven": "driven order 1",
+}
+_KNOWN = _FLAT | {"mesh": "orders of the mesh", "line": "lines"}
+"""Names of columns as people read them; others are called by their own name."""
+
+
 def priors(fit: Fit) -> tuple[str, ...]:
     """Return sentences on what the fit, and so the draws, assume before the logs are read."""
     columns = fit.core.posterior.problem.columns
-    known = {column.name[0]: column.width for column in columns if column.prior == KNOWN}
-    flat = {column.name[0] for column in columns if column.prior == FLAT}
-    found = [f"flat: {', '.join(sorted(flat))}"]  # first orders by their shafts
+    known = {str(column.name[0]): column.width for column in columns if column.prior == KNOWN}
+    flat = {str(column.name[0]) for column in columns if column.prior == FLAT}
+    given = "frequencies of lines" if fit.given is None else "your flank model"
+    names = _FLAT | {"given": given}
+    found = [f"flat: {', '.join(names.get(name, name) for name in sorted(flat))}"]
     if "delay" in known:
         found.append(f"delay: zero ± {1e3 * known.pop('delay'):.3g} ms")
     if "ratio" in known:
@@ -211,7 +228,8 @@ def priors(fit: Fit) -> tuple[str, ...]:
         found.append(f"ratio: as given ± {share:.2g} of it")
     if known:
         width = max(known.values()) / ARCSEC
-        found.append(f"orders of {', '.join(sorted(known))} of a known size: zero ± {width:.3g}″")
+        whose = ", ".join(_KNOWN.get(name, name) for name in sorted(known))
+        found.append(f"{whose}, each coefficient: zero ± {width:.3g}″")
     found.append(
         "further orders of each shaft, their difference between the flanks, drift, a delay that"
         " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"

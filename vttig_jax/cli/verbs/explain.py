@@ -1,0 +1,32 @@
+"""`vttig explain`: say what a word or a parameter of a report means."""
+
+import click
+
+from ...base.errors import UsageError
+from ..options import verb
+from ..output import Output
+from ..words import WORDS, meanings
+
+
+@verb(
+    "explain",
+    example="""
+vttig explain constant_backlash_deg
+vttig explain
+""",
+    compiles=False,
+)
+@click.argument("name", required=False)
+def command(output: Output, name: str | None) -> None:
+    """Say what NAME means, a word or a parameter of a report; without NAME, all of them.
+
+    The page "How to read a report" of the documentation goes through one report line by line.
+    """
+    found = dict(WORDS.values()) if name is None else meanings(name)
+    if not found:
+        raise UsageError(
+            f"{name!r} is no word of a report; `vttig explain` without a name lists all."
+        )
+    words = [{"word": word, "meaning": meaning} for word, meaning in found.items()]
+    text = "\n".join(f"{word}: {meaning}" for word, meaning in found.items())
+    output.emit({"schema": "vttig.explain/1", "words": words}, text)
