@@ -22,7 +22,7 @@ from .problem import Problem, first_theta, problem_of
 from .rows import BENDS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
-MOST_PASSES, MOMENTS = 7, 2
+_MOST_PASSES, _MOMENTS = 7, 2
 _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
 """Turns below which a log is a table of one turn, and the prior widths of atanh π_k, k > 1, there."""
@@ -225,7 +225,7 @@ def mixed_fit(
                 " runs.",
             )
         design = design.measured(rows, delay_s)
-        if number == 1 or weights is not None:
+        if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
             weights, share, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
@@ -245,7 +245,7 @@ def mixed_fit(
         theta = np.asarray(found.value)
         steps += int(found.stats["num_steps"])
         posterior = Posterior(problem, theta, found.aux)
-        if number >= MOST_PASSES:
+        if number >= _MOST_PASSES:
             break
         step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
         if any(one.ramps for one in shafts):
@@ -290,7 +290,7 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
     noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, noise[LAGS + 1 : LAGS + 4] - _SMALL
     found = [
         maximise(logs, jnp.asarray(start), jnp.asarray(moments))
-        for start, moments in ((orders, MOMENTS), (noise, 0))
+        for start, moments in ((orders, _MOMENTS), (noise, 0))
     ]
     height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
     best = min(found, key=height)
