@@ -86,22 +86,16 @@ def test_torque_is_a_regressor(columns):
     assert abs(gap.value - 0.1) < 2 * (gap.high95 - gap.low95)
 
 
-MANY = pytest.mark.xfail(strict=True, raises=AssertionError, reason="one in five rows holds one")
-
-
-@pytest.mark.parametrize("one_in", [500, 100, pytest.param(50, marks=MANY)])
+@pytest.mark.parametrize("one_in", [500, 100, 50])
 def test_readings_that_stand_alone_move_nothing(columns, claims, one_in):
     time, driving, driven = columns
     rng, driven = np.random.default_rng(4), driven.copy()
     bad = rng.choice(len(driven), len(driven) // one_in, replace=False)
     driven[bad] += rng.choice([-1, 1], len(bad)) * DEG
-    fit = fitted(logged((time, driving, driven)))
-    assert fit.weights is not None and 0.005 < fit.outliers < 0.3
-    found = _claims(fit)
+    found = _claims((time, driving, driven))
     for name, truth in TRUTH.items():
         assert found[name].std < 3 * claims[name].std, name
         assert abs(found[name].value - truth) < 4 * found[name].std, name
-    assert fitted(logged(columns)).weights is None
 
 
 def test_a_line_that_is_no_order_is_found(columns):

@@ -30,6 +30,7 @@ def shafts(delay_s: float = 0.0, torque: bool = True, interval_s: float = 0.01) 
         driving=angle(time),
         error=error,
         speed=2 + 1.2 * np.cos(0.4 * time),
+        steady=2 + 1.2 * np.cos(0.4 * time),
         ratio=RATIO,
         interval_s=interval_s,
         runs=((20, half - 37, 1), (half + 11, len(time) - 30, -1)),
