@@ -27,7 +27,7 @@ BOUNDS = {
     "logs": (9815, 264),  # 7400
     "rig": (326, 1),  # 260
     "model": (1816, 42),
-    "identify": (3172, 22),  # 9000 together with posterior
+    "identify": (3173, 22),  # 9000 together with posterior
     "posterior": (2975, 46),
     "control": (6843, 80),  # 3600
     "plotting": (1890, 52),  # 2000 together with the report
