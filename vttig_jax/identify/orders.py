@@ -132,7 +132,8 @@ def order_model(core: MixedFit) -> OrderModel:
     """Return the flank model of all whole orders, in the angles of the first log.
 
     What both flanks have in common at orders of a shaft that made less than a turn is a slow bend
-    of the log; only its mean counts. An unmeasured flank has the orders of the other one. The offset is that of the mean level.
+    of the log; only its mean counts. An unmeasured flank has the orders of the other one. The
+    offset is that of the mean level.
     """
     whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
     sides = [side if side in core.scope.flanks else -side for side in SIDES]

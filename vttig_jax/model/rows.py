@@ -124,9 +124,7 @@ class Shafts:
         moved = replace(self, good=good, speed=speed)
         return replace(moved, steady=steady_speed(moved, clean, (*self.runs, *self.ramps)))
 
-    def delayed(
-        self, delay_s: float
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def delayed(self, delay_s: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return φ₁ and its steady speed at t − d.
 
         φ₁ is a cubic through the samples that are no outliers. Its noise does not change the mean
