@@ -76,6 +76,7 @@ class Shape:
       gears follow from eccentricities and have a flat prior.
     - `one_zero`: whether all logs count from one zero and so share their harmonics.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
+    - `clear`: shaft and order of higher orders that stand out, with the prior of first orders.
     """
 
     logs: int
@@ -86,6 +87,7 @@ class Shape:
     one_zero: bool
     interval_s: float
     usual: float
+    clear: frozenset[tuple[str, float]] = frozenset()
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
@@ -107,7 +109,11 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                 prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
                 if wave.shaft == "both" or (not shape.drive and wave.is_first):
                     prior, width = FLAT, 1.0
-                elif wave.is_first or wave.shaft not in GROUPS:
+                elif (
+                    wave.is_first
+                    or wave.shaft not in GROUPS
+                    or (wave.shaft, wave.order) in shape.clear
+                ):
                     prior, width = KNOWN, assumed.orders * shape.usual
                 for part in ("cos", "sin"):
                     row = (wave.shaft, wave.order, part)
