@@ -293,7 +293,7 @@ def clear_orders(posterior: Posterior) -> frozenset[tuple[str, float]]:
     mean, covariance, _ = posterior.told(np.stack([posterior.row(c.name) for c in own]), moved=True)
     square = (mean**2 / np.diag(covariance)).reshape(-1, 2).mean(axis=1)
     return frozenset(
-        (str(c.name[0]), c.name[1])
+        (str(c.name[0]), float(c.name[1]))
         for c, size in zip(own[::2], square, strict=True)
         if size > 0.5 * CLEAR**2
     )
