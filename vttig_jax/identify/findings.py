@@ -24,6 +24,7 @@ from ..model.parameter import Parameter
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
 from .records import Checks, LogRecord, Noise, Record
+from .starts import disagreements
 
 Severity = Literal["warning", "question", "note"]
 
@@ -371,6 +372,19 @@ def equal_orders(case: Case) -> Iterator[Finding]:
         )
 
 
+def other_rig(case: Case) -> Iterator[Finding]:
+    """Say that a log has other first orders than the first log."""
+    for one in disagreements(case.core):
+        yield Finding(
+            "rigs-differ",
+            "warning",
+            case.name(one.log - 1) + one.sentence(PurePath(case.logs[0].source).name),
+            "fit these logs one by one",
+            {"difference_arcsec": one.difference_arcsec, "std_arcsec": one.std_arcsec},
+        )
+        return
+
+
 def open_starts(case: Case) -> Iterator[Finding]:
     """Say that the orders of two logs are not compared."""
     for number, one in enumerate(case.records[1:], 2):
@@ -447,6 +461,7 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     gap_crossed_late,
     jumps,
     ratio_off,
+    other_rig,
     outliers,
     no_noise,
     drift,

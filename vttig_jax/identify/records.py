@@ -59,6 +59,26 @@ class LogStart(Record, frozen=True):
     driven_std_deg: float | None
 
 
+class Disagreement(Record, frozen=True):
+    """First order of a log (from 1) that is not that of the first log, on one flank, arcsec."""
+
+    log: int
+    shaft: str
+    flank: str
+    first_arcsec: float
+    this_arcsec: float
+    difference_arcsec: float
+    std_arcsec: float
+
+    def sentence(self, first: str) -> str:
+        """Return both orders in words; `first` is the name of the first log."""
+        return (
+            f"the {self.shaft} shaft has a first order of {self.this_arcsec:.3g}″ on flank"
+            f" {self.flank}, but {self.first_arcsec:.3g}″ in {first} (difference"
+            f" {self.difference_arcsec:.3g}″ ± {self.std_arcsec:.2g}″)"
+        )
+
+
 class LogRecord(Record, frozen=True):
     """One log of a fit.
 

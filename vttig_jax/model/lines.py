@@ -69,19 +69,13 @@ class Shifts:
     def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
         angle = rows.angle - np.mean(rows.angle) if len(rows.angle) else rows.angle
-        names = [name for name in rows.names if name != ("y",)]
         own = []
         for cycles, (sine, cosine), free in zip(self.cycles, self.waves, self.alone, strict=True):
             if not free:
                 continue
             wave = [rows.table[:, rows.names["line", cycles, part]] for part in ("cos", "sin")]
             own.append(angle * (sine * wave[0] - cosine * wave[1]))
-        names += [("given", name) for name in self.told]
-        return replace(
-            rows,
-            names={name: place for place, name in enumerate((*names, ("y",)))},
-            table=np.column_stack([rows.table[:, :-1], *own, rows.table[:, -1]]),
-        )
+        return rows.joined(dict(zip([("given", name) for name in self.told], own, strict=True)))
 
 
 def refined(
