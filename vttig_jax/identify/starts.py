@@ -68,12 +68,10 @@ def disagreements(core: MixedFit) -> Iterator[Disagreement]:
     """
     one_zero = len(core.shafts) > 1 and not any(any(one.start.spread) for one in core.shafts)
     core = alone(core) if one_zero else core
+    index = core.posterior.problem.index
     for log in range(1, len(core.shafts)):
         for wave in core.waves:
-            if (
-                not wave.is_first
-                or (*wave.name, "cos", False, log) not in core.posterior.problem.index
-            ):
+            if not wave.is_first or (wave.shaft, wave.order, "cos", False, log) not in index:
                 continue
             for side in core.scope.flanks:
                 rows = np.concatenate([order_rows(core, wave, side, k) for k in (0, log)])
