@@ -24,8 +24,8 @@ OWN = Start(spread=(np.inf, np.inf))
 
 _ANGLES = np.linspace(0.0, REV, 1441)[:-1]
 _SETTLED, _MOST_FITS = 0.3, 3
-_FAR, _SHARE = 8.0, 0.2
-"""Orders that differ by more than eight standard errors and a fifth are those of two rigs."""
+_SHARE = 0.2
+"""First orders that differ by more than a fifth, beyond chance, are those of two rigs (chosen)."""
 
 
 def turned(
@@ -94,8 +94,7 @@ def disagreements(core: MixedFit) -> Iterator[Disagreement]:
 def require_one_rig(core: MixedFit, sources: Sequence[str]) -> None:
     """Raise `LogError` if first orders of the logs are those of two rigs."""
     for one in disagreements(core):
-        largest = max(one.first_arcsec, one.this_arcsec)
-        if one.difference_arcsec > max(_FAR * one.std_arcsec, _SHARE * largest):
+        if one.difference_arcsec > _SHARE * max(one.first_arcsec, one.this_arcsec):
             raise LogError(
                 f"{one.sentence(sources[0])}; these are not logs of one rig, or not with the same"
                 " zero: fit them one by one.",

@@ -6,6 +6,7 @@ columns of the difference of both flanks are those of their mean times s = −½
 therefore a row has each column only once, and `columns.py` says how the model uses it.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
@@ -31,7 +32,7 @@ _PIECE = 1 << 14
 
 SHAFTS = ("driving", "driven")
 
-UNTOLD = 0.5 * REV / np.sqrt(12.0)
+UNTOLD = 0.5 * REV / math.sqrt(12.0)
 """Standard deviation of an angle that is told: half that of an angle of which nothing is known."""
 
 Name = tuple[Any, ...]
@@ -78,7 +79,7 @@ class Start:
             return True
         counts = wave.driving, wave.driven
         off = [n * std for n, std in zip(counts, self.spread, strict=True) if n]
-        return all(n == int(n) for n in counts) and float(np.linalg.norm(off)) < UNTOLD
+        return all(n == int(n) for n in counts) and math.hypot(*off) < UNTOLD
 
 
 @dataclass(frozen=True, eq=False)

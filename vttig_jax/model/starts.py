@@ -106,10 +106,7 @@ def alone(fit: MixedFit) -> MixedFit:
     gram = np.tensordot(weight[:pairs], new.windows, 1)
     prior = new.precision + new.member @ weight[pairs:]
     spread = np.linalg.inv(gram[:-1, :-1] + np.diag(prior))
-    at = replace(
-        posterior.at,
-        beta=spread @ (gram[:-1, -1] - prior * new.centre),
-        spread=spread,
-        slopes=np.zeros((len(spread), len(theta))),
-    )
+    beta = spread @ (gram[:-1, -1] - prior * new.centre)
+    slopes = jnp.zeros((len(beta), len(theta)))  # θ is given
+    at = replace(posterior.at, beta=jnp.asarray(beta), spread=jnp.asarray(spread), slopes=slopes)
     return replace(fit, posterior=Posterior(problem, theta, at))
