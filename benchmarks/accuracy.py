@@ -18,6 +18,7 @@ from vttig_jax.base.units import DEG, REV
 from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
+from vttig_jax.kinematics import closed_model
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.rig.paper import paper_rig
 from vttig_jax.rig.synthetic import SyntheticRig
@@ -77,8 +78,9 @@ def one_seed(seed: int) -> dict[str, Any]:
     both = fit(log, rig.pair, delay="off")  # the rig reads both encoders at the same instant
     paper = fit(log, rig.pair, flank="A")
     off, z = errors(both, truth)
-    jump_deg = paper.checks.reversals[0].constant_backlash_deg
-    assert jump_deg is not None
+    jump = both.checks.reversals[0]
+    variable = closed_model(rig.pair, paper.eccentricities(0.0)).backlash(jump.driving_deg * DEG)
+    jump_deg = jump.jump_deg - float(variable) / DEG
     grid = backlash_map(both)
     paper_grid = backlash_map(paper, constant_backlash_deg=jump_deg)
     return {

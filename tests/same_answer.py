@@ -24,6 +24,8 @@ def differences(one: Any, other: Any, place: str = "", std: float = 0.0) -> list
         for key in one:
             if key not in COUNTS:
                 own = 0.0 if _is_error(key) else _largest_error(one)
+                if "likelihood_ratio" in f"{place}.{key}":
+                    own = 1.0  # the scale of a χ²
                 found += differences(one[key], other[key], f"{place}.{key}", own)
         return found
     if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):

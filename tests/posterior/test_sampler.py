@@ -1,7 +1,6 @@
 """From fits of every kind to their posteriors."""
 
 from collections.abc import Callable
-from fractions import Fraction
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,7 +29,9 @@ DIFFERENT: dict[str, Callable[[], Fit]] = {
     "perfect gears": lambda: quick_fit(perfect_gears=True),
     "a known delay": lambda: quick_fit(delay="off"),
     "two logs": two_logs,
-    "fractional orders": lambda: drive_fit(orders=HarmonicOrders((1, Fraction(23, 64)), (1, 2), 0)),
+    "fractional orders": lambda: drive_fit(
+        orders=HarmonicOrders((*range(1, 9), 23 / 64), tuple(range(1, 9)), 0)
+    ),
 }
 
 

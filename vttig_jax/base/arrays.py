@@ -1,6 +1,5 @@
 """Array types, the converter of float64 fields, and compilation without static numbers."""
 
-import math
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
@@ -28,18 +27,6 @@ def float64(value: Any) -> Any:
 
 
 _PLAIN = (np.ndarray, np.generic, float, int)
-
-
-class Scalars:
-    """Functions of `numpy` for formulas of single Python floats, in a fifth of their time."""
-
-    maximum, minimum = max, min
-    sqrt, cos, arccos = math.sqrt, math.cos, math.acos
-
-    @staticmethod
-    def where(condition: bool, yes: float, no: float) -> float:
-        """Return `yes` if the condition holds, else `no`."""
-        return yes if condition else no
 
 
 def namespace(*values: Any) -> Any:

@@ -19,7 +19,7 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
 from ..model.components import NEEDED
-from ..model.mixed_fit import MOST_PASSES, MixedFit
+from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
@@ -102,7 +102,7 @@ def negative_gap(case: Case) -> Iterator[Finding]:
 
 def not_settled(case: Case) -> Iterator[Finding]:
     """Say that the passes did not end."""
-    if case.core.passes >= MOST_PASSES:
+    if not case.core.settled:
         yield Finding(
             "not-settled",
             "warning",

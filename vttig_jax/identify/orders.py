@@ -57,13 +57,16 @@ class Order:
 
 
 def order_rows(
-    core: MixedFit, wave: Wave, side: int, log: int = 0
+    core: MixedFit, wave: Wave, side: int, log: int = 0, *, common: float = 1.0
 ) -> Float[np.ndarray, "2 columns"]:
-    """Return the functionals (a cos p, a sin p) of a harmonic on a flank, 1 for A and −1 for B."""
+    """Return the functionals (a cos p, a sin p) of a harmonic on a flank, 1 for A and −1 for B.
+
+    `common`: share of what both flanks have in common.
+    """
     index = core.posterior.problem.index
     rows = np.zeros((2, len(index)))
     for place, part in enumerate(("sin", "cos")):
-        for differs, weight in ((False, 1.0), (True, -0.5 * side)):
+        for differs, weight in ((False, common), (True, -0.5 * side)):
             if (name := (wave.shaft, wave.order, part, differs, log)) in index:
                 rows[place, index[name]] = weight
     return rows
@@ -79,8 +82,7 @@ def order_table(core: MixedFit) -> tuple[Order, ...]:
         (wave, side)
         for wave in core.waves
         for side in core.scope.flanks
-        if wave.shaft != "both"
-        and core.scope.turns["driven" if wave.shaft == "driven" else "driving"] >= FULL_TURN
+        if wave.shaft != "both" and has_turned(core, wave)
     ]
     if not asked:
         return ()
@@ -120,14 +122,24 @@ def is_fractional(order: Order) -> bool:
     return not float(order.order).is_integer()
 
 
+def has_turned(core: MixedFit, wave: Wave) -> bool:
+    """Return whether the shaft of a harmonic made a full turn."""
+    return core.scope.turns["driven" if wave.shaft == "driven" else "driving"] >= FULL_TURN
+
+
 def order_model(core: MixedFit) -> OrderModel:
     """Return the flank model of all whole orders, in the angles of the first log.
 
-    An unmeasured flank has the orders of the other one. The offset is that of the mean level.
+    What both flanks have in common at orders of a shaft that made less than a turn is a slow bend
+    of the log; only its mean counts. An unmeasured flank has the orders of the other one. The offset is that of the mean level.
     """
     whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
     sides = [side if side in core.scope.flanks else -side for side in SIDES]
-    rows = [order_rows(core, wave, side) for side in sides for wave in whole]
+    rows = [
+        order_rows(core, wave, side, common=float(has_turned(core, wave)))
+        for side in sides
+        for wave in whole
+    ]
     rows += [level_row(core, side)[None] for side in sides]
     mean = np.concatenate(rows) @ core.posterior.moved
     series = mean[:-2].reshape(2, len(whole), 2)
@@ -146,6 +158,11 @@ def level_row(core: MixedFit, side: int) -> Float[np.ndarray, " columns"]:
     if ("gap",) in index:
         row[index["gap",]] = -0.5 * side
     first = core.rows[0]
+    for wave in core.waves:
+        for part in ("cos", "sin"):
+            name = (wave.shaft, wave.order, part)
+            if not has_turned(core, wave) and (*name, False, 0) in index:
+                row[index[*name, False, 0]] = first.table[:, first.names[name]].mean()
     for k in range(KNOTS):
         if ("drift", 0, k) in index:
             row[index["drift", 0, k]] = first.table[:, first.names["drift", k]].mean()

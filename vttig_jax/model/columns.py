@@ -73,15 +73,17 @@ class Shape:
     **Arguments**
     - `starts`: start of every log, which tells the harmonics that it shares with the first one.
     - `both`: whether both flanks have runs.
-    - `torque`: whether every log has a torque. - `ratio`: i of a drive, whose error is a column;
-      None for gears, whose first orders follow from eccentricities and have a flat prior.
+    - `torque`: whether every log has a torque. - `ratio`: i.
+    - `drive`: whether it is a drive, whose error of the ratio is a column. The first orders of
+      gears follow from eccentricities and have a flat prior.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
     """
 
     starts: tuple[Start, ...]
     both: bool
     torque: bool
-    ratio: float | None
+    ratio: float
+    drive: bool
     interval_s: float
     usual: float
 
@@ -98,7 +100,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
         yield Column(("gap",), ("one",), differs=True)
     if assumed.delay == "fitted":
         yield Column(("delay",), ("delay",), prior=KNOWN)
-    if shape.ratio is not None and assumed.ratio > 0:
+    if shape.drive and assumed.ratio > 0:
         width = assumed.ratio * abs(shape.ratio)
         yield Column(("ratio",), ("ratio",), prior=KNOWN, width=width)
     if shape.torque:
@@ -111,7 +113,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
             logs = (log,) if log else tuple(told)
             for differs in (False, True) if shape.both else (False,):
                 prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
-                if wave.shaft == "both" or (shape.ratio is None and wave.is_first):
+                if wave.shaft == "both" or (not shape.drive and wave.is_first):
                     prior, width = FLAT, 1.0
                 elif wave.is_first or wave.shaft not in GROUPS:
                     prior, width = KNOWN, assumed.orders * shape.usual
@@ -122,7 +124,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
         for k in range(KNOTS):
             width = KNOTS**-0.5
             yield Column(("drift", log, k), ("drift", k), (log,), prior="drift", width=width)
-        if assumed.delay == "fitted":
+        if assumed.delay == "fitted" and shape.both:  # on one flank it is a drift
             for k in range(PARTS):
                 yield Column(("part", log, k), ("part", k), (log,), prior="delay_parts")
     if shape.both:

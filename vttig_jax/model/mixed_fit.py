@@ -22,11 +22,10 @@ from .problem import Problem, first_theta, problem_of
 from .rows import BENDS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
-MOST_PASSES, MOMENTS = 7, 2
+_MOST_PASSES, _MOMENTS = 7, 2
 _SMALL = 4.0
-SINGLE_TURN, _FORGETFUL = 1.5, 0.1
-"""Turns up to which a log is a table of one turn, and the prior widths of atanh π_k there: orders
-and noise that remembers look the same in it, and the orders are what one looks for."""
+_TABLE, _FORGETFUL = 1.5, 0.05
+"""Turns below which a log is a table of one turn, and the prior widths of atanh π_k, k > 1, there."""
 
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
@@ -91,7 +90,8 @@ def waves_of(
 class Design:
     """Columns and rows that the model gives to logs, before their readings count.
 
-    `row_s`: duration of a row. `bends`: speeds (rad/s) at which the gap may bend.
+    `row_s`: duration of a row. `bends`: speeds (rad/s) at which the gap may bend. `table`: whether
+    the log is a table of one turn.
     """
 
     waves: tuple[Wave, ...]
@@ -99,8 +99,14 @@ class Design:
     shape: Shape
     row_s: float
     bends: Float[np.ndarray, " bends"]
+    table: bool
     assumed: Assumptions = Assumptions()
     given: Extra | None = None
+
+    @property
+    def memory(self) -> Float[np.ndarray, " lags"]:
+        """Prior widths of atanh π_k: in a table longer memory and orders look the same."""
+        return np.where(np.arange(LAGS) > 0, _FORGETFUL, MEMORY) if self.table else MEMORY
 
     def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
         """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""
@@ -133,14 +139,20 @@ class Design:
         return replace(self, shape=shape, columns=tuple(columns))
 
     def scales(self, noise: float) -> dict[str, float]:
-        """Return the usual width τ of every group, where a row has this noise, rad."""
+        """Return the usual width τ of every group, where a row has this noise, rad.
+
+        It is a tenth of the noise: what a log does not ask for stays small. A larger one lets slow
+        noise pass for orders or a drift. What changes with the speed may be as large as the noise
+        at the highest speed. The orders of a table of one turn may be as large as what it shows,
+        since nothing else tells them from noise.
+        """
         noise = max(noise, 1e-4 * self.shape.usual)
-        return dict.fromkeys(GROUPS, noise) | {
-            "driving": self.shape.usual,
-            "driven": self.shape.usual,
-            "delay_parts": 0.25 * self.shape.interval_s,
-            "gap_by_speed": noise / max(float(self.bends[-1]), 1e-300),
-        }
+        speed = max(float(self.bends[-1]), 1e-300)
+        usual = dict.fromkeys(GROUPS, 0.1 * noise)
+        if self.table:
+            usual |= dict.fromkeys(("driving", "driven"), self.shape.usual)
+        late = abs(self.shape.ratio) * speed
+        return usual | {"delay_parts": noise / late, "gap_by_speed": noise / speed}
 
 
 def design_of(
@@ -159,7 +171,8 @@ def design_of(
         starts=tuple(one.start for one in shafts),
         both=len({run[2] for one in shafts for run in one.runs}) == 2,
         torque=all(one.torque is not None for one in shafts),
-        ratio=ratio if isinstance(pair, Drive) else None,
+        ratio=ratio,
+        drive=isinstance(pair, Drive),
         interval_s=max(one.interval_s for one in shafts),
         usual=1.0,
     )
@@ -169,7 +182,8 @@ def design_of(
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
     columns = tuple(columns_of(waves, shape, assumed))
-    return Design(waves, columns, shape, row_s, bends, assumed, given)
+    table = range_of(shafts) < _TABLE
+    return Design(waves, columns, shape, row_s, bends, table, assumed, given)
 
 
 def mixed_fit(
@@ -196,7 +210,6 @@ def mixed_fit(
     shafts = tuple(shafts)
     design = design_of(shafts, pair, orders, lines=lines, assumed=assumed, given=given)
     free = any(column.name == ("delay",) for column in design.columns)
-    memory = MEMORY if range_of(shafts) > SINGLE_TURN else np.full(LAGS, _FORGETFUL)
     theta, weights, share, noise, steps = None, None, 0.0, 0.0, 0
     number, last, settled = 0, 0.0, not free
     while True:
@@ -208,7 +221,7 @@ def mixed_fit(
                 " runs.",
             )
         design = design.measured(rows, delay_s)
-        if number == 1 or weights is not None:
+        if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
             weights, share, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
@@ -222,13 +235,13 @@ def mixed_fit(
             centres={("delay",): delay_s},
             noise=_ROUNDING * design.shape.usual**2 * np.eye(1, LAGS + 1)[0],
             usual=design.scales(noise),
-            memory=memory,
+            memory=design.memory,
         )
         found = largest(problem.compressed, theta)
         theta = np.asarray(found.value)
         steps += int(found.stats["num_steps"])
         posterior = Posterior(problem, theta, found.aux)
-        if number >= MOST_PASSES:
+        if number >= _MOST_PASSES:
             break
         step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
         if any(one.ramps for one in shafts):
@@ -273,7 +286,7 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
     noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, noise[LAGS + 1 : LAGS + 4] - _SMALL
     found = [
         maximise(logs, jnp.asarray(start), jnp.asarray(moments))
-        for start, moments in ((orders, MOMENTS), (noise, 0))
+        for start, moments in ((orders, _MOMENTS), (noise, 0))
     ]
     height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
     best = min(found, key=height)

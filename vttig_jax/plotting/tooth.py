@@ -72,7 +72,7 @@ def plot_tooth(tooth: Tooth, *, name: str = "") -> Figure:
     layout = figure.add_gridspec(2, 3, height_ratios=[1.5, 1.0])
     for k, (section, z) in enumerate(zip(names, (thin_end, 0.0, -thin_end), strict=True)):
         _draw_section(figure.add_subplot(layout[0, k]), profile, section, z, labelled=k == 0)
-    _draw_thickness(figure.add_subplot(layout[1, :]), tooth, half, thin_end)
+    _draw_thickness(figure.add_subplot(layout[1, :]), tooth, half)
     handles = [Line2D([], [], color=c, label=part) for part, c in _PIECE_COLOURS.items()]
     handles += [
         Line2D([], [], color="0.6", linewidth=0.7, linestyle=style, label=label)
@@ -133,7 +133,7 @@ def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labell
     grid(ax)
 
 
-def _draw_thickness(ax: Axes, tooth: Tooth, half: float, thin_end: float) -> None:
+def _draw_thickness(ax: Axes, tooth: Tooth, half: float) -> None:
     """Draw the tooth thickness and the root land over the face."""
     report = section_report(tooth, np.linspace(-half, half, 81))
     lines = []

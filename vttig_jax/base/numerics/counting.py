@@ -24,34 +24,6 @@ def whole_below(quotient: float) -> int:
     return math.floor(quotient + _TOLERANCE)
 
 
-def whole_above(quotient: float) -> int:
-    """Return the smallest whole number that is not less than `quotient`.
-
-    **Example**
-    ```python
-    >>> from vttig_jax.base.numerics.counting import whole_above
-    >>> whole_above(0.3 / 0.1), whole_above(3 * 0.1 / 0.1), whole_above(2.1)
-    (3, 3, 3)
-
-    ```
-    """
-    return math.ceil(quotient - _TOLERANCE)
-
-
-def nearest_whole(quotient: float) -> int:
-    """Return the nearest whole number; a half is rounded down.
-
-    **Example**
-    ```python
-    >>> from vttig_jax.base.numerics.counting import nearest_whole
-    >>> nearest_whole(0.05 / 0.004), nearest_whole(12.50001), nearest_whole(12.6)
-    (12, 13, 13)
-
-    ```
-    """
-    return math.ceil(quotient - 0.5 - _TOLERANCE)
-
-
 def pieces(count: int, most: int = 65_536) -> Iterator[slice]:
     """Yield slices of at most `most` of `count` values, in order.
 

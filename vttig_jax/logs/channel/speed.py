@@ -66,7 +66,7 @@ def smooth_speed(
     quantum = max(resolution, 2.0 * _noise(time, angle))
     half = half_window(quantum, top)
     if half >= _FINER and count >= _FEWEST:
-        fine_quantum = max(resolution, 2.0 * _noise_of_cubic(time, angle))
+        fine_quantum = max(resolution, 2.0 * cubic_noise(time, angle))
         fine_top, fine_half = top, half_window(fine_quantum, top)
         for _ in range(_LOOKS):
             fine_top = max(fine_top, _top_speed(time, angle, 2 * fine_half, interval))
@@ -112,7 +112,7 @@ def _noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> flo
     return robust_deviation(bends(angle, time)[1:-1]) / np.sqrt(1.5)
 
 
-def _noise_of_cubic(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
+def cubic_noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
     """Return the noise like `_noise`, but an acceleration does not increase it.
 
     It comes from the deviation of samples from the cubic through their four neighbours. At most

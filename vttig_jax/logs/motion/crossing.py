@@ -31,7 +31,7 @@ strokes of less than `_SHORT_STROKE`, rad, in which no gap is seen below the fir
 _SHORT_STROKE = 2 * REV
 
 
-def crossed_gap(log: EncoderLog, by_motion: Segments, drift: int = 0) -> float:
+def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
     """Return the gap in rad of the driven shaft by its crossings, or 0 without evidence for one.
 
     It is also 0 if no crossing is longer than `AFTER_REVERSAL`, which is always masked.
@@ -41,7 +41,6 @@ def crossed_gap(log: EncoderLog, by_motion: Segments, drift: int = 0) -> float:
 
     **Arguments**
     - `by_motion`: segments with flanks by the direction of motion.
-    - `drift`: highest power of time of a drift that is fitted beside the gap.
     """
     moving = [phase for phase in by_motion.motion if phase.kind != "dwell"]
     turns = _reversals(moving)
@@ -55,7 +54,7 @@ def crossed_gap(log: EncoderLog, by_motion: Segments, drift: int = 0) -> float:
     shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
     gap = 0.0
     for share in shares:
-        gap = _seen(log, samples, share * stroke, drift)
+        gap = _seen(log, samples, share * stroke)
         if 0 < gap < share * stroke * float(log.ratio):
             break  # a longer crossing would be seen at the limit
     return gap
@@ -73,7 +72,7 @@ class _Samples(NamedTuple):
     turned: Bool[np.ndarray, " m"]
 
 
-def _seen(log: EncoderLog, samples: _Samples, longest: float, drift: int) -> float:
+def _seen(log: EncoderLog, samples: _Samples, longest: float) -> float:
     """Return the gap whose crossing takes up to the travel `longest`, rad; 0 without evidence."""
     ratio = float(log.ratio)
     rows, sense, travel, turned = samples
@@ -81,10 +80,7 @@ def _seen(log: EncoderLog, samples: _Samples, longest: float, drift: int) -> flo
     rows, travel, sense = rows[known], travel[known], sense[known]
     if len(rows) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(sense)) < 2:
         return 0.0
-    time = (log.time[rows] - log.time[0]) / (log.time[-1] - log.time[0])
-    columns = [columns_of(log, rows, log.driving_speed.value[rows])]
-    columns += [time[:, None] ** power for power in range(1, drift + 1)]
-    basis = orthonormal_basis(np.hstack(columns), 1e-9)
+    basis = orthonormal_basis(columns_of(log, rows, log.driving_speed.value[rows]), 1e-9)
 
     def squares(values: Float[np.ndarray, " m"]) -> float:
         rest = values - basis @ (basis.T @ values)

@@ -7,7 +7,6 @@ direction column of the log is better evidence and overrides the motion.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Literal
 
 import numpy as np
@@ -102,12 +101,6 @@ class Segments:
 
     def _count(self, flank: Flank) -> int:
         return sum(s.stop - s.start for s in self.segments if s.flank == flank)
-
-
-def legs_of(segments: Sequence[Segment]) -> int:
-    """Return the number of legs of a log: parts between two reversals of the direction."""
-    flanks = [segment.flank for segment in sorted(segments, key=lambda one: one.start)]
-    return len(list(groupby(flanks)))
 
 
 def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments:

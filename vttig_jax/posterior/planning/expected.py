@@ -88,6 +88,7 @@ def expected_fit(
         centres={("delay",): delay_s},
         usual=replace(design, shape=shape).scales(float(np.sqrt(covariance[0]))),
         noise=covariance,
+        memory=design.memory,
     )
     found = largest(problem.compressed, None)
     theta, at = expected_widths(np.asarray(found.value), problem.compressed)

@@ -208,7 +208,6 @@ _FLAT = {
     "both": "orders 1 ± i of both shafts together",
     "driving": "driving order 1",
     "driven": "driven order 1",
-    "given": "your flank model",
 }
 _KNOWN = _FLAT | {"mesh": "orders of the mesh", "line": "lines"}
 """Names of columns as people read them; others are called by their own name."""
@@ -219,7 +218,9 @@ def priors(fit: Fit) -> tuple[str, ...]:
     columns = fit.core.posterior.problem.columns
     known = {str(column.name[0]): column.width for column in columns if column.prior == KNOWN}
     flat = {str(column.name[0]) for column in columns if column.prior == FLAT}
-    found = [f"flat: {', '.join(_FLAT.get(name, name) for name in sorted(flat))}"]
+    given = "frequencies of lines" if fit.given is None else "your flank model"
+    names = _FLAT | {"given": given}
+    found = [f"flat: {', '.join(names.get(name, name) for name in sorted(flat))}"]
     if "delay" in known:
         found.append(f"delay: zero ± {1e3 * known.pop('delay'):.3g} ms")
     if "ratio" in known:
