@@ -124,14 +124,15 @@ def is_fractional(order: Order) -> bool:
 
 def has_turned(core: MixedFit, wave: Wave) -> bool:
     """Return whether the shaft of a harmonic made a full turn."""
-    return core.scope.turns["driven" if wave.shaft == "driven" else "driving"] >= FULL_TURN
+    return bool(core.scope.turns["driven" if wave.shaft == "driven" else "driving"] >= FULL_TURN)
 
 
 def order_model(core: MixedFit) -> OrderModel:
     """Return the flank model of all whole orders, in the angles of the first log.
 
     What both flanks have in common at orders of a shaft that made less than a turn is a slow bend
-    of the log; only its mean counts. An unmeasured flank has the orders of the other one. The offset is that of the mean level.
+    of the log; only its mean counts. An unmeasured flank has the orders of the other one. The
+    offset is that of the mean level.
     """
     whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
     sides = [side if side in core.scope.flanks else -side for side in SIDES]

@@ -25,7 +25,7 @@ from .scope import Scope, scope_of
 _MOST_PASSES, _MOMENTS = 7, 2
 _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
-"""Turns below which a log is a table of one turn, and the prior widths of atanh π_k, k > 1, there."""
+"""Turns below which a log is a table of one turn, and prior widths of atanh π_k, k > 1, there."""
 
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
