@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -17,29 +18,36 @@ _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
 
 
 def found_lines(fit: MixedFit) -> list[Line]:
-    """Return lines of the residual that are no order of the model."""
+    """Return lines of the residual that are no order of the model.
+
+    Logs with zeros of their own are searched one by one: no start angle tells the phase of a line.
+    """
     left = fit.residual
     good = np.ones(len(left), bool) if fit.weights is None else np.concatenate(fit.weights) > 0.5
-    runs, first = [], 0
+    logs, first = [], 0
     for rows in fit.rows:
+        logs.append([])
         for a, b, side in zip(rows.first, rows.last, rows.side, strict=True):
             own = np.arange(a, b + 1)
             own = own[good[first + own]]
             if len(own) > 3:
                 flank = "A" if side > 0 else "B"
                 one = np.ones((len(own), 1))
-                runs.append(Stretch(rows.angle[own], left[first + own], one, flank))
+                logs[-1].append(Stretch(rows.angle[own], left[first + own], one, flank))
         first += len(rows.table)
-    highest = min(_HIGHEST, highest_resolved(runs, 3.0))
-    if highest < 1:
-        return []
-    known = [wave.cycles(fit.scope.ratio) for wave in fit.waves]
-    lines = find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
-    return [
-        line
-        for line in lines
-        if all(abs(line.cycles_per_rev - k) > _APART * line.cycles_std for k in known)
-    ]
+    if not any(any(one.start.spread) for one in fit.shafts):
+        logs = [list(chain(*logs))]
+    found: list[Line] = []
+    for runs in logs:
+        highest = min(_HIGHEST, highest_resolved(runs, 3.0)) if runs else 0.0
+        if highest >= 1:
+            found += find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
+    known, lines = [wave.cycles(fit.scope.ratio) for wave in fit.waves], []
+    for line in sorted(found, key=lambda one: one.false_alarm):
+        if all(abs(line.cycles_per_rev - k) > _APART * line.cycles_std for k in known):
+            lines.append(line)
+            known += [line.cycles_per_rev] * (len(logs) > 1)
+    return lines[:_MOST]
 
 
 @dataclass(frozen=True, eq=False)
