@@ -22,14 +22,18 @@ PHASES = {"driving_phase_deg": np.degrees(0.3), "driven_phase_deg": np.degrees(1
 
 
 def log_of(
-    start_turns: float, seed: int = 0, size: float = 40.0, line: float = 0.0, **options
+    start_turns: float,
+    seed: int = 0,
+    size: float = 40.0,
+    line: float = 0.0,
+    motion=there_and_back((30.0, 75.0), 12.0),
+    **options,
 ) -> EncoderLog:
     def error(angle, speed):
         driven = 25 * np.sin(PAIR.ratio.numerator / PAIR.ratio.denominator * angle + 1.0)
         driving = size * np.sin(angle + 0.3) + 15 * np.sin(2 * angle)
         return driving + driven + line * np.sin(1.37 * angle)
 
-    motion = there_and_back((30.0, 75.0), 12.0)
     made = {"gap": level(300.0), "delay_s": level(1e-3), "noise_arcsec": 20.0} | options
     return drive_log(PAIR, motion, error=error, start_turns=start_turns, seed=seed, **made)
 
@@ -90,21 +94,26 @@ def test_the_order_of_the_logs_moves_no_amplitude():
 
 
 def test_a_start_that_nothing_tells_leaves_the_log_its_own_orders():
-    """The third log is too noisy to be placed, and the first two know as much without it."""
-    wild = log_of(STARTS[2], 9, noise_arcsec=3000.0)
-    result, two = fit([*three(0)[:2], wild], PAIR), fit(three(0)[:2], PAIR)
-    assert "start-unknown" in slugs(result) and result.logs[2].start.driving_deg is None
-    assert result.logs[1].start.driving_deg is not None
-    assert all(near(result.parameters[name], truth) for name, truth in SIZES.items())
-    assert "start-unknown" not in slugs(two)
+    """The third log is a quarter of a turn, and the first two know as much without it."""
+    short = log_of(STARTS[2], 9, motion=there_and_back((5.0,), 3.0))
+    result, two = fit([*three(0)[:2], short], PAIR), fit(three(0)[:2], PAIR)
+    assert "start-unknown" in slugs(result) and result.logs[2].start.driven_deg is None
+    assert result.logs[1].start.driven_deg is not None and "start-unknown" not in slugs(two)
+    for name, truth in SIZES.items():
+        one, other = result.parameters[name], two.parameters[name]
+        assert near(one, truth) and known(one.std) == pytest.approx(known(other.std), rel=0.1)
 
 
 def test_a_line_has_a_phase_of_its_own_in_every_log():
-    logs = [log_of(turns, k, line=20.0, noise_arcsec=5.0) for k, turns in enumerate(STARTS)]
+    motion = there_and_back((60.0,), 60.0)
+    logs = [
+        log_of(turns, k, line=20.0, motion=motion, noise_arcsec=5.0)
+        for k, turns in enumerate(STARTS)
+    ]
     result = fit(logs, PAIR)
     (line,) = result.checks.lines
-    assert line.cycles_per_rev == pytest.approx(1.37, abs=4 * line.cycles_std)
-    own = [one for one in result.orders if one.order == line.cycles_per_rev]
+    assert abs(line.cycles_per_rev - 1.37) < 4 * line.cycles_std
+    own = [one for one in result.orders if not float(one.order).is_integer()]
     assert own and all(abs(one.amplitude_arcsec - 20.0) < 4 * one.std_arcsec for one in own)
 
 
@@ -118,9 +127,9 @@ def test_eccentric_gears_share_their_eccentricities():
     result, alone = fit([first, late], rig.pair, delay="off"), fit(first, rig.pair, delay="off")
     assert all(abs(score) < 4 for score in scores(result).values())
     for name in TRUTH:
-        if not name.endswith("phase_deg"):
+        if name.endswith("eccentricity_mm"):
             share = known(result.parameters[name].std) / known(alone.parameters[name].std)
-            assert share < 0.9, name
+            assert share == pytest.approx(2**-0.5, rel=0.15), name
     start = result.logs[1].start
     off = difference_deg(known(start.driving_deg), np.degrees(whole.driving_angle[700]))
     assert abs(off) < 4 * known(start.driving_std_deg) < 5.0

@@ -42,11 +42,14 @@ def found_lines(fit: MixedFit) -> list[Line]:
         highest = min(_HIGHEST, highest_resolved(runs, 3.0)) if runs else 0.0
         if highest >= 1:
             found += find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
-    known, lines = [wave.cycles(fit.scope.ratio) for wave in fit.waves], []
+    known = [wave.cycles(fit.scope.ratio) for wave in fit.waves]
+    apart = _RESOLVED / fit.scope.turns["driving"] if len(logs) > 1 else 0.0
+    lines: list[Line] = []
     for line in sorted(found, key=lambda one: one.false_alarm):
-        if all(abs(line.cycles_per_rev - k) > _APART * line.cycles_std for k in known):
+        cycles = line.cycles_per_rev
+        new = all(abs(cycles - k) > _APART * line.cycles_std for k in known)
+        if new and all(abs(cycles - one.cycles_per_rev) >= apart for one in lines):
             lines.append(line)
-            known += [line.cycles_per_rev] * (len(logs) > 1)
     return lines[:_MOST]
 
 
