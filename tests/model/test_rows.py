@@ -24,12 +24,13 @@ def shafts(delay_s: float = 0.0, torque: bool = True, interval_s: float = 0.01) 
     time = np.arange(0, 30, interval_s)
     angle = lambda t: 2 * t + 3 * np.sin(0.4 * t)  # noqa: E731
     error = 0.02 * np.sin(angle(time)) + RATIO * (angle(time - delay_s) - angle(time)) + 0.3
-    half = len(time) // 2
+    half, speed = len(time) // 2, 2 + 1.2 * np.cos(0.4 * time)
     return Shafts(
         time=time,
         driving=angle(time),
         error=error,
-        speed=2 + 1.2 * np.cos(0.4 * time),
+        speed=speed,
+        steady=speed,
         ratio=RATIO,
         interval_s=interval_s,
         runs=((20, half - 37, 1), (half + 11, len(time) - 30, -1)),

@@ -388,12 +388,14 @@ def other_rig(case: Case) -> Iterator[Finding]:
 def open_starts(case: Case) -> Iterator[Finding]:
     """Say that the orders of two logs are not compared."""
     for number, one in enumerate(case.records[1:], 2):
-        if one.start.driving_deg is None or one.start.driven_deg is None:
+        told = {"driving": one.start.driving_deg, "driven": one.start.driven_deg}
+        if unknown := " and the ".join(shaft for shaft, angle in told.items() if angle is None):
             yield Finding(
                 "start-unknown",
                 "note",
-                f"log {number} has a zero of its own, and no order tells where it lies in the"
-                " angles of the first log: its orders are its own",
+                f"log {number} has a zero of its own, and no order that it shares with the first"
+                f" log tells where the {unknown} shaft starts: its orders of that shaft are its"
+                " own",
                 "say --same-zero if both encoders count whole turns from one zero",
             )
 

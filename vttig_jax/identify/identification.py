@@ -85,8 +85,9 @@ def fit(
     **Arguments**
     - `log`: an encoder log or transmission-error curve, or several of one rig. They share
       eccentricities, orders, constant backlash and delay; offset and drift are each log's own.
-      Without a common zero (`same_zero`) each log has orders of its own, and the parameters are
-      those of the first.
+      Without a common zero (`same_zero`) the start angles of each further log are found by its
+      orders. Amplitudes are then those of all logs, and phases those of the first. Lines, and
+      orders whose start nothing tells, are each log's own.
     - `pair`: the gear pair, or a drive without geometry; by default the drive that the first log
       was read with, `read_log(path, ratio="64:23")`.
     - `settings`: delay, ratio, lines and all other choices; see `FitSettings`. Every field of it is
@@ -104,7 +105,7 @@ def fit(
     **Returns** a `Fit`.
 
     **Raises** `UsageError` for a `model` that is no flank model, and for settings that contradict
-    it; `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
+    it; `LogError` for a log that contradicts the pair or the first orders of another log, `NoAnswerError` for
     logs that are too short to say anything, `ValueError` for wrong arguments and without 64-bit
     floats, `TypeError` for a keyword that is no setting.
 

@@ -124,7 +124,8 @@ def is_fractional(order: Order) -> bool:
 
 def has_turned(core: MixedFit, wave: Wave) -> bool:
     """Return whether the shaft of a harmonic made a full turn."""
-    return bool(core.scope.turns["driven" if wave.shaft == "driven" else "driving"] >= FULL_TURN)
+    shaft = "driven" if wave.shaft == "driven" else "driving"
+    return bool(core.scope.turns[shaft] >= FULL_TURN)
 
 
 def order_model(core: MixedFit) -> OrderModel:

@@ -50,7 +50,7 @@ class LogStart(Record, frozen=True):
     """Angles of both shafts, relative to the first log, at which the angles of a log are zero.
 
     Each angle has a standard error, which is 0 for an angle that is not fitted. Both are None where
-    the orders of both logs do not tell the start.
+    the orders of both logs do not tell the start; the log then has orders of its own.
     """
 
     driving_deg: float | None
@@ -185,7 +185,7 @@ class Reversal(Record, frozen=True):
 
     `turn_deg` is the driving angle of the turning point. `variable_backlash_deg` is the fitted
     variable backlash j_v at `driving_deg`, and `constant_backlash_deg` the jump less j_v, the
-    paper's way to the constant backlash. `crossing` is True if the teeth may still be inside the
+    paper's way to the constant backlash; both are None in a log with a zero of its own. `crossing` is True if the teeth may still be inside the
     gap there.
     """
 

@@ -25,7 +25,7 @@ from .scope import Scope, scope_of
 _MOST_PASSES, _MOMENTS = 7, 2
 _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
-"""Turns below which a log is a table of one turn, and prior widths of atanh π_k, k > 1, there."""
+"""Turns below which a log is a table of one turn; the prior widths of atanh π_k, k > 1, there."""
 
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
@@ -290,7 +290,7 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
     ]
     height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
     best = min(found, key=height)
-    usual = float(np.log(logs.usual[0]))
+    usual = float(orders[LAGS + 1])
     if best.value[LAGS] < usual + np.log(_QUIET) or height(best) == np.inf:
         # A smooth log without noise is as well a noise that remembers everything.
         quiet = orders.copy()
@@ -360,9 +360,11 @@ def outlying(
 ) -> tuple[list[Float[np.ndarray, " n"]] | None, float, float]:
     """Return weights of the rows (None: no outliers), share of outliers, and the noise, rad.
 
-    `certain`: whether it is known already that there are outliers.
+    `certain`: whether it is known already that there are outliers. A delay that is still in the
+    readings follows every change of the speed, also those that do not tell it.
     """
     steady = [c for c in columns if c.name[0] not in ("part", "bend", "drift")]
+    steady.append(Column(("late",), ("late",)))
     tables = []
     for number, one in enumerate(rows):
         links = {side: embedding(steady, one.names, number, side) for side in (1, -1)}

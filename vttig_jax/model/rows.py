@@ -264,7 +264,7 @@ def joined(runs: Sequence[Run]) -> tuple[Run, ...]:
 
 def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:
     """Return the place of every column of a row."""
-    names: list[Name] = [("one",), ("delay",)]
+    names: list[Name] = [("one",), ("delay",), ("late",)]
     names += [("ratio",)] * ratio + [("torque",)] * torque
     names += [(w.shaft, w.order, part) for w in waves for part in ("cos", "sin")]
     names += [("drift", k) for k in range(KNOTS)]
@@ -316,6 +316,7 @@ def rows_of(
         angle, speed = moved[index], mean(moved_speed[index])
         late = -shafts.ratio * speed
         table[own, 0], table[own, names["delay",]] = 1.0, late
+        table[own, names["late",]] = -shafts.ratio * mean(shafts.speed[index])
         if kinds[0] is not None:
             table[own, kinds[0]] = mean(angle) - centre
         if kinds[1] is not None:

@@ -54,7 +54,7 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows]) -> Scope:
                 if not any(one.start.spread):
                     on[side].update(np.unique(np.floor(angle / DEG).astype(int)).tolist())
         spans = [high - low for low, high in travel.values() if high > low]
-        turns = max(turns, min(spans, default=0.0) / REV)
+        turns = max(turns, float(min(spans, default=0.0)) / REV)
     ratio = shafts[0].ratio
     speed = np.concatenate([one.speed for one in rows])
     flank = np.concatenate([one.flank for one in rows])
