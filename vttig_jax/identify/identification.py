@@ -105,9 +105,9 @@ def fit(
     **Returns** a `Fit`.
 
     **Raises** `UsageError` for a `model` that is no flank model, and for settings that contradict
-    it; `LogError` for a log that contradicts the pair or the first orders of another log, `NoAnswerError` for
-    logs that are too short to say anything, `ValueError` for wrong arguments and without 64-bit
-    floats, `TypeError` for a keyword that is no setting.
+    it; `LogError` for a log that contradicts the pair or the first orders of another log,
+    `NoAnswerError` for logs that are too short to say anything, `ValueError` for wrong arguments
+    and without 64-bit floats, `TypeError` for a keyword that is no setting.
 
     **Example**
     ```python

@@ -185,8 +185,8 @@ class Reversal(Record, frozen=True):
 
     `turn_deg` is the driving angle of the turning point. `variable_backlash_deg` is the fitted
     variable backlash j_v at `driving_deg`, and `constant_backlash_deg` the jump less j_v, the
-    paper's way to the constant backlash; both are None in a log with a zero of its own. `crossing` is True if the teeth may still be inside the
-    gap there.
+    paper's way to the constant backlash; both are None in a log with a zero of its own. `crossing`
+    is True if the teeth may still be inside the gap there.
     """
 
     log: int
