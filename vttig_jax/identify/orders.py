@@ -15,7 +15,7 @@ from ..base.units import ARCSEC
 from ..kinematics.exact import ExactModel, exact_model
 from ..kinematics.first_order import ClosedModel, closed_model
 from ..kinematics.harmonic import OrderModel
-from ..model.mixed_fit import MixedFit
+from ..model.mixed_fit import CLEAR, MixedFit
 from ..model.parameter import LARGEST
 from ..model.parameters import FULL_TURN, SIGNIFICANT
 from ..model.rows import KNOTS, Wave
@@ -26,11 +26,6 @@ SIDES: dict[int, Flank] = {1: "A", -1: "B"}
 """Side of a run in the model → flank."""
 
 _RANKS = {"driving": 0, "driven": 1, "mesh": 2}
-
-CLEAR = 4.0
-"""Standard errors of a significant order: noise alone passes it once in three thousand orders, and
-a table has some thirty."""
-
 
 @dataclass(frozen=True)
 class Order:

@@ -77,6 +77,7 @@ class Shape:
     - `drive`: whether it is a drive, whose error of the ratio is a column. The first orders of
       gears follow from eccentricities and have a flat prior.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
+    - `clear`: shaft and order of higher orders that stand out, with the prior of first orders.
     """
 
     starts: tuple[Start, ...]
@@ -86,6 +87,7 @@ class Shape:
     drive: bool
     interval_s: float
     usual: float
+    clear: frozenset[tuple[str, float]] = frozenset()
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
@@ -115,7 +117,11 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                 prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
                 if wave.shaft == "both" or (not shape.drive and wave.is_first):
                     prior, width = FLAT, 1.0
-                elif wave.is_first or wave.shaft not in GROUPS:
+                elif (
+                    wave.is_first
+                    or wave.shaft not in GROUPS
+                    or (wave.shaft, wave.order) in shape.clear
+                ):
                     prior, width = KNOWN, assumed.orders * shape.usual
                 for part in ("cos", "sin"):
                     row = (wave.shaft, wave.order, part)

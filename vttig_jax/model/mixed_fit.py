@@ -23,6 +23,10 @@ from .rows import BENDS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
 _MOST_PASSES, _MOMENTS = 7, 2
+CLEAR = 4.0
+"""Standard errors of an order that stands out: noise alone passes it once in three thousand orders,
+and a table has some thirty."""
+
 _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
 """Turns below which a log is a table of one turn; the prior widths of atanh π_k, k > 1, there."""
@@ -241,6 +245,10 @@ def mixed_fit(
         theta = np.asarray(found.value)
         steps += int(found.stats["num_steps"])
         posterior = Posterior(problem, theta, found.aux)
+        if clear := clear_orders(posterior):
+            # Beside one large order the others, which share its width, would take up slow noise.
+            shape = replace(design.shape, clear=design.shape.clear | clear)
+            design, theta = replace(design, shape=shape), None
         if number >= _MOST_PASSES:
             break
         step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
@@ -248,7 +256,7 @@ def mixed_fit(
             shafts = tuple(
                 with_ramps(one, log, posterior, design, delay_s) for log, one in enumerate(shafts)
             )
-        elif step is None or abs(step.value) < _SETTLED * step.std:
+        elif not clear and (step is None or abs(step.value) < _SETTLED * step.std):
             settled = True
             break
         if step is not None:
@@ -273,6 +281,20 @@ def mixed_fit(
     )
 
 
+def clear_orders(posterior: Posterior) -> frozenset[tuple[str, float]]:
+    """Return shaft and order of the higher orders with a common width that stand out of it."""
+    own = [c for c in posterior.problem.columns if c.prior in ("driving", "driven")]
+    if not own:
+        return frozenset()
+    mean, covariance, _ = posterior.told(np.stack([posterior.row(c.name) for c in own]), moved=True)
+    square = (mean**2 / np.diag(covariance)).reshape(-1, 2).mean(axis=1)
+    return frozenset(
+        (str(c.name[0]), c.name[1])
+        for c, size in zip(own[::2], square, strict=True)
+        if size > 0.5 * CLEAR**2
+    )
+
+
 def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Solution:
     """Return the largest density, from the θ of the last pass or, in the first pass, of two starts.
 
@@ -283,7 +305,7 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
         return maximise(logs, jnp.asarray(theta), jnp.asarray(0))
     orders = first_theta(logs)
     noise = orders.copy()
-    noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, noise[LAGS + 1 : LAGS + 4] - _SMALL
+    noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, np.log(logs.usual[:3]) - _SMALL
     found = [
         maximise(logs, jnp.asarray(start), jnp.asarray(moments))
         for start, moments in ((orders, _MOMENTS), (noise, 0))
