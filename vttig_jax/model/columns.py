@@ -87,7 +87,7 @@ class Shape:
     drive: bool
     interval_s: float
     usual: float
-    clear: frozenset[tuple[str, float]] = frozenset()
+    clear: frozenset[tuple[str, int | float]] = frozenset()
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:

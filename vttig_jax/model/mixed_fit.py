@@ -281,7 +281,7 @@ def mixed_fit(
     )
 
 
-def clear_orders(posterior: Posterior) -> frozenset[tuple[str, float]]:
+def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
     """Return shaft and order of the higher orders with a common width that stand out of it."""
     own = [c for c in posterior.problem.columns if c.prior in ("driving", "driven")]
     if not own:
