@@ -83,6 +83,7 @@ INNER_FLOORS = {
         "functionals",
         "gears",
         "mixed_fit",
+        "starts",
         "components",
         "lines",
         "parameter",

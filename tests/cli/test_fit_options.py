@@ -155,16 +155,7 @@ def test_all_together_and_again(fitted, folder, vttig_json):
     assert again == kept
 
 
-APART = "logs with zeros of their own share no orders"
-
-
-@pytest.mark.parametrize(
-    "zero",
-    [
-        "--same-zero",
-        pytest.param("--own-zero", marks=pytest.mark.xfail(reason=APART, strict=True)),
-    ],
-)
+@pytest.mark.parametrize("zero", ["--same-zero", "--own-zero"])
 def test_several_logs_share_the_rig(fitted, zero):
     one, two = fitted("late.csv"), fitted("late.csv", "again.csv", zero)
     assert [log["source"] for log in two["logs"]] == ["late.csv", "again.csv"]
@@ -183,7 +174,6 @@ def test_zeros_of_several_logs(fitted):
     assert fitted("late.csv", "again.csv")["logs"][1]["start"]["driving_std_deg"] > 0
 
 
-@pytest.mark.xfail(reason="zeros that contradict --same-zero are not found", strict=True)
 def test_zeros_that_are_not_the_same_are_refused(folder, vttig, monkeypatch):
     monkeypatch.chdir(folder)
     code, _, err = vttig("fit", "late.csv", "later.csv", "--same-zero", "--pair", "pair.toml")

@@ -48,7 +48,7 @@ def drawn(seed: int, lengths=((14, 11), (12, 17)), noise: float = 0.3) -> Small:
     """
     rng = np.random.default_rng(seed)
     names = [("one",), ("delay",), ("a",), ("b",), ("c",), ("part", 0), ("part", 1), ("drift", 0)]
-    columns = [Column(("offset", log), ("one",), log) for log in range(len(lengths))]
+    columns = [Column(("offset", log), ("one",), (log,)) for log in range(len(lengths))]
     columns += [
         Column(("gap",), ("one",), differs=True),
         Column(("delay",), ("delay",), prior=KNOWN, width=0.8),
@@ -59,8 +59,9 @@ def drawn(seed: int, lengths=((14, 11), (12, 17)), noise: float = 0.3) -> Small:
         Column(("difference", 1), ("c",), differs=True, prior="difference"),
     ]
     for log in range(len(lengths)):
-        columns += [Column(("part", log, k), ("part", k), log, prior="delay_parts") for k in (0, 1)]
-        columns.append(Column(("drift", log), ("drift", 0), log, prior="drift", width=0.4))
+        own = (log,)
+        columns += [Column(("part", log, k), ("part", k), own, prior="delay_parts") for k in (0, 1)]
+        columns.append(Column(("drift", log), ("drift", 0), own, prior="drift", width=0.4))
     logs = []
     for runs in lengths:
         count = sum(runs)

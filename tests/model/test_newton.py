@@ -42,7 +42,7 @@ def _sine_beside_noise(share: float) -> Small:
     y = share * noise.std() * np.sin(phase + 0.4) + noise
     table = np.c_[np.ones(count), np.cos(phase), np.sin(phase), y]
     columns = (
-        Column(("offset", 0), ("one",), 0),
+        Column(("offset", 0), ("one",), (0,)),
         Column(("cos",), ("c",), prior="driving"),
         Column(("sin",), ("s",), prior="driving"),
     )

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import jax.numpy as jnp
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
@@ -264,17 +265,14 @@ def _reversals(
         return tuple(found)
     angles = np.array([one.driving_deg for one in found]) * DEG
     variable = np.asarray(model.backlash(angles)) / DEG - constant
+    # The fitted backlash has a place in the logs that have the zero of the first one.
     return tuple(
-        Reversal(
-            one.log,
-            one.driving_deg,
-            one.turn_deg,
-            one.jump_deg,
-            float(extra),
-            one.jump_deg - float(extra),
-            one.crossing,
+        one
+        if any(core.shafts[one.log - 1].start.spread)
+        else msgspec.structs.replace(
+            one, variable_backlash_deg=extra, constant_backlash_deg=one.jump_deg - extra
         )
-        for one, extra in zip(found, variable, strict=True)
+        for one, extra in zip(found, variable.tolist(), strict=True)
     )
 
 

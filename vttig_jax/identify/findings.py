@@ -24,6 +24,7 @@ from ..model.parameter import Parameter
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
 from .records import Checks, LogRecord, Noise, Record
+from .starts import disagreements
 
 Severity = Literal["warning", "question", "note"]
 
@@ -371,15 +372,30 @@ def equal_orders(case: Case) -> Iterator[Finding]:
         )
 
 
+def other_rig(case: Case) -> Iterator[Finding]:
+    """Say that a log has other first orders than the first log."""
+    for one in disagreements(case.core):
+        yield Finding(
+            "rigs-differ",
+            "warning",
+            case.name(one.log - 1) + one.sentence(PurePath(case.logs[0].source).name),
+            "fit these logs one by one",
+            {"difference_arcsec": one.difference_arcsec, "std_arcsec": one.std_arcsec},
+        )
+        return
+
+
 def open_starts(case: Case) -> Iterator[Finding]:
     """Say that the orders of two logs are not compared."""
     for number, one in enumerate(case.records[1:], 2):
-        if one.start.driving_deg is None or one.start.driven_deg is None:
+        told = {"driving": one.start.driving_deg, "driven": one.start.driven_deg}
+        if unknown := " and the ".join(shaft for shaft, angle in told.items() if angle is None):
             yield Finding(
                 "start-unknown",
                 "note",
-                f"log {number} has a zero of its own, and no order tells where it lies in the"
-                " angles of the first log: its orders are its own",
+                f"log {number} has a zero of its own, and no order that it shares with the first"
+                f" log tells where the {unknown} shaft starts: its orders of that shaft are its"
+                " own",
                 "say --same-zero if both encoders count whole turns from one zero",
             )
 
@@ -447,6 +463,7 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     gap_crossed_late,
     jumps,
     ratio_off,
+    other_rig,
     outliers,
     no_noise,
     drift,

@@ -165,13 +165,9 @@ class GivenModel:
                 found = self.on(moved[rows.samples[piece]].ravel(), flank)
                 table[piece] = found.reshape(len(piece), size, -1).mean(1)[:, kept]
         readings = rows.table[:, -1] - table[:, 0]
-        names = [name for name in rows.names if name != ("y",)]
-        names += [("given", name) for name in self.told]
-        return replace(
-            rows,
-            names={name: place for place, name in enumerate((*names, ("y",)))},
-            table=np.column_stack([rows.table[:, :-1], table[:, 1:], readings]),
-        )
+        rows = replace(rows, table=np.column_stack([rows.table[:, :-1], readings]))
+        names = [("given", name) for name in self.told]
+        return rows.joined(dict(zip(names, table[:, 1:].T, strict=True)))
 
     def resolved(self, first: float, turns: float) -> "GivenModel":
         """Return the model with its `highest_order`, in cycles per driving turn.

@@ -33,6 +33,7 @@ from ..model.parameters import (
 )
 from ..model.rows import Run, Shafts
 from ..model.runs import shafts_of
+from ..model.starts import Turns, start_of
 from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
@@ -54,7 +55,7 @@ from .orders import SIDES, order_model, order_table
 from .readings import compared, updated
 from .records import Outcome
 from .result import Fit, FitRequest
-from .starts import log_records
+from .starts import OWN, log_records, require_one_rig, turned
 
 
 @takes_settings
@@ -84,8 +85,9 @@ def fit(
     **Arguments**
     - `log`: an encoder log or transmission-error curve, or several of one rig. They share
       eccentricities, orders, constant backlash and delay; offset and drift are each log's own.
-      Without a common zero (`same_zero`) each log has orders of its own, and the parameters are
-      those of the first.
+      Without a common zero (`same_zero`) the start angles of each further log are found by its
+      orders. Amplitudes are then those of all logs, and phases those of the first. Lines, and
+      orders whose start nothing tells, are each log's own.
     - `pair`: the gear pair, or a drive without geometry; by default the drive that the first log
       was read with, `read_log(path, ratio="64:23")`.
     - `settings`: delay, ratio, lines and all other choices; see `FitSettings`. Every field of it is
@@ -103,9 +105,9 @@ def fit(
     **Returns** a `Fit`.
 
     **Raises** `UsageError` for a `model` that is no flank model, and for settings that contradict
-    it; `LogError` for a log that contradicts the pair or another log, `NoAnswerError` for
-    logs that are too short to say anything, `ValueError` for wrong arguments and without 64-bit
-    floats, `TypeError` for a keyword that is no setting.
+    it; `LogError` for a log that contradicts the pair or the first orders of another log,
+    `NoAnswerError` for logs that are too short to say anything, `ValueError` for wrong arguments
+    and without 64-bit floats, `TypeError` for a keyword that is no setting.
 
     **Example**
     ```python
@@ -139,7 +141,6 @@ def fit(
         ratios=found.ratios,
         lines=found.lines,
         readings=readings,
-        one_zero=found.one_zero,
         short=found.short,
         given=found.given,
     )
@@ -155,7 +156,6 @@ class Identified:
     lines: list[Line]
     segments: list[Segments]
     ratios: list[SeenRatio]
-    one_zero: bool
     short: tuple[str, ...]
     given: GivenModel | None = None
 
@@ -184,12 +184,15 @@ def identified(
         for log, own in zip(logs, segments, strict=True)
     ]
     shafts, short = usable(shafts, waves_of(pair, orders), where)
-    one_zero = len(logs) == 1 or have_one_zero(logs, settings)
+    one_zero = have_one_zero(logs, settings)
+    if not one_zero:
+        shafts = [shafts[0], *(replace(one, start=OWN) for one in shafts[1:])]
     given = None
     if model is not None:
         given = prepared(model, shafts, settings, one_zero=one_zero, where=where)
-    core, lines, given = fitted(shafts, pair, orders, settings, one_zero=one_zero, given=given)
-    return Identified(core, lines, segments, ratios, one_zero, short, given)
+    core, lines, given = fitted(shafts, pair, orders, settings, given=given)
+    require_one_rig(core, [one.source for one in logs])
+    return Identified(core, lines, segments, ratios, short, given)
 
 
 def told_by(
@@ -240,7 +243,7 @@ def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
     """Return whether the angles of all logs count from one zero."""
     if settings.same_zero is not None:
         return settings.same_zero
-    return all(one.zero == "reading" for one in logs)
+    return len(logs) == 1 or all(one.zero == "reading" for one in logs)
 
 
 def assumptions_of(settings: FitSettings) -> Assumptions:
@@ -264,7 +267,6 @@ def fitted(
     orders: HarmonicOrders,
     settings: FitSettings,
     *,
-    one_zero: bool,
     given: GivenModel | None = None,
 ) -> tuple[MixedFit, list[Line], GivenModel | None]:
     """Fit the mixed model, and once more with the lines that the residual has."""
@@ -276,10 +278,14 @@ def fitted(
         orders = with_mesh(orders, pair)
         given = searched(given, shafts, drive, orders, assumed)
 
-    fit = partial(mixed_fit, shafts, pair, orders, one_zero=one_zero, assumed=assumed)
+    fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed)
     own = partial(fitted_given, shafts=shafts, drive=drive, orders=orders, assumed=assumed)
+    turns = None
     if given is None:
-        core = fit(delay_s=fixed_s)
+        core, turns = turned(
+            fit(shafts, delay_s=fixed_s),
+            lambda shafts, turns, delay_s: fit(shafts, given=turns, delay_s=delay_s),
+        )
     else:
         core, given = own(given, delay_s=fixed_s)
     lines, start = found_lines(core), core.delay_s
@@ -288,14 +294,16 @@ def fitted(
     cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
     if given is not None:
         core, given = own(given, lines=cycles, delay_s=start)
-    elif one_zero:
+    elif any(any(one.start.spread) for one in shafts):
+        # A line has a phase of its own in a log whose whole turns since the first one are unknown.
+        shafts = [replace(one, start=start_of(core, log)) for log, one in enumerate(core.shafts)]
+        core = fit(shafts, lines=cycles, given=turns and Turns.of(core), delay_s=start)
+    else:
         core, lines = refined(
             lines,
             core.scope.turns["driving"],
-            lambda at, shifts: fit(lines=at, given=shifts, delay_s=start),
+            lambda at, shifts: fit(shafts, lines=at, given=shifts, delay_s=start),
         )
-    else:
-        core = fit(lines=cycles, delay_s=start)
     return core, lines, given
 
 
@@ -317,7 +325,6 @@ def result_of(
     ratios: Sequence[SeenRatio],
     lines: Sequence[Line],
     readings: BacklashReadings | None,
-    one_zero: bool,
     short: Sequence[str],
     given: GivenModel | None = None,
 ) -> Fit:
@@ -349,7 +356,7 @@ def result_of(
     checks = type(checks)(**{**_fields(checks), "readings": compared_with})
     if parameters["constant_backlash_deg"].determined:
         parameters.pop("gap_over_angles_covered", None)
-    records = log_records(core, logs, one_zero=one_zero)
+    records = log_records(core, logs)
     rms = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) / DEG
     case = Case(
         core,

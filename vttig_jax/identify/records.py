@@ -50,13 +50,33 @@ class LogStart(Record, frozen=True):
     """Angles of both shafts, relative to the first log, at which the angles of a log are zero.
 
     Each angle has a standard error, which is 0 for an angle that is not fitted. Both are None where
-    the orders of both logs do not tell the start.
+    the orders of both logs do not tell the start; the log then has orders of its own.
     """
 
     driving_deg: float | None
     driving_std_deg: float | None
     driven_deg: float | None
     driven_std_deg: float | None
+
+
+class Disagreement(Record, frozen=True):
+    """First order of a log (from 1) that is not that of the first log, on one flank, arcsec."""
+
+    log: int
+    shaft: str
+    flank: str
+    first_arcsec: float
+    this_arcsec: float
+    difference_arcsec: float
+    std_arcsec: float
+
+    def sentence(self, first: str) -> str:
+        """Return both orders in words; `first` is the name of the first log."""
+        return (
+            f"the {self.shaft} shaft has a first order of {self.this_arcsec:.3g}″ on flank"
+            f" {self.flank}, but {self.first_arcsec:.3g}″ in {first} (difference"
+            f" {self.difference_arcsec:.3g}″ ± {self.std_arcsec:.2g}″)"
+        )
 
 
 class LogRecord(Record, frozen=True):
@@ -165,8 +185,8 @@ class Reversal(Record, frozen=True):
 
     `turn_deg` is the driving angle of the turning point. `variable_backlash_deg` is the fitted
     variable backlash j_v at `driving_deg`, and `constant_backlash_deg` the jump less j_v, the
-    paper's way to the constant backlash. `crossing` is True if the teeth may still be inside the
-    gap there.
+    paper's way to the constant backlash; both are None in a log with a zero of its own. `crossing`
+    is True if the teeth may still be inside the gap there.
     """
 
     log: int

@@ -1,24 +1,108 @@
-"""Start angles of logs without a common zero: where the orders of both logs coincide."""
+"""Start angles of logs without a common zero: where the orders of both logs coincide.
 
-from collections.abc import Sequence
+Logs whose starts are told share their orders: amplitudes are those of all, phases of the first.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..base.units import DEG, REV
+from ..base.errors import LogError
+from ..base.numerics.polar_spread import polar_spread
+from ..base.units import ARCSEC, DEG, REV
 from ..logs.channel.channel import Channel
 from ..logs.encoder_log import EncoderLog
 from ..model.mixed_fit import MixedFit
-from ..model.parameters import SHAFTS, TOLD
-from .orders import order_rows
-from .records import LogRecord, LogStart
+from ..model.rows import SHAFTS, UNTOLD, Shafts, Start
+from ..model.starts import Turns, alone, start_of
+from .orders import CLEAR, SIDES, order_rows
+from .records import Disagreement, LogRecord, LogStart
+
+OWN = Start(spread=(np.inf, np.inf))
+"""Start of a log that shares no order with the first one."""
 
 _ANGLES = np.linspace(0.0, REV, 1441)[:-1]
-_UNIFORM = REV / np.sqrt(12.0)
+_SETTLED, _MOST_FITS = 0.3, 3
+_SHARE = 0.2
+"""First orders that differ by more than a fifth, beyond chance, are those of two rigs (chosen)."""
 
 
-def log_records(
-    core: MixedFit, logs: Sequence[EncoderLog], *, one_zero: bool
-) -> tuple[LogRecord, ...]:
+def turned(
+    core: MixedFit, fit: Callable[[Sequence[Shafts], Turns, float], MixedFit]
+) -> tuple[MixedFit, Turns | None]:
+    """Return the fit in which the logs share the orders whose phases their starts tell.
+
+    A start is not linear: its derivative is a column, and the fit is repeated until the steps are
+    small. Logs whose first orders contradict those of the first log keep their own. `fit` is a
+    function of the logs with their starts, the derivatives and the delay.
+    """
+    starts = [one.start for one in core.shafts]
+    own = {log for log, start in enumerate(starts) if start == OWN}
+    for log in own and own - {one.log - 1 for one in disagreements(core)}:
+        starts[log] = _start(core, log)
+    if all(start in (OWN, Start()) for start in starts):
+        return core, None
+    number = 0
+    while True:
+        number += 1
+        turns = Turns.of(core)
+        shafts = zip(core.shafts, starts, strict=True)
+        core = fit([replace(one, start=start) for one, start in shafts], turns, core.delay_s)
+        last, starts = starts, [start_of(core, log) for log in range(len(starts))]
+        steps = [
+            abs(new - old) < _SETTLED * std
+            for one, two in zip(starts, last, strict=True)
+            for new, old, std in zip(one.angles, two.angles, one.spread, strict=True)
+            if std
+        ]
+        if all(steps) or number == _MOST_FITS:
+            return core, turns
+
+
+def disagreements(core: MixedFit) -> Iterator[Disagreement]:
+    """Yield first orders of a log that differ from those of the first log, beyond chance.
+
+    Logs of one zero are compared in amplitude and phase, those with zeros of their own in amplitude
+    only. A log that shares its orders by its start has been compared before.
+    """
+    one_zero = len(core.shafts) > 1 and not any(any(one.start.spread) for one in core.shafts)
+    core = alone(core) if one_zero else core
+    index = core.posterior.problem.index
+    for log in range(1, len(core.shafts)):
+        for wave in core.waves:
+            if not wave.is_first or (wave.shaft, wave.order, "cos", False, log) not in index:
+                continue
+            for side in core.scope.flanks:
+                rows = np.concatenate([order_rows(core, wave, side, k) for k in (0, log)])
+                mean, covariance, _ = core.posterior.told(rows / ARCSEC, moved=True)
+                first, this = (
+                    polar_spread(mean[own], covariance[own, own])[:2]
+                    for own in (slice(0, 2), slice(2, 4))
+                )
+                if one_zero:
+                    apart = np.hstack([-np.eye(2), np.eye(2)])
+                    off, std, *_ = polar_spread(apart @ mean, apart @ covariance @ apart.T)
+                else:
+                    off, std = abs(this[0] - first[0]), float(np.hypot(this[1], first[1]))
+                if off > CLEAR * std:
+                    yield Disagreement(
+                        log + 1, wave.shaft, SIDES[side], first[0], this[0], off, std
+                    )
+
+
+def require_one_rig(core: MixedFit, sources: Sequence[str]) -> None:
+    """Raise `LogError` if first orders of the logs are those of two rigs."""
+    for one in disagreements(core):
+        if one.difference_arcsec > _SHARE * max(one.first_arcsec, one.this_arcsec):
+            raise LogError(
+                f"{one.sentence(sources[0])}; these are not logs of one rig, or not with the same"
+                " zero: fit them one by one.",
+                where=sources[one.log - 1],
+            )
+
+
+def log_records(core: MixedFit, logs: Sequence[EncoderLog]) -> tuple[LogRecord, ...]:
     """Return the record of every log."""
     found = []
     for number, (log, rows) in enumerate(zip(logs, core.rows, strict=True)):
@@ -30,9 +114,7 @@ def log_records(
                 source=log.source,
                 sha256=log.sha256,
                 zero=log.zero,
-                start=LogStart(0.0, 0.0, 0.0, 0.0)
-                if one_zero or not number
-                else _start(core, number),
+                start=_log_start(start_of(core, number)),
                 zero_readings={
                     shaft: None if channel is None else _zero_reading(channel, log.zero)
                     for shaft, channel in (("driving", log.driving), ("driven", log.driven))
@@ -53,13 +135,20 @@ def _zero_reading(channel: Channel, zero: str) -> int | float:
     return channel.origin if zero == "start" else channel.reading[0].item()
 
 
-def _start(core: MixedFit, log: int) -> LogStart:
+def _log_start(start: Start) -> LogStart:
+    told: list[float | None] = []
+    for angle, std in zip(start.angles, start.spread, strict=True):
+        told += [angle / DEG % 360, std / DEG] if std < UNTOLD else [None, None]
+    return LogStart(*told)
+
+
+def _start(core: MixedFit, log: int) -> Start:
     """Return the start angles of a log relative to the first one.
 
     Order k has the coefficient z₁ in the first log and z₂ = z₁ exp(−j k a) in one that starts at
     the angle a. Their joint likelihood over a tells the start, if it is narrow.
     """
-    told: list[float | None] = []
+    angles, spread = [], []
     for shaft in SHAFTS:
         height = np.zeros(len(_ANGLES))
         for wave in core.waves:
@@ -78,8 +167,6 @@ def _start(core: MixedFit, log: int) -> LogStart:
         mean_angle = float(np.angle(np.sum(weight * np.exp(1j * _ANGLES))))
         off = np.mod(_ANGLES - mean_angle + REV / 2, REV) - REV / 2
         std = float(np.sqrt(np.sum(weight * off**2)))
-        if std > TOLD * _UNIFORM:
-            told += [None, None]
-        else:
-            told += [mean_angle / DEG % 360, max(std, _ANGLES[1] / 2) / DEG]
-    return LogStart(*told)
+        angles.append(mean_angle)
+        spread.append(max(std, _ANGLES[1] / 2) if std < UNTOLD else np.inf)
+    return Start((angles[0], angles[1]), (spread[0], spread[1]))

@@ -1,6 +1,6 @@
 """Columns of the model over all logs and both flanks, and the prior of every coefficient.
 
-A column belongs to one log or to all, has the same values on both flanks (their mean) or s = ∓½
+A column belongs to some logs or to all, has the same values on both flanks (their mean) or s = ∓½
 times these (their difference), and has a prior:
 
 | column | prior of its coefficient |
@@ -10,6 +10,7 @@ times these (their difference), and has a prior:
 | ratio of a drive | N(0, (3·10⁻³ i)²): a ratio is misstated by a rounded number of teeth |
 | first orders, tooth mesh, lines | N(0, (3 u)²), u: robust deviation of the transmission error |
 | order k > 1 of each shaft, difference between the flanks | N(0, (τ/k)²), one τ each |
+| start angles of a log | N(0, (360°)²/12) |
 | drift: a random walk of each log in K ramps | N(0, τ²/K) |
 | delay of a part of a log; bends of the gap over the speed | N(0, τ²) |
 """
@@ -20,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from .rows import BENDS, KNOTS, PARTS, Name, Wave
+from .rows import BENDS, KNOTS, PARTS, SHAFTS, UNTOLD, Name, Start, Wave
 
 GROUPS = ("driving", "driven", "difference", "drift", "delay_parts", "gap_by_speed")
 """Groups of columns that share a prior width τ."""
@@ -51,7 +52,7 @@ class Assumptions:
 
 @dataclass(frozen=True)
 class Column:
-    """Column of the model: the row column `row`, of one log or of all (None).
+    """Column of the model: the row column `row`, of some logs or of all (None).
 
     `differs`: whether it is multiplied by s. `prior`: a group, "known" or "flat". `width`: prior
     standard deviation, in a group a multiple of τ.
@@ -59,7 +60,7 @@ class Column:
 
     name: Name
     row: Name
-    log: int | None = None
+    logs: tuple[int, ...] | None = None
     differs: bool = False
     prior: str = FLAT
     width: float = 1.0
@@ -70,30 +71,33 @@ class Shape:
     """What decides which columns a model has.
 
     **Arguments**
-    - `logs`: number of logs. - `both`: whether both flanks have runs.
+    - `starts`: start of every log, which tells the harmonics that it shares with the first one.
+    - `both`: whether both flanks have runs.
     - `torque`: whether every log has a torque. - `ratio`: i.
     - `drive`: whether it is a drive, whose error of the ratio is a column. The first orders of
       gears follow from eccentricities and have a flat prior.
-    - `one_zero`: whether all logs count from one zero and so share their harmonics.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
     - `clear`: shaft and order of higher orders that stand out, with the prior of first orders.
     """
 
-    logs: int
+    starts: tuple[Start, ...]
     both: bool
     torque: bool
     ratio: float
     drive: bool
-    one_zero: bool
     interval_s: float
     usual: float
-    clear: frozenset[tuple[str, float]] = frozenset()
+    clear: frozenset[tuple[str, int | float]] = frozenset()
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
     """Yield the columns of the model."""
-    for log in range(shape.logs):
-        yield Column(("offset", log), ("one",), log)
+    for log, start in enumerate(shape.starts):
+        yield Column(("offset", log), ("one",), (log,))
+        for shaft, std in zip(SHAFTS, start.spread, strict=True):
+            if 0 < std < np.inf:
+                name = ("start", log, shaft), ("start", shaft)
+                yield Column(*name, (log,), prior=KNOWN, width=2 * UNTOLD)
     if shape.both:
         yield Column(("gap",), ("one",), differs=True)
     if assumed.delay == "fitted":
@@ -103,8 +107,12 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
         yield Column(("ratio",), ("ratio",), prior=KNOWN, width=width)
     if shape.torque:
         yield Column(("torque",), ("torque",))
-    for log in [None] if shape.one_zero or shape.logs == 1 else range(shape.logs):
+    for log, start in enumerate(shape.starts):
         for wave in waves:
+            if log and start.tells(wave):
+                continue
+            told = (k for k, one in enumerate(shape.starts) if one.tells(wave))
+            logs = (log,) if log else tuple(told)
             for differs in (False, True) if shape.both else (False,):
                 prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
                 if wave.shaft == "both" or (not shape.drive and wave.is_first):
@@ -117,13 +125,14 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                     prior, width = KNOWN, assumed.orders * shape.usual
                 for part in ("cos", "sin"):
                     row = (wave.shaft, wave.order, part)
-                    yield Column((*row, differs, log or 0), row, log, differs, prior, width)
-    for log in range(shape.logs):
+                    yield Column((*row, differs, log), row, logs, differs, prior, width)
+    for log in range(len(shape.starts)):
         for k in range(KNOTS):
-            yield Column(("drift", log, k), ("drift", k), log, prior="drift", width=KNOTS**-0.5)
+            width = KNOTS**-0.5
+            yield Column(("drift", log, k), ("drift", k), (log,), prior="drift", width=width)
         if assumed.delay == "fitted" and shape.both:  # on one flank it is a drift
             for k in range(PARTS):
-                yield Column(("part", log, k), ("part", k), log, prior="delay_parts")
+                yield Column(("part", log, k), ("part", k), (log,), prior="delay_parts")
     if shape.both:
         for k in range(BENDS):
             yield Column(("bend", k), ("bend", k), differs=True, prior="gap_by_speed")
@@ -133,7 +142,7 @@ def embedding(columns: Sequence[Column], names: dict[Name, int], log: int, side:
     """Return the matrix (row columns, model columns and y) of the runs of a log on one flank."""
     matrix = np.zeros((len(names), len(columns) + 1))
     for place, column in enumerate(columns):
-        if column.log in (None, log) and column.row in names:
+        if (column.logs is None or log in column.logs) and column.row in names:
             matrix[names[column.row], place] = -0.5 * side if column.differs else 1.0
     matrix[names["y",], -1] = 1.0
     return matrix

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from jaxtyping import Float
@@ -17,29 +18,39 @@ _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
 
 
 def found_lines(fit: MixedFit) -> list[Line]:
-    """Return lines of the residual that are no order of the model."""
+    """Return lines of the residual that are no order of the model.
+
+    Logs with zeros of their own are searched one by one: no start angle tells the phase of a line.
+    """
     left = fit.residual
     good = np.ones(len(left), bool) if fit.weights is None else np.concatenate(fit.weights) > 0.5
-    runs, first = [], 0
+    logs, first = [], 0
     for rows in fit.rows:
+        logs.append([])
         for a, b, side in zip(rows.first, rows.last, rows.side, strict=True):
             own = np.arange(a, b + 1)
             own = own[good[first + own]]
             if len(own) > 3:
                 flank = "A" if side > 0 else "B"
                 one = np.ones((len(own), 1))
-                runs.append(Stretch(rows.angle[own], left[first + own], one, flank))
+                logs[-1].append(Stretch(rows.angle[own], left[first + own], one, flank))
         first += len(rows.table)
-    highest = min(_HIGHEST, highest_resolved(runs, 3.0))
-    if highest < 1:
-        return []
+    if not any(any(one.start.spread) for one in fit.shafts):
+        logs = [list(chain(*logs))]
+    found: list[Line] = []
+    for runs in logs:
+        highest = min(_HIGHEST, highest_resolved(runs, 3.0)) if runs else 0.0
+        if highest >= 1:
+            found += find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
     known = [wave.cycles(fit.scope.ratio) for wave in fit.waves]
-    lines = find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
-    return [
-        line
-        for line in lines
-        if all(abs(line.cycles_per_rev - k) > _APART * line.cycles_std for k in known)
-    ]
+    apart = _RESOLVED / fit.scope.turns["driving"] if len(logs) > 1 else 0.0
+    lines: list[Line] = []
+    for line in sorted(found, key=lambda one: one.false_alarm):
+        cycles = line.cycles_per_rev
+        new = all(abs(cycles - k) > _APART * line.cycles_std for k in known)
+        if new and all(abs(cycles - one.cycles_per_rev) >= apart for one in lines):
+            lines.append(line)
+    return lines[:_MOST]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +80,13 @@ class Shifts:
     def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
         angle = rows.angle - np.mean(rows.angle) if len(rows.angle) else rows.angle
-        names = [name for name in rows.names if name != ("y",)]
         own = []
         for cycles, (sine, cosine), free in zip(self.cycles, self.waves, self.alone, strict=True):
             if not free:
                 continue
             wave = [rows.table[:, rows.names["line", cycles, part]] for part in ("cos", "sin")]
             own.append(angle * (sine * wave[0] - cosine * wave[1]))
-        names += [("given", name) for name in self.told]
-        return replace(
-            rows,
-            names={name: place for place, name in enumerate((*names, ("y",)))},
-            table=np.column_stack([rows.table[:, :-1], *own, rows.table[:, -1]]),
-        )
+        return rows.joined(dict(zip([("given", name) for name in self.told], own, strict=True)))
 
 
 def refined(

@@ -164,7 +164,6 @@ def design_of(
     pair: GearPair | Drive,
     orders: HarmonicOrders,
     *,
-    one_zero: bool = True,
     lines: Sequence[float] = (),
     assumed: Assumptions = Assumptions(),
     given: Extra | None = None,
@@ -173,12 +172,11 @@ def design_of(
     ratio = float(pair.ratio)
     waves = waves_of(pair, orders, lines)
     shape = Shape(
-        logs=len(shafts),
+        starts=tuple(one.start for one in shafts),
         both=len({run[2] for one in shafts for run in one.runs}) == 2,
         torque=all(one.torque is not None for one in shafts),
         ratio=ratio,
         drive=isinstance(pair, Drive),
-        one_zero=one_zero,
         interval_s=max(one.interval_s for one in shafts),
         usual=1.0,
     )
@@ -197,7 +195,6 @@ def mixed_fit(
     pair: GearPair | Drive,
     orders: HarmonicOrders,
     *,
-    one_zero: bool = True,
     lines: Sequence[float] = (),
     delay_s: float = 0.0,
     assumed: Assumptions = Assumptions(),
@@ -206,17 +203,16 @@ def mixed_fit(
     """Fit the mixed model: rows at the delay of the last pass, until the delay stands still.
 
     **Arguments**
-    - `shafts`: logs with their runs. - `orders`: harmonic orders of both shafts and the mesh.
-    - `one_zero`: whether the angles of all logs count from one zero.
+    - `shafts`: logs with their runs and starts. - `orders`: harmonic orders of both shafts and the
+      mesh.
     - `lines`: frequencies of further lines, cycles per driving turn.
     - `delay_s`: delay of the driven channel at which the first pass begins, or the known one.
     - `assumed`: what is assumed before the logs are read.
-    - `given`: flank model of the user, whose derivatives are further columns.
+    - `given`: derivatives by what is not linear, as further columns: of a flank model of the user,
+      of lines by their frequencies or of logs by their starts.
     """
     shafts = tuple(shafts)
-    design = design_of(
-        shafts, pair, orders, one_zero=one_zero, lines=lines, assumed=assumed, given=given
-    )
+    design = design_of(shafts, pair, orders, lines=lines, assumed=assumed, given=given)
     free = any(column.name == ("delay",) for column in design.columns)
     theta, weights, share, noise, steps = None, None, 0.0, 0.0, 0
     number, last, settled = 0, 0.0, not free
@@ -279,13 +275,13 @@ def mixed_fit(
         steps,
         design.shape.usual,
         weights,
-        scope_of(shafts, rows, one_zero=one_zero),
+        scope_of(shafts, rows),
         orders,
         settled and bool(found.result == optx.RESULTS.successful),
     )
 
 
-def clear_orders(posterior: Posterior) -> frozenset[tuple[str, float]]:
+def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
     """Return shaft and order of the higher orders with a common width that stand out of it."""
     own = [c for c in posterior.problem.columns if c.prior in ("driving", "driven")]
     if not own:

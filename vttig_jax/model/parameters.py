@@ -20,10 +20,9 @@ from .columns import KNOWN
 from .gears import Gears, fitted_gears
 from .mixed_fit import MixedFit
 from .parameter import BELOW, LARGEST, OPEN, Parameter, undetermined
-from .rows import Wave
+from .rows import SHAFTS, Wave
 
 FULL_TURN = 0.99
-SHAFTS = ("driving", "driven")
 SIGNIFICANT = 3.0
 TOLD = 0.5
 """Largest standard deviation of a number that the logs tell, in those of its prior."""

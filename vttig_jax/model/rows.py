@@ -6,7 +6,8 @@ columns of the difference of both flanks are those of their mean times s = −½
 therefore a row has each column only once, and `columns.py` says how the model uses it.
 """
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
@@ -15,7 +16,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import uniform_filter1d
 
-from ..base.units import DEG
+from ..base.units import DEG, REV
 from ..logs.channel.speed import cubic_noise, smooth_speed
 from ..logs.encoder_log import EncoderLog
 from .density import LAGS
@@ -28,6 +29,11 @@ _TORQUE_S = 0.1
 """Time over which torque is averaged: its noise would make the coefficient too small."""
 
 _PIECE = 1 << 14
+
+SHAFTS = ("driving", "driven")
+
+UNTOLD = 0.5 * REV / math.sqrt(12.0)
+"""Standard deviation of an angle that is told: half that of an angle of which nothing is known."""
 
 Name = tuple[Any, ...]
 Run = tuple[int, int, int]
@@ -53,6 +59,29 @@ class Wave:
         return abs(self.driving + self.driven * ratio)
 
 
+@dataclass(frozen=True)
+class Start:
+    """Angles of both shafts, in those of the first log, at which the angles of a log are zero, rad.
+
+    `spread`: their standard deviations, 0 for one zero of both logs, and infinite if nothing tells
+    the angle.
+    """
+
+    angles: tuple[float, float] = (0.0, 0.0)
+    spread: tuple[float, float] = (0.0, 0.0)
+
+    def tells(self, wave: Wave) -> bool:
+        """Return whether the start tells the phase of a harmonic, so that both logs share it.
+
+        The phase of a fractional order depends on whole turns too, which no start angle tells.
+        """
+        if not any(self.spread):
+            return True
+        counts = wave.driving, wave.driven
+        off = [n * std for n, std in zip(counts, self.spread, strict=True) if n]
+        return all(n == int(n) for n in counts) and math.hypot(*off) < UNTOLD
+
+
 @dataclass(frozen=True, eq=False)
 class Shafts:
     """One log as the model sees it: angles (rad), transmission error, speed, and runs.
@@ -61,7 +90,8 @@ class Shafts:
     no outliers. `ramps` are runs that may leave their flank. `steady` is the speed that tells the
     delay, smoother than `speed`.
     `nominal` are slope and level of the driven over the driving angle: harmonics of
-    the driven shaft are taken there, since the measured angle contains the gap.
+    the driven shaft are taken there, since the measured angle contains the gap. Harmonics count
+    from the `start`, all other angles from the zero of the log.
     """
 
     time: Float[np.ndarray, " n"]
@@ -77,6 +107,7 @@ class Shafts:
     resolution: float
     torque: Float[np.ndarray, " n"] | None = None
     good: np.ndarray | None = None
+    start: Start = Start()
 
     @classmethod
     def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":
@@ -186,6 +217,15 @@ class Rows:
         """s of every row: −½ on flank A, ½ on flank B."""
         return np.repeat(-0.5 * self.side, self.last - self.first + 1)
 
+    def joined(self, columns: Mapping[Name, Float[np.ndarray, " n"]]) -> "Rows":
+        """Return the rows with further columns."""
+        names = (*(name for name in self.names if name != ("y",)), *columns, ("y",))
+        return replace(
+            self,
+            names={name: place for place, name in enumerate(names)},
+            table=np.column_stack([self.table[:, :-1], *columns.values(), self.table[:, -1]]),
+        )
+
 
 @runtime_checkable
 class Extra(Protocol):
@@ -282,7 +322,7 @@ def rows_of(
         if kinds[1] is not None:
             assert shafts.torque is not None
             table[own, kinds[1]] = mean(shafts.torque[index])
-        for place, wave in enumerate(_waves(waves, angle, shafts.nominal)):
+        for place, wave in enumerate(_waves(waves, angle, shafts)):
             averaged = mean(wave)
             table[own, waved + 2 * place] = averaged.real
             table[own, waved + 2 * place + 1] = averaged.imag
@@ -310,10 +350,11 @@ def rows_of(
 
 
 def _waves(
-    waves: Sequence[Wave], angle: Float[np.ndarray, "n size"], nominal: tuple[float, float]
+    waves: Sequence[Wave], angle: Float[np.ndarray, "n size"], shafts: Shafts
 ) -> Iterator[Complex[np.ndarray, "n size"]]:
     """Yield every wave at the samples; whole orders by multiplication of the first ones."""
-    angles = angle, nominal[0] * angle + nominal[1]
+    (slope, level), start = shafts.nominal, shafts.start.angles
+    angles = angle + start[0], slope * angle + level + start[1]
     bases = np.exp(1j * angles[0]), np.exp(1j * angles[1])
     known: dict[tuple[int, int | float], np.ndarray] = {}
 

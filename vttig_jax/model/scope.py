@@ -33,15 +33,16 @@ class Scope:
     speeds: tuple[float, ...]
 
 
-def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], *, one_zero: bool) -> Scope:
+def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows]) -> Scope:
     """Return the scope of logs with their rows.
 
-    Without a common zero of all logs, the covered angles are those of the first log.
+    The covered angles are those of the first log and of all logs that have its zero: a start angle
+    does not tell the whole turns, and so not where the driven shaft stood.
     """
     flanks = tuple(s for s in (1, -1) if any((one.side == s).any() for one in rows))
     on: dict[int, set[int]] = {side: set() for side in flanks}
     turns = 0.0
-    for number, one in enumerate(shafts):
+    for one in shafts:
         travel = {side: [np.inf, -np.inf] for side in flanks}
         for start, stop, side in one.runs:
             angle = one.driving[start:stop]
@@ -50,7 +51,7 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], *, one_zero: bool) 
                     min(travel[side][0], angle.min()),
                     max(travel[side][1], angle.max()),
                 ]
-                if one_zero or number == 0:
+                if not any(one.start.spread):
                     on[side].update(np.unique(np.floor(angle / DEG).astype(int)).tolist())
         spans = [high - low for low, high in travel.values() if high > low]
         turns = max(turns, float(min(spans, default=0.0)) / REV)

@@ -106,7 +106,7 @@ def expected_fit(
         steps,
         usual,
         None,
-        scope_of([shafts], [rows], one_zero=True),
+        scope_of([shafts], [rows]),
         orders,
     )
     return fit, passes

@@ -1,0 +1,112 @@
+"""Start angles of logs whose zeros differ: their derivatives become columns."""
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .columns import GROUPS
+from .density import FIRST, weights
+from .functionals import Posterior
+from .mixed_fit import MixedFit
+from .problem import problem_of
+from .rows import SHAFTS, Rows, Shafts, Start, Wave
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """Derivatives of logs by their start angles, as `Extra` columns.
+
+    The harmonic C cos ψ + S sin ψ with ψ = n₁(φ₁ + a₁) + n₂(φ₂ + a₂) has the derivatives
+    n (S cos ψ − C sin ψ) by a₁ and a₂. Only harmonics that a log shares count.
+
+    **Arguments**
+    - `waves`: harmonic → S and C of both flanks (mean and difference), rad.
+    """
+
+    waves: dict[Wave, Float[np.ndarray, "2 2"]]
+
+    @classmethod
+    def of(cls, fit: MixedFit) -> "Turns":
+        """Return the derivatives at the harmonics that a fit has for its first log."""
+        index, found = fit.posterior.problem.index, fit.posterior.coefficients
+        both = (False, True) if ("gap",) in index else (False,)
+        return cls(
+            {
+                wave: np.array(
+                    [
+                        [found[index[wave.shaft, wave.order, part, differs, 0]] for differs in both]
+                        for part in ("sin", "cos")
+                    ]
+                )
+                for wave in fit.waves
+            }
+        )
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """No names: the columns of the starts belong to the model."""
+        return ()
+
+    @property
+    def highest_order(self) -> float:
+        """No order beyond those of the model."""
+        return 0.0
+
+    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+        """Return the rows with the derivatives as columns."""
+        slopes = np.zeros((2, len(rows.table)))
+        sides = np.stack([np.ones(len(rows.table)), rows.flank])
+        for wave, series in self.waves.items():
+            if shafts.start.tells(wave):
+                sine, cosine = series @ sides[: series.shape[1]]
+                cos, sin = (
+                    rows.table[:, rows.names[wave.shaft, wave.order, p]] for p in ("cos", "sin")
+                )
+                slopes += np.outer((wave.driving, wave.driven), sine * cos - cosine * sin)
+        return rows.joined(dict(zip([("start", shaft) for shaft in SHAFTS], slopes, strict=True)))
+
+
+def start_of(fit: MixedFit, log: int) -> Start:
+    """Return the start of a log after the steps of a fit."""
+    start, posterior = fit.shafts[log].start, fit.posterior
+    angles, spread = list(start.angles), list(start.spread)
+    for place, shaft in enumerate(SHAFTS):
+        if (name := ("start", log, shaft)) in posterior.problem.index:
+            step = posterior.one(posterior.row(name))
+            angles[place] += step.value
+            spread[place] = step.std
+    return Start((angles[0], angles[1]), (spread[0], spread[1]))
+
+
+def alone(fit: MixedFit) -> MixedFit:
+    """Return a fit whose logs have harmonics of their own, at the noise and widths of `fit`."""
+    posterior, logs = fit.posterior, range(len(fit.rows))
+    waved = {(wave.shaft, wave.order) for wave in fit.waves}
+    columns = tuple(
+        replace(column, name=(*column.name[:-1], log), logs=(log,)) if own else column
+        for column in posterior.problem.columns
+        for own in [column.row[:2] in waved]
+        for log in (logs if own else (0,))
+    )
+    old = posterior.problem.compressed
+    usual = np.asarray(old.usual) * posterior.problem.unit
+    problem = problem_of(
+        columns,
+        fit.rows,
+        fit.weights,
+        centres={("delay",): fit.delay_s},
+        usual=dict(zip(GROUPS, usual.tolist(), strict=True)),
+        memory=np.asarray(old.memory),
+    )
+    new, theta = problem.compressed, posterior.theta.copy()
+    theta[len(old.memory) :] += np.log(posterior.problem.unit / problem.unit)
+    weight, pairs = np.asarray(weights(jnp.asarray(theta), new.on)), len(FIRST)
+    gram = np.tensordot(weight[:pairs], new.windows, 1)
+    prior = new.precision + new.member @ weight[pairs:]
+    spread = np.linalg.inv(gram[:-1, :-1] + np.diag(prior))
+    beta = spread @ (gram[:-1, -1] - prior * new.centre)
+    slopes = jnp.zeros((len(beta), len(theta)))  # θ is given
+    at = replace(posterior.at, beta=jnp.asarray(beta), spread=jnp.asarray(spread), slopes=slopes)
+    return replace(fit, posterior=Posterior(problem, theta, at))
