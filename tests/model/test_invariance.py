@@ -65,7 +65,6 @@ def test_time_scaled(given, claimed):
     same(claimed, claims(logged((8 * given[0], *given[1:]))), delay_s=8.0)
 
 
-@pytest.mark.xfail(strict=True, raises=AssertionError, reason="braking is left out: gap 12 x wider")
 def test_columns_swapped_with_the_ratio(given, claimed):
     """TE is −1/i of that before, and the flanks change places; the delay changes its sign."""
     inverse, ratio = drive("16/9", HarmonicOrders((1, 2), (1, 2, 3), 0)), 9 / 16

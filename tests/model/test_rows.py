@@ -53,7 +53,8 @@ def test_rows_are_means_of_columns_at_the_samples():
             phi, nominal = one.driving[k], one.nominal[0] * one.driving[k] + one.nominal[1]
             values: dict[tuple, Any] = {
                 ("one",): 1.0,
-                ("delay",): np.mean(-RATIO * one.speed[k]),
+                ("delay",): np.mean(-RATIO * one.steady[k]),
+                ("late",): np.mean(-RATIO * one.speed[k]),
                 ("ratio",): phi.mean(),
                 ("torque",): np.asarray(one.torque)[k].mean(),
                 ("y",): np.mean(one.error[k]) - level,

@@ -200,7 +200,8 @@ def bridged(rows: Rows, weight: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n
 
 
 def first_theta(logs: Compressed) -> Float[np.ndarray, " p"]:
-    """Return where the search starts: correlated noise, large orders and small moving parts."""
-    small = np.log(np.asarray(logs.usual)) - np.array([0.0, 0.0, 2.0, 2.0, 2.0, 2.0])
-    orders = np.maximum(small[:2], 0.0)  # as large as all that the first columns leave
-    return np.concatenate([[1.0], np.zeros(LAGS - 1), [-0.5], orders, small[2:]])
+    """Return where the search starts: correlated noise, large orders, large drift, small parts."""
+    small = np.log(np.asarray(logs.usual)) - np.array([0.0, 0.0, 2.0, 0.0, 2.0, 2.0])
+    large = np.array([name in ("driving", "driven", "drift") for name in GROUPS])
+    widths = np.where(large, np.maximum(small, 0.0), small)  # all that the first columns leave
+    return np.concatenate([[1.0], np.zeros(LAGS - 1), [-0.5], widths])
