@@ -26,8 +26,8 @@ BOUNDS = {
     "geometry": (4558, 62),  # 2800
     "logs": (9815, 264),  # 7400
     "rig": (326, 1),  # 260
-    "model": (1816, 42),
-    "identify": (3173, 22),  # 9000 together with posterior
+    "model": (1952, 43),
+    "identify": (3259, 24),  # 9000 together with posterior
     "posterior": (2975, 46),
     "control": (6843, 80),  # 3600
     "plotting": (1890, 52),  # 2000 together with the report
