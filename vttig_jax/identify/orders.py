@@ -27,6 +27,7 @@ SIDES: dict[int, Flank] = {1: "A", -1: "B"}
 
 _RANKS = {"driving": 0, "driven": 1, "mesh": 2}
 
+
 @dataclass(frozen=True)
 class Order:
     """Harmonic a sin(k φ_shaft + p) of the transmission error of one flank, at the driven gear.
