@@ -127,6 +127,7 @@ def problem_of(
     scale = np.ones(wide)
     scale[:size] = 1 / norm
     whole *= scale[:, None] * scale
+    whole = 0.5 * (whole + whole.transpose(0, 2, 1))  # a fit read from its folder is the same
     unit = max(np.sqrt(square / total), 1e-15)
     whole[:, :, -1] /= unit
     whole[:, -1, :] /= unit

@@ -145,8 +145,6 @@ def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -
     The model has an offset, speed, torque, first orders, and a backlash ≥ 0 between the flanks.
     `flank` is +1 on flank A and −1 on flank B.
     """
-    from scipy.optimize import lsq_linear  # slow to import, and most logs have no torque
-
     speed = log.driving_speed.value[rows]
     assert log.torque is not None  # checked by the caller
     columns = [np.ones(len(rows)), speed, log.torque[rows]]
@@ -156,11 +154,13 @@ def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -
     matrix = np.stack(columns, axis=1)
     size = np.linalg.norm(matrix, axis=0)
     size[size == 0] = 1.0
-    lower = np.full(len(columns), -np.inf)
-    lower[-1] = 0.0
-    error = log.transmission_error[rows]
-    solution = lsq_linear(matrix / size, error - error.mean(), bounds=(lower, np.inf))
-    return 2 * float(solution.cost)
+    matrix, error = matrix / size, log.transmission_error[rows]
+    error = error - error.mean()
+    solution = np.linalg.lstsq(matrix, error)[0]
+    if solution[-1] < 0:
+        matrix = matrix[:, :-1]
+        solution = np.linalg.lstsq(matrix, error)[0]
+    return float(np.sum((error - matrix @ solution) ** 2))
 
 
 @dataclass(frozen=True)
