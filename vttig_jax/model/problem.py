@@ -201,8 +201,9 @@ def bridged(rows: Rows, weight: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n
 
 
 def first_theta(logs: Compressed) -> Float[np.ndarray, " p"]:
-    """Return where the search starts: correlated noise, large orders, large drift, small parts."""
-    small = np.log(np.asarray(logs.usual)) - np.array([0.0, 0.0, 2.0, 0.0, 2.0, 2.0])
-    large = np.array([name in ("driving", "driven", "drift") for name in GROUPS])
-    widths = np.where(large, np.maximum(small, 0.0), small)  # all that the first columns leave
+    """Return where the search starts: correlated noise, large orders and drift, small parts."""
+    usual = np.log(np.asarray(logs.usual))
+    small = np.array([name in ("delay_parts", "gap_by_speed") for name in GROUPS])
+    # Large differences too: with small ones the search ends where noise remembers in their place.
+    widths = np.where(small, usual - 2.0, np.maximum(usual, 0.0))
     return np.concatenate([[1.0], np.zeros(LAGS - 1), [-0.5], widths])
