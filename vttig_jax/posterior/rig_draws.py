@@ -1,7 +1,7 @@
 """Draws of a rig: coefficients given θ, eccentricities, and the flank model of every draw."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import equinox as eqx
@@ -56,12 +56,11 @@ def quantities(fit: Fit) -> Quantities:
         return told
     rows = np.stack([posterior.row(("given", name)) for name in names])
     values = fit.values[[fit.covariance_names.index(name) for name in names]]
-    return replace(
-        told,
-        names=(*told.names, *names),
-        rows=np.concatenate([told.rows, rows]),
-        shift=np.append(told.shift, values - rows @ posterior.moved),
-    )
+    shift = np.append(told.shift, values - rows @ posterior.moved)
+    rows = np.concatenate([told.rows, rows])
+    mean, covariance, freedom = posterior.told(rows, moved=True)
+    names = (*told.names, *names)
+    return Quantities(names, rows, shift, mean + shift, covariance, freedom, told.gears)
 
 
 def unit_of(fit: Fit, name: str) -> str:
