@@ -202,8 +202,7 @@ def bridged(rows: Rows, weight: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n
 
 def first_theta(logs: Compressed) -> Float[np.ndarray, " p"]:
     """Return where the search starts: correlated noise, large orders and drift, small parts."""
-    usual = np.log(np.asarray(logs.usual))
     small = np.array([name in ("delay_parts", "gap_by_speed") for name in GROUPS])
     # Large differences too: with small ones the search ends where noise remembers in their place.
-    widths = np.where(small, usual - 2.0, np.maximum(usual, 0.0))
+    widths = np.where(small, np.log(logs.usual) - 2.0, np.maximum(np.log(logs.usual), 0.0))
     return np.concatenate([[1.0], np.zeros(LAGS - 1), [-0.5], widths])
