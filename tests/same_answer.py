@@ -10,8 +10,10 @@ from typing import Any
 OF_A_STD = 1e-3
 """Share of a standard error by which a number may differ."""
 
-RELATIVE = 1e-6
-"""Relative difference of numbers without a standard error; in a list, of the largest of them."""
+RELATIVE, ALONE = 1e-6, 1e-4
+"""Relative difference of numbers with and without a standard error; in a list, of the largest.
+
+The search for the noise ends a hundredth of its standard error before the largest density."""
 
 COUNTS = ("solver_steps",)
 """Counts of iterations."""
@@ -23,7 +25,8 @@ def differences(one: Any, other: Any, place: str = "", std: float = 0.0) -> list
         found = []
         for key in one:
             if key not in COUNTS:
-                own = 0.0 if _is_error(key) else _largest_error(one)
+                of_noise = place.endswith("noise")  # whose deviation is no standard error
+                own = 0.0 if of_noise or _is_error(key) else _largest_error(one)
                 if "likelihood_ratio" in f"{place}.{key}":
                     own = 1.0  # the scale of a χ²
                 found += differences(one[key], other[key], f"{place}.{key}", own)
@@ -31,10 +34,10 @@ def differences(one: Any, other: Any, place: str = "", std: float = 0.0) -> list
     if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         pairs = enumerate(zip(one, other, strict=True))
         largest = max((abs(v) for v in one if type(v) is float), default=0.0)
-        std = max(std, RELATIVE / OF_A_STD * largest)
+        std = max(std, ALONE / OF_A_STD * largest)
         return [d for i, (a, b) in pairs for d in differences(a, b, f"{place}[{i}]", std)]
     if type(one) is float and type(other) is float:
-        allowed = OF_A_STD * std + RELATIVE * max(abs(one), abs(other)) + 1e-15
+        allowed = OF_A_STD * std + (RELATIVE if std else ALONE) * max(abs(one), abs(other)) + 1e-15
         same = abs(one - other) <= allowed
     else:
         same = type(one) is type(other) and one == other

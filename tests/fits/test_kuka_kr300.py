@@ -27,16 +27,18 @@ def kuka(data_dir: Path) -> ModuleType:
 
 
 KNOWN_DELAY_S = {1: 2.95e-3, 2: 2.84e-3, 3: 2.71e-3}
+"""By plain least squares, which takes a part of the friction for a lead."""
+
 EACH = pytest.mark.parametrize(("axis", "log"), list(itertools.product((1, 2, 3), "AB")))
 
 
 @EACH
 def test_kuka_delay_and_what_is_left(kuka: ModuleType, axis: int, log: str):
     fit = kuka.fitted(axis, log)
-    assert fit.value("delay_s") == pytest.approx(KNOWN_DELAY_S[axis], abs=0.3e-3)
+    assert fit.value("delay_s") == pytest.approx(3.03e-3, abs=0.08e-3)  # one controller
     gap = fit.checks.gap_over_angles_covered
     assert gap.determined and gap.value is not None and gap.std is not None
-    assert abs(gap.value) < 3 * gap.std and gap.value < 10 / 3600  # nothing that a gap could be
+    assert abs(gap.value) < 3 * gap.std and gap.value < 7 / 3600  # nothing that a gap could be
 
 
 @EACH
@@ -132,6 +134,24 @@ def test_kuka_delay_by_plain_least_squares(data_dir: Path, axis: int):
     assert -coefficients[1] / 3600 == pytest.approx(KNOWN_DELAY_S[axis], abs=5e-6)
 
 
+@EACH
+def test_kuka_delay_by_whitened_least_squares(
+    kuka: ModuleType, data_dir: Path, axis: int, log: str
+):
+    """All axes show one delay to plain equations whose errors remember nine tenths of the last."""
+    channels = kuka_channels(data_dir, axis, log, 0.0)
+    used = (channels["share"] > 0.1)[1:] & (channels["share"] > 0.1)[:-1]
+    cycles = {1: [2.0, 3.95], 2: [1.545, 3.09, 4.635], 3: [1.344, 2.688, 5.376]}[axis]
+    phase = 2 * np.pi * np.outer(channels["turns"], cycles)
+    design = np.concatenate([channels["columns"], np.cos(phase), np.sin(phase)], axis=1)
+    design, error = (x[1:] - 0.9 * x[:-1] for x in (design, channels["error"]))
+    coefficients, *_ = np.linalg.lstsq(design[used], error[used], rcond=None)
+    assert -coefficients[1] / 3600 == pytest.approx(3.05e-3, abs=0.12e-3)
+    assert kuka.fitted(axis, log).value("delay_s") == pytest.approx(
+        -coefficients[1] / 3600, abs=0.15e-3
+    )
+
+
 @pytest.mark.parametrize(("slowest", "least", "most"), [(0.1, 242, 337), (0.0, 150, 239)])
 def test_kuka_raw_gap_grows_with_speed(data_dir: Path, slowest: float, least: int, most: int):
     gaps = []
@@ -159,7 +179,7 @@ def test_kuka_ripple_of_axis_2(
     line = kuka.fitted(2, log, kuka.REPORTED).checks.lines[0]
     cycles, amplitude = ripple(channels, 0.1)
     assert line.cycles_per_rev == pytest.approx(cycles, abs=0.004)
-    assert line.amplitude_arcsec == pytest.approx(amplitude, abs=2.0)
+    assert line.amplitude_arcsec == pytest.approx(amplitude, abs=1.5)
     assert line.false_alarm < 1e-60
     for slowest, stated in ((0.1, above_a_tenth), (0.5, above_half), (-1.0, everywhere)):
         assert ripple(channels, slowest)[1] == pytest.approx(stated, abs=0.06)

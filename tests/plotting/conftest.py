@@ -21,7 +21,7 @@ from vttig_jax.pair.schema import HarmonicOrders
 ORDERS = (
     Order("driving", 1, "A", 72.0, 0.2, 10.0),
     Order("driving", 1, "B", 73.0, 0.2, 20.0),
-    Order("driving", 3, "A", 0.5, 0.4, 30.0),
+    Order("driving", 3, "A", 0.5, 0.4, 30.0, significant=False),
     Order("driving", 3, "B", 2.0, 0.4, 40.0),
     Order("driven", 1, "A", 90.0, 0.2, 50.0),
     Order("driven", 1, "B", 92.0, 0.2, 60.0),

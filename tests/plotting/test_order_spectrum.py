@@ -35,7 +35,7 @@ def test_bars_are_the_orders(make_fit, log):
         drawn = bars(ax)
         assert [bar[1] for bar in drawn] == [o.amplitude_arcsec for o in orders]
         assert [bar[2] for bar in drawn] == pytest.approx([o.std_arcsec for o in orders])
-        assert [bar[3] for bar in drawn] == [o.amplitude_arcsec >= 3 * o.std_arcsec for o in orders]
+        assert [bar[3] for bar in drawn] == [o.significant for o in orders]
 
 
 def test_the_words(make_fit):
@@ -46,7 +46,7 @@ def test_the_words(make_fit):
     assert [text.get_text() for text in axes[0].get_xticklabels()] == ["1", "3"]
     assert figure.get_suptitle() == "order spectrum · VTTIG rig"
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["flank A", "flank B", "below three standard errors"]
+    assert texts == ["flank A", "flank B", "not significant"]
 
 
 def test_flanks_stand_side_by_side(make_fit):

@@ -253,7 +253,7 @@ def assumptions_of(settings: FitSettings) -> Assumptions:
         delay="fitted" if settings.delay == "auto" else "known",
         delay_within_s=None if within is None else 1e-3 * within,
     )
-    return assumed if ratio is None else replace(assumed, ratio=ratio)
+    return assumed if ratio is None else replace(assumed, ratio=float(ratio))
 
 
 def known_delay(settings: FitSettings) -> float:

@@ -308,7 +308,7 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
     noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, np.log(logs.usual[:3]) - _SMALL
     found = [
         maximise(logs, jnp.asarray(start), jnp.asarray(moments))
-        for start, moments in ((orders, _MOMENTS), (noise, 0))
+        for start, moments in ((orders, _MOMENTS), (orders, 0), (noise, 0))
     ]
     height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
     best = min(found, key=height)

@@ -9,7 +9,6 @@ from ..identify.result import Fit
 from .style import FLANK_COLOURS, grid, heading, new_figure
 
 _SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}
-_SIGNIFICANT = 3.0  # least significant amplitude, in standard errors; a chosen value
 _WIDTH = 0.38  # of a bar, orders
 _SHIFT = {"A": -_WIDTH / 2, "B": _WIDTH / 2}
 
@@ -17,7 +16,7 @@ _SHIFT = {"A": -_WIDTH / 2, "B": _WIDTH / 2}
 def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
     """Plot the amplitude and standard error of every fitted order, flanks A and B side by side.
 
-    Bars of amplitudes below three standard errors are hollow: these orders are not significant.
+    Bars of orders that are not significant are hollow.
 
     **Arguments**
     - `fit`: result of a fit.
@@ -60,7 +59,7 @@ def _draw(ax: Axes, orders: list[Order]) -> None:
             o.amplitude_arcsec,
             _WIDTH * 0.9,
             yerr=o.std_arcsec,
-            facecolor=colour if _significant(o) else "none",
+            facecolor=colour if o.significant else "none",
             edgecolor=colour,
             ecolor="0.1",
             capsize=2,
@@ -70,10 +69,6 @@ def _draw(ax: Axes, orders: list[Order]) -> None:
     ax.set_xlim(-0.75, len(numbers) - 0.25)
     grid(ax)
     ax.grid(False, axis="x")
-
-
-def _significant(order: Order) -> bool:
-    return order.amplitude_arcsec >= _SIGNIFICANT * order.std_arcsec
 
 
 def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
@@ -94,8 +89,8 @@ def _add_legend(figure: Figure, orders: tuple[Order, ...]) -> None:
         for flank, colour in FLANK_COLOURS.items()
         if any(o.flank == flank for o in orders)
     ]
-    if not all(_significant(o) for o in orders):
-        hollow = Patch(facecolor="none", edgecolor="0.4", label="below three standard errors")
+    if not all(o.significant for o in orders):
+        hollow = Patch(facecolor="none", edgecolor="0.4", label="not significant")
         handles.append(hollow)
     figure.legend(
         handles=handles,
