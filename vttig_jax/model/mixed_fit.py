@@ -296,10 +296,11 @@ def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
 
 
 def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Solution:
-    """Return the largest density, from the θ of the last pass or, in the first pass, of two starts.
+    """Return the largest density, from the last θ or, in the first pass, three starts.
 
     The density of a short log may have two maxima: one explains what repeats by orders, the other
-    by noise that remembers.
+    by noise that remembers. Two steps of expectation and maximisation may lead from one to the
+    other, so the first start is taken with and without them.
     """
     if theta is not None:
         return maximise(logs, jnp.asarray(theta), jnp.asarray(0))
