@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.guides.printed import differences as printed_differently
 from tests.same_answer import differences
 from vttig_jax.cli.main import main
 
@@ -188,7 +189,7 @@ def test_readme_shows_what_the_command_prints(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ):
-    """Word for word; and the run folder that is kept holds the same answer."""
+    """Up to the last digits; and the run folder that is kept holds the same answer."""
     program, *arguments = shlex.split(command)
     kept = None
     if "--out" in arguments:
@@ -197,7 +198,7 @@ def test_readme_shows_what_the_command_prints(
         arguments[place] = str(tmp_path / "run")
         arguments.append("--no-figures")
     assert program == "vttig" and main(arguments) == 0
-    assert capsys.readouterr().out.strip() == printed
+    assert printed_differently(printed, capsys.readouterr().out.strip()) == []
     if kept is not None:
         answers = [
             json.loads((place / "fit.json").read_text(encoding="utf-8"))
