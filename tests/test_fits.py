@@ -198,7 +198,7 @@ def test_readme_shows_what_the_command_prints(
         arguments[place] = str(tmp_path / "run")
         arguments.append("--no-figures")
     assert program == "vttig" and main(arguments) == 0
-    assert printed_differently(printed, capsys.readouterr().out.strip()) == []
+    assert printed_differently(printed, capsys.readouterr().out.strip(), 0.005) == []
     if kept is not None:
         answers = [
             json.loads((place / "fit.json").read_text(encoding="utf-8"))
