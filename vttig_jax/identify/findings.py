@@ -101,13 +101,13 @@ def negative_gap(case: Case) -> Iterator[Finding]:
 
 
 def not_settled(case: Case) -> Iterator[Finding]:
-    """Say that the passes did not end."""
+    """Say that the passes, or the search for the noise, did not end."""
     if not case.core.settled:
         yield Finding(
             "not-settled",
             "warning",
-            f"the delay still moved after {case.core.passes} passes, so that the numbers are not"
-            " final",
+            f"the search ended before delay and noise stood still ({case.core.passes} passes), so"
+            " that the numbers are not final",
             "record more changes of speed, or state the delay with --delay",
         )
 

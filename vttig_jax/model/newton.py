@@ -13,7 +13,6 @@ from .density import LAGS, Compressed, Solved, solved
 _FAR = np.array([1.0] * LAGS + [1.5])
 _FAR_SCALE = 3.0
 _FLOOR, _LEAST = 0.2, 0.02
-_EM_STEPS = 2
 
 
 class _State(eqx.Module):
