@@ -20,10 +20,10 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
-    "base": (1249, 19),  # 950
-    "pair": (655, 1),  # 560
+    "base": (1260, 19),  # 950
+    "pair": (671, 1),  # 560
     "kinematics": (1099, 17),  # 780
-    "geometry": (4558, 62),  # 2800
+    "geometry": (4601, 63),  # 2800
     "logs": (9816, 264),  # 7400
     "rig": (326, 1),  # 260
     "model": (1952, 43),
@@ -32,7 +32,7 @@ BOUNDS = {
     "control": (6843, 80),  # 3600
     "plotting": (1890, 52),  # 2000 together with the report
     "runs": (1756, 2),  # 900
-    "cli": (3846, 19),  # 2600
+    "cli": (3856, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

@@ -9,6 +9,7 @@ from .contact.deviations_file import read_deviations as read_deviations
 from .contact.report import contact_at as contact_at
 from .measures.comparison import compare_stated as compare_stated
 from .measures.gear_measures import measure_gear as measure_gear
+from .measures.gear_measures import measure_pair as measure_pair
 from .measures.over_balls import over_balls as over_balls
 from .measures.span import span as span
 from .mounting import Misalignment as Misalignment

@@ -15,6 +15,8 @@ from ..tooth.tooth import tooth_of
 from .drawn_backlash import Teeth, backlash_and_contact, section_backlash
 
 _SECTIONS = 11  # sections reported by default; a chosen number
+TOUCHING = 1e-9
+"""Angle, rad, within which flanks touch: they interfere only if they overlap by more (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,8 @@ class GapReport:
 
     @property
     def interferes(self) -> Bool[np.ndarray, " n"]:
-        """Whether the backlash of each section is negative: teeth thicker than the space."""
-        return self.section_backlash < 0
+        """Whether the teeth of each section are thicker than the space, beyond rounding."""
+        return self.section_backlash < -TOUCHING
 
     @property
     def difference(self) -> float | None:
@@ -64,10 +66,11 @@ class GapReport:
         return None if self.apparent is None else self.apparent - self.logged_backlash
 
     def __str__(self) -> str:
+        size = np.array([self.backlash / DEG, self.backlash_mm])
         pairs = [
             ("centre distance", f"{self.centre_distance_mm:g} mm"),
             ("axial position", f"{self.axial_mm:g} mm"),
-            ("backlash", f"{self.backlash / DEG:.4f}° = {self.backlash_mm:.4f} mm"),
+            ("backlash", "{:.4f}° = {:.4f} mm".format(*(size.round(4) + 0.0))),
             (
                 "least room at z",
                 "A {:.3f} mm, B {:.3f} mm".format(*(self.contact_z_mm.round(3) + 0.0)),
@@ -83,11 +86,13 @@ class GapReport:
         rows = [
             (
                 f"{z:.3f}",
-                f"{gap / DEG:.4f}",
-                f"{gap * self.reference_radius_mm:.4f}",
-                "interferes" if gap < 0 else "",
+                f"{round(gap / DEG, 4) + 0.0:.4f}",  # no −0
+                f"{round(gap * self.reference_radius_mm, 4) + 0.0:.4f}",
+                "interferes" if interferes else "",
             )
-            for z, gap in zip(self.z_mm, self.section_backlash, strict=True)
+            for z, gap, interferes in zip(
+                self.z_mm, self.section_backlash, self.interferes, strict=True
+            )
         ]
         headers = [("z", "mm"), ("backlash", "°"), ("backlash", "mm"), ""]
         table = text_table(rows, headers, align="rrrl")

@@ -15,6 +15,7 @@ from ...base.files.text_tables import key_values
 from ...base.units import DEG
 from ...kinematics.flank_model import flank_index
 from ...pair.gear_pair import Flank
+from ..backlash.report import TOUCHING
 from ..mounting import Mounting
 from .contact_model import ContactModel, mates_on
 from .first_contact import FirstContact, SearchGrid, contact_search, earliest_contact, error_of
@@ -151,7 +152,7 @@ def contact_at(
     flank: Flank,
     *,
     sections: int | None = None,
-    tolerance_rad: float = 1e-9,
+    tolerance_rad: float = TOUCHING,
 ) -> Contacts:
     """Report the contact of a model: its transmission error and the contact that causes it.
 

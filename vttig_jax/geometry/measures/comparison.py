@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from ...base.files.text_tables import text_table
+from ...base.files.text_tables import key_values, text_table
 from ...pair.schema import StatedTable
 from .gear_measures import GearMeasures
 
@@ -79,6 +79,7 @@ def measures_text(
     stated: Mapping[str, Mapping[str, Stated]],
     notes: Mapping[str, Sequence[str]],
     title: str,
+    mesh: Mapping[str, Any],
 ) -> str:
     """Return a table of the measures with one column for each gear, and the notes below it.
 
@@ -88,6 +89,7 @@ def measures_text(
       differences from the computed values.
     - `notes`: sentences by gear; a sentence that applies to all gears is printed once.
     - `title`: first line.
+    - `mesh`: result of `measure_pair`.
     """
     with_stated = any(stated.values())
     headers: list[str] = [""]
@@ -101,7 +103,28 @@ def measures_text(
             if with_stated:
                 row += _stated_cells(stated[name].get(key))
         rows.append(row)
-    return "\n".join([title, *_indented(text_table(rows, headers)), *_notes(notes)])
+    table = _indented(text_table(rows, headers))
+    return "\n".join([title, *table, _mesh_text(mesh), *_notes(notes)])
+
+
+def _mesh_text(mesh: Mapping[str, Any]) -> str:
+    by_flank = " / ".join
+    angles, ratios, diameters = (
+        by_flank(f"{value:.{digits}f}" for value in mesh[key].values())
+        for key, digits in (
+            ("working_pressure_angle_deg", 4),
+            ("contact_ratio", 3),
+            ("pitch_diameter_mm", 4),
+        )
+    )
+    backlash = round(mesh["backlash_deg"], 4) + 0.0, round(mesh["backlash_mm"], 4) + 0.0  # no −0
+    rows = [
+        ("working pressure angle A / B", f"{angles}°"),
+        ("pitch diameters", f"{diameters} mm"),
+        ("contact ratio A / B", ratios),
+        ("backlash", "{:.4f}° of the driven gear = {:.4f} mm".format(*backlash)),
+    ]
+    return key_values(rows, title=f"in mesh at a = {mesh['centre_distance_mm']:g} mm")
 
 
 def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, _Cell]]:

@@ -1,11 +1,13 @@
 """Workshop measures of one gear and their JSON record."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ...base.units import DEG
+from ...pair.gear_pair import GearPair
 from ..tooth.form_circle import form_radius, undercut_depth
 from ..tooth.rack_cutter import SIDES
 from ..tooth.tooth import Tooth
@@ -199,6 +201,39 @@ def measure_gear(
         over_balls=ball,
         over_balls_slope=_slope(tooth, ball, section_mm),
     )
+
+
+def measure_pair(pair: GearPair) -> dict[str, Any]:
+    """Return the measures of both gears in mesh at their centre distance; its keys have units.
+
+    Pressure angle and contact ratio are those of flanks A and B, the pitch diameters 2 r_w those
+    of the working pitch circles; the backlash is that of the drawn teeth, without eccentricity, as
+    an angle of the driven gear and at its reference circle.
+
+    **Example**
+    ```python
+    >>> from vttig_jax import Gear, GearPair
+    >>> from vttig_jax.geometry import measure_pair
+    >>> gears = Gear(45, tooth_thinning_mm=0.05), Gear(80, tooth_thinning_mm=0.05)
+    >>> found = measure_pair(GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0))
+    >>> round(found["backlash_mm"], 6), found["pitch_diameter_mm"]["driving"]
+    (0.1, 90.0)
+
+    ```
+    """
+    diameters = 2 * pair.working_radii
+    return {
+        "centre_distance_mm": float(pair.centre_distance_mm),
+        "working_pressure_angle_deg": _named("AB", pair.working_pressure_angles / DEG),
+        "pitch_diameter_mm": _named(("driving", "driven"), diameters),
+        "contact_ratio": _named("AB", pair.contact_ratios),
+        "backlash_deg": float(pair.drawing_backlash) / DEG,
+        "backlash_mm": float(pair.drawing_backlash * pair.reference_radii[1]),
+    }
+
+
+def _named(names: Iterable[str], values: Any) -> dict[str, float]:
+    return dict(zip(names, map(float, values), strict=True))
 
 
 def _check_section(tooth: Tooth, section: float) -> None:

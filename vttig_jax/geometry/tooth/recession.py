@@ -30,21 +30,24 @@ class Recession(Protocol):
 
 
 class Taper(eqx.Module):
-    """Recession of a tapered and crowned flank: δ(z) = z tan β + c (2 z/b)².
+    """Recession of a tapered, crowned and thinned flank: δ(z) = t + z tan β + c (2 z/b)².
 
     **Arguments**
     - `slope`: tan β, positive where the flank thins the tooth towards +z.
     - `crowning_mm`: recession c due to crowning at both ends of the face.
     - `face_width_mm`: face width b; it is used only with a crowning.
+    - `thinning_mm`: recession t in the middle of the face, half the thinning of the tooth.
     """
 
     slope: Scalar = eqx.field(converter=float64)
     crowning_mm: Scalar = eqx.field(converter=float64, default=0.0)
     face_width_mm: Scalar = eqx.field(converter=float64, default=1.0)
+    thinning_mm: Scalar = eqx.field(converter=float64, default=0.0)
 
     def __call__(self, z: Float[Numbers, "*shape"]) -> Float[Number, "*shape"]:
         """Return δ(z) in mm."""
-        return z * self.slope + self.crowning_mm * (2 * z / self.face_width_mm) ** 2
+        crown = self.crowning_mm * (2 * z / self.face_width_mm) ** 2
+        return z * self.slope + crown + self.thinning_mm
 
 
 class Tabulated(eqx.Module):

@@ -116,7 +116,8 @@ def tooth_of(pair: GearPair, shaft: Shaft) -> Tooth:
     angles = pair.pressure_angles_deg[xp.asarray(order)]
     slopes = xp.tan(xp.stack([gear.helix_left_deg, gear.helix_right_deg]) * DEG)
     width = xp.where(xp.isnan(gear.face_width_mm), 1.0, gear.face_width_mm)  # no crowning then
-    taper = [Taper(slopes[side], gear.crowning_um * 1e-3, width) for side in order]
+    shape = gear.crowning_um * 1e-3, width, gear.tooth_thinning_mm / 2
+    taper = [Taper(slopes[side], *shape) for side in order]
     rack, depth = pair.rack, pair.depth_module_mm
     return Tooth(
         teeth=gear.teeth,

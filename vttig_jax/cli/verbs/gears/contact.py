@@ -341,7 +341,10 @@ def contact_text(
     from ....base.files.text_tables import key_values
 
     rows = [
-        (word, f"{one['backlash_deg']:.5f}° at {one['driving_deg']:g}°{_warning(one)}")
+        (
+            word,
+            f"{round(one['backlash_deg'], 5) + 0.0:.5f}° at {one['driving_deg']:g}°{_warning(one)}",
+        )
         for word in ("smallest", "largest")
         if (one := record[word])["backlash_deg"] is not None
     ]
@@ -358,7 +361,10 @@ def contact_text(
 
 
 def _warning(place: dict[str, float]) -> str:
-    return ", where the teeth interfere" if place["backlash_deg"] < 0 else ""
+    from ....base.units import DEG
+    from ....geometry.backlash.report import TOUCHING
+
+    return ", where the teeth interfere" if place["backlash_deg"] * DEG < -TOUCHING else ""
 
 
 def contact_table(flanks: Flanks) -> str:
