@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 import vttig_jax
-from vttig_jax.geometry.contact.contact_model import ContactModel, contact_model, mates_on
-from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.geometry.contact import ContactModel, contact_model, mates_on
+from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.eccentricities import Eccentricities

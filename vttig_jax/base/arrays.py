@@ -46,20 +46,20 @@ def known(*trees: Any) -> bool:
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
-def written(module: Any) -> str:
+def written(self: Any) -> str:
     """Return an object as its constructor would be written, with the numbers of its arrays.
 
     Arguments that have their default are left out.
     """
     shown = []
-    for name, argument in signature(type(module)).parameters.items():
-        value = getattr(module, name)
+    for name, argument in signature(type(self)).parameters.items():
+        value = getattr(self, name)
         if isinstance(value, (*_PLAIN, jax.Array)) and known(value):
             value = np.asarray(value).tolist()
             value = tuple(value) if isinstance(value, list) else value
         if repr(value) != repr(argument.default):
             shown.append(f"{name}={value!r}")
-    return f"{type(module).__name__}({', '.join(shown)})"
+    return f"{type(self).__name__}({', '.join(shown)})"
 
 
 _Arguments = ParamSpec("_Arguments")

@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.compiler import fast_to_compile
 from tests.laws import checks
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.deviations import Deviations, FlankMap
+from vttig_jax.geometry.contact import contact_model
+from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.eccentricities import Eccentricities

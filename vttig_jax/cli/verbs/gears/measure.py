@@ -13,9 +13,8 @@ from ...options import POSITIVE, Finite, verb
 from ...output import Output
 
 if TYPE_CHECKING:
-    from ....geometry.measures.comparison import Stated
-    from ....geometry.measures.gear_measures import GearMeasures
-    from ....geometry.tooth.tooth import Tooth
+    from ....geometry.measures import GearMeasures, Stated
+    from ....geometry.tooth import Tooth
     from ....pair.gear_pair import GearPair
     from ....pair.schema import PairSpec, StatedTable
 
@@ -71,8 +70,7 @@ def command(
     """
     import vttig_jax
 
-    from ....geometry.measures.comparison import compare_stated, measures_text
-    from ....geometry.measures.gear_measures import measure_pair
+    from ....geometry.measures import compare_stated, measure_pair, measures_text
     from ....pair.pair_file import load_pair_spec
 
     vttig_jax.enable_x64()
@@ -122,8 +120,8 @@ def _teeth(pair: "GearPair", path: Path, section_mm: float) -> "dict[str, Tooth]
 
     **Raises** `PairError` or `UsageError` for a gear that cannot be measured at `section_mm`.
     """
-    from ....geometry.measures.validation import check_measurable
-    from ....geometry.tooth.tooth import tooth_of
+    from ....geometry.checks import check_measurable
+    from ....geometry.tooth import tooth_of
 
     teeth = {"driving": tooth_of(pair, "driving"), "driven": tooth_of(pair, "driven")}
     for shaft, tooth in teeth.items():
@@ -159,7 +157,7 @@ def _measured(
     The number of spanned teeth and the ball diameter come from the options, or else from the table
     `stated` of the pair file, or else from the defaults of `measure_gear`.
     """
-    from ....geometry.measures.gear_measures import measure_gear
+    from ....geometry.measures import measure_gear
 
     return measure_gear(
         tooth,

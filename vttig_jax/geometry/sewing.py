@@ -27,7 +27,7 @@ from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.Interface import Interface_Static
 from OCP.Message import Message
 from OCP.STEPCAFControl import STEPCAFControl_Writer
-from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType
+from OCP.STEPControl import STEPControl_StepModelType
 from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
 from OCP.TDataStd import TDataStd_Name
 from OCP.TDocStd import TDocStd_Document
@@ -36,8 +36,8 @@ from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS
 from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
-from ...base.errors import InputError
-from .bspline_faces import Patch
+from ..base.errors import InputError
+from .solid import Patch
 
 _SEWN_MM = 1e-6  # tolerance of sewing; chosen
 _DEGENERATE_MM = 1e-7  # tolerance of degenerate edges; chosen
@@ -191,16 +191,3 @@ def write_step(shape: Shape, path: Path, name: str) -> None:
     header.SetOriginatingSystem(TCollection_HAsciiString("vttig_jax"))
     if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
         raise InputError("Open CASCADE could not write the solid.", where=str(path))
-
-
-def read_step(path: Path) -> Shape:
-    """Return the single shape of a STEP file.
-
-    **Raises** `InputError` if it cannot be read.
-    """
-    Message.DefaultMessenger_s().ChangePrinters().Clear()
-    reader = STEPControl_Reader()
-    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        raise InputError("Open CASCADE cannot read this as STEP.", where=str(path))
-    reader.TransferRoots()
-    return reader.OneShape()

@@ -3,6 +3,7 @@
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,19 +12,16 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int, Real
 
-from ...base.files.text_tables import key_values
-from ...base.units import DEG
-from ...kinematics.flank_model import flank_index
-from ...pair.gear_pair import Flank
-from ..backlash.report import TOUCHING
-from ..mounting import Mounting
-from .contact_model import ContactModel, mates_on
-from .first_contact import FirstContact, SearchGrid, contact_search, earliest_contact, error_of
+from ..base.files.text_tables import key_values
+from ..base.units import DEG
+from ..kinematics.flank_model import flank_index
+from ..pair.gear_pair import Flank
+from .backlash import TOUCHING
+from .contact import ContactModel, Place, SearchGrid, contact_search, earliest, error_of, mates_on
 from .flanks import Mates
-from .search import Place, nearest_best, search
+from .mounting import Mounting
 
 _SECTIONS = 9  # default number of sections; chosen
-_AT_ONCE = 64, 1024  # driving angles in a batch, for few and for many angles; chosen
 _END = 1e-6
 """Share of the common face that is treated as its end (chosen)."""
 
@@ -188,67 +186,48 @@ def contact_at(
         known = not np.isnan(np.asarray(model.mounting.half_widths)).all()
         sections = max(model.search_grid.sections, _SECTIONS) if known else 1
     mates = mates_on(model, flank_index(flank))
-    teeth = np.array([gear.teeth for gear in model.teeth])
-    search_grid, batches = replace(model.search_grid, sections=sections), []
-    for angle in _batches(angles):
-        fields, contact = _contacts(mates, model.mounting, search_grid, jnp.asarray(angle), teeth)
-        error = error_of((mates, model.mounting, jnp.asarray(angle), None), contact)
-        batches.append(fields | {"transmission_error": error})
-    fields = {
-        name: np.concatenate([np.asarray(batch[name]) for batch in batches])[: len(angles)]
-        for name in batches[0]
-    }
+    grid, teeth = replace(model.search_grid, sections=sections), [g.teeth for g in model.teeth]
+    rows = grid.batches(angles if len(angles) else np.zeros(1))
+    found = _contacts(mates, model.mounting, grid, rows)
+    fields = {name: np.asarray(values)[: len(angles)] for name, values in found.items()}
+    fields["tooth_pair"] = np.mod(fields["tooth_pair"], teeth).astype(int) + 1
+    fields["section_pair"] = np.mod(fields["section_pair"], teeth[0]).astype(int) + 1
     return Contacts(
         model=model, flank=flank, driving_angle=angles, tolerance=tolerance_rad, **fields
     )
 
 
-def _batches(values: Float[np.ndarray, " n"]) -> list[np.ndarray]:
-    """Split values into batches of 64, or of 1024 if there are more than 64 values.
-
-    The last batch is padded with its last value; without values there is one batch of zeros.
-    """
-    if not len(values):
-        return [np.zeros(_AT_ONCE[0])]
-    count = _AT_ONCE[len(values) > _AT_ONCE[0]]
-    return list(np.pad(values, (0, -len(values) % count), mode="edge").reshape(-1, count))
-
-
 @eqx.filter_jit
 def _contacts(
-    mates: Mates,
-    mounting: Mounting,
-    search_grid: SearchGrid,
-    driving: Float[Array, " n"],
-    teeth: Int[np.ndarray | Array, "2"],
-) -> tuple[dict[str, Array], FirstContact]:
-    scene = contact_search(mates, mounting, search_grid, driving, None)
-    touch = search(scene, search_grid.sections)
-    contact = earliest_contact(scene, touch)
-    height = mates.sense * touch.error
-    reach = jax.vmap(scene.reach)(touch.roll, touch.share)
-    column = jnp.arange(len(driving))
-    tooth = jnp.stack([contact.tooth, mates.driven_tooth(contact.tooth)], axis=-1)
-    row, pair = nearest_best(height)
-    radii = mates.driving.base_radius * jnp.sqrt(1 + touch.roll**2), reach.radius
-    highest = jnp.max(height, axis=(0, 1), keepdims=True)
-    tied = jnp.sum(height > highest - 1e-12, axis=(0, 1))
-    # At most two ties: a section of the grid, and the best section at the same place.
-    single = (search_grid.sections > 1) & (tied <= 2)
-    share = touch.share[row, pair, column]
-    end = jnp.where(share < _END, -1, jnp.where(share > 1 - _END, 1, 0))
-    touches = contact.place != Place.NOTHING
-    both = jnp.stack([radius[row, pair, column] for radius in radii], axis=-1)
-    misfit = jnp.where(jnp.isfinite(height), highest - height, jnp.inf)
-    fields = {
-        "tooth_pair": jnp.mod(tooth, teeth[None]).astype(int) + 1,
-        "place": contact.place.astype(int),
-        "end_of_face": jnp.where(single, end, 0),
-        "z_mm": jnp.where(touches, reach.z[row, pair, column], jnp.nan),
-        "radius_mm": jnp.where(touches[:, None], both, jnp.nan),
-        "section_z_mm": reach.z.transpose(2, 1, 0),
-        "section_radius_mm": radii[0].transpose(2, 1, 0),
-        "section_pair": jnp.mod(scene.pose.tooth, teeth[0]).astype(int).T + 1,
-        "misfit": misfit.transpose(2, 1, 0),
-    }
-    return fields, contact
+    mates: Mates, mounting: Mounting, grid: SearchGrid, angles: Float[Array, "batches n"]
+) -> dict[str, Array]:
+    def batch(driving: Float[Array, " n"]) -> dict[str, Any]:
+        scene = contact_search(mates, mounting, grid, driving, None)
+        touch = scene.touches()
+        shares = jnp.asarray(touch.share)
+        contact, select = earliest(scene, touch)
+        height = mates.sense * touch.error
+        reach = jax.vmap(scene.reach)(touch.roll, shares)
+        radii = mates.driving.base_radius * jnp.sqrt(1 + touch.roll**2), reach.radius
+        highest = jnp.max(height, axis=(0, 1), keepdims=True)
+        tied = jnp.sum(height > highest - 1e-12, axis=(0, 1))
+        # At most two ties: a section of the grid, and the best section at the same place.
+        single = (grid.sections > 1) & (tied <= 2)
+        share = select(shares)
+        end = jnp.where(share < _END, -1, jnp.where(share > 1 - _END, 1, 0))
+        touches = contact.place != Place.NOTHING
+        both = jnp.stack([select(radius) for radius in radii], axis=-1)
+        return {
+            "transmission_error": error_of((mates, mounting, driving, None), contact),
+            "tooth_pair": jnp.stack([contact.tooth, mates.driven_tooth(contact.tooth)], axis=-1),
+            "place": contact.place.astype(int),
+            "end_of_face": jnp.where(single, end, 0),
+            "z_mm": jnp.where(touches, select(reach.z), jnp.nan),
+            "radius_mm": jnp.where(touches[:, None], both, jnp.nan),
+            "section_z_mm": reach.z.T,
+            "section_radius_mm": radii[0].T,
+            "section_pair": scene.pose.tooth.T,
+            "misfit": jnp.where(jnp.isfinite(height), highest - height, jnp.inf).T,
+        }
+
+    return jax.tree.map(jnp.concatenate, jax.lax.map(batch, angles))

@@ -8,17 +8,18 @@ from xml.etree import ElementTree
 import numpy as np
 from jaxtyping import Float
 
-from ...base.errors import UsageError
-from ...base.shown_text import shown_name
-from ..tooth.tooth import Tooth
-from .blank import Blank, blank_of
-from .grid_refinement import section_counts
-from .tooth_grid import Counts, ToothGrid, section_curve
+from ..base.errors import UsageError
+from ..base.shown_text import shown_name
+from .mesh import section_counts
+from .outline import Blank, Counts, blank_of, section_curve
+from .tooth import Tooth
 
 # Chosen values of SVG files:
 _LINE_SHARE = 2e-3  # stroke width as a share of the width of the drawing
 _PLACES = 9  # decimal places of a millimetre
 _MARGIN = 1.02  # size of the drawing relative to the gear
+
+Line = Float[np.ndarray, "_"]
 
 
 @dataclass(frozen=True)
@@ -103,9 +104,6 @@ def section_drawing(
     )
 
 
-Line = Float[np.ndarray, "_"]
-
-
 def _outline(blank: Blank, counts: Counts, z: Line) -> tuple[Line, Line, Line]:
     """Return polar angles, rad, and radii, mm, of the corners and the angles of arcs after them.
 
@@ -113,8 +111,7 @@ def _outline(blank: Blank, counts: Counts, z: Line) -> tuple[Line, Line, Line]:
     """
     profile = blank.profile
     radius, clockwise = (row[0] for row in section_curve(profile, counts, z))
-    joints = ToothGrid(profile, counts, (z[0], z[0])).joints
-    foot, corner, other_corner, other_foot = joints[[1, 3, 5, 7]]
+    foot, corner, other_corner, other_foot = counts.joints[[1, 3, 5, 7]]
     # Corners of one tooth from its right foot to its left foot; the lands between are arcs.
     corners = np.concatenate([np.arange(foot, corner + 1), np.arange(other_corner, other_foot + 1)])
     angle, distance = -clockwise[corners], radius[corners]

@@ -10,18 +10,22 @@ on flank B. No equation of meshing is used: first contact is an extreme over all
 """
 
 import math
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ...base.arrays import Number
-from ...base.numerics.sincos import sincos
-from ...pair.gear_pair import involute
-from ..mounting import Mounting, Plane, Values
-from ..tooth.recession import Recession
-from ..tooth.tooth import Tooth
-from .deviations import Bicubic
+from ..base.arrays import Number, Numbers, known
+from ..base.errors import PairError
+from ..base.numerics.sincos import sincos
+from ..pair.gear_pair import involute
+from .deviations import Bicubic, Deviations
+from .form import form_radius, undercut_depth
+from .mounting import Mounting, Plane, Values
+from .surface import rack_side
+from .tooth import SHAFTS, SIDES, Recession, Tooth
 
 Scalar = Float[Number, ""]
 
@@ -160,11 +164,7 @@ class Mates(eqx.Module):
         return x + pose.driving_centre[0], y + pose.driving_centre[1]
 
 
-def flank_of(tooth: Tooth, index: int, start: Scalar, **deviations) -> Flank:
-    """Return the flank of one side (0 left, 1 right) of a gear.
-
-    `start` is the roll angle at the start of the flank, rad; `deviations` are `map` and `pitch`.
-    """
+def _flank_of(tooth: Tooth, index: int, start: Scalar, **deviations: Any) -> Flank:
     alpha, base = jnp.asarray(tooth.pressure_angles[index]), jnp.asarray(tooth.base_radii[index])
     arc = math.pi * tooth.module_mm / 4 + tooth.profile_shift_mm * jnp.tan(alpha)
     return Flank(
@@ -176,3 +176,81 @@ def flank_of(tooth: Tooth, index: int, start: Scalar, **deviations) -> Flank:
         recession=tooth.recession[index],
         **deviations,
     )
+
+
+def mates_of(
+    teeth: tuple[Tooth, Tooth],
+    starts: Float[Numbers, "gear=2 flank=2"],
+    ratio: Float[Array, ""],
+    deviations: Deviations | None,
+    side: int,
+) -> Mates:
+    """Return the flanks A (`side` 0) or B (1) of both gears; their `standing` is still 0."""
+    given = [{}, {}]
+    if deviations is not None:
+        for gear, shaft in enumerate(SHAFTS):
+            flank_map = getattr(deviations, shaft)[side]
+            pitch = getattr(deviations, f"{shaft}_pitch_um")
+            given[gear]["map"] = None if flank_map is None else flank_map.prepared()
+            given[gear]["pitch"] = None if pitch is None else jnp.asarray(pitch)[side]
+    return Mates(
+        sense=jnp.asarray(1.0 - 2.0 * side),
+        ratio=ratio,
+        pitch=jnp.asarray(2 * math.pi / teeth[0].teeth),
+        driving=_flank_of(teeth[0], side, starts[0, side], **given[0]),
+        driven=_flank_of(teeth[1], 1 - side, starts[1, side], **given[1]),
+        standing=jnp.zeros(()),
+    )
+
+
+def flank_starts(teeth: tuple[Tooth, Tooth]) -> Float[Numbers, "gear=2 flank=2"]:
+    """Return roll angles √(r²/r_b² − 1), rad, at form circles; rows gears, columns flanks A and B.
+
+    An undercut flank begins where the fillet cuts it; if numbers are traced, on the base circle.
+
+    **Raises** `PairError` if an undercut removes a flank completely.
+    """
+    xp = np if known(teeth) else jnp
+    starts = []
+    for gear, flank in np.ndindex(2, 2):
+        tooth, index = teeth[gear], flank if gear == 0 else 1 - flank
+        side, base = SIDES[index], tooth.base_radii[index]
+        if known(tooth) and undercut_depth(tooth, side) > 0:
+            radius = form_radius(tooth, side)
+            if np.isnan(radius):
+                raise PairError(
+                    f"undercut removes the whole {side} flank; give more teeth or profile shift.",
+                    where=SHAFTS[gear],
+                )
+            starts.append(np.sqrt(max((radius / float(base)) ** 2 - 1, 0.0)))
+            continue
+        rack = rack_side(tooth, side)
+        sine = xp.sin(rack.pressure_angle)
+        length = tooth.reference_radius * sine + rack.flank_start / sine
+        starts.append(xp.maximum(length, 0.0) / base)
+    return xp.stack([xp.asarray(start) for start in starts]).reshape(2, 2)
+
+
+def pitch_point(mates: Mates, distance: Scalar) -> tuple[Values, Values]:
+    """Return the driving roll angle at the pitch point of concentric gears, and its tooth angle.
+
+    The latter is the angle from the line of centres to the driving tooth that touches there on
+    flank A; both in rad.
+    """
+    driving = mates.driving
+    alpha = jnp.arccos((driving.base_radius + mates.driven.base_radius) / distance)
+    half = driving.base_half_angle - driving.recession(jnp.zeros(())) / driving.reference_radius
+    return jnp.tan(alpha), jnp.tan(alpha) - alpha - half
+
+
+def concentric_touch(mates: Mates, distance: Scalar) -> Values:
+    """Return TE, rad, at which the flanks of concentric gears touch at their pitch point.
+
+    The gears are as drawn with s = 0 in the section z = 0. The value defines the zero of φ₂ and the
+    start of the search; the search does not assume that TE is constant along the path of contact.
+    """
+    (roll, angle), zero = pitch_point(mates, distance), jnp.zeros(())
+    centre = zero.astype(complex)
+    mounting = Mounting(distance, zero, centre, centre, jnp.full(2, jnp.nan))
+    pose = Pose(mates.sense * angle, zero, (zero, zero), (zero, zero))
+    return mates.reach(mounting, pose, roll, zero).error

@@ -5,13 +5,13 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
-from ...base.arrays import Numbers, float64
-from ...base.errors import PairError
-from ...base.files.text_tables import key_values
+from ..base.arrays import Numbers, float64, known
+from ..base.errors import PairError
+from ..base.files.text_tables import key_values
+from .tooth import SHAFTS, check_finite, check_knots
 
 
 class FlankMap(eqx.Module):
@@ -51,8 +51,11 @@ class FlankMap(eqx.Module):
     along_z: Float[Numbers, "4 strips m"]
 
     def __init__(self, roll_mm: Any, z_mm: Any, deviation_um: Any):
-        self.roll_mm = _knots(roll_mm, "roll_mm")
-        self.z_mm = _knots(z_mm, "z_mm")
+        for name, values in (("roll_mm", roll_mm), ("z_mm", z_mm)):
+            if not known(values):
+                raise ValueError(f"Argument `{name}` must be known numbers, but is traced.")
+            check_knots(values, name, "the map")
+        self.roll_mm, self.z_mm = np.asarray(roll_mm, float), np.asarray(z_mm, float)
         self.deviation_um = float64(deviation_um)
         shape = len(self.roll_mm), len(self.z_mm)
         if self.deviation_um.shape != shape:
@@ -61,8 +64,8 @@ class FlankMap(eqx.Module):
                 f" {shape[1]} heights; give shape {shape}.",
                 where="deviation_um",
             )
-        if not isinstance(self.deviation_um, Tracer):
-            _check_finite(np.asarray(self.deviation_um), "deviation_um")
+        if known(self.deviation_um):
+            check_finite(np.asarray(self.deviation_um), "deviation_um")
         self.along_roll, self.along_z = _pieces(self.roll_mm), _pieces(self.z_mm)
 
     def prepared(self) -> "Bicubic":
@@ -126,45 +129,19 @@ class Deviations(eqx.Module):
         return tuple(m for m in (*self.driving, *self.driven) if m is not None)
 
     def __str__(self) -> str:
+        def span(values: Numbers) -> str:
+            return f"{np.min(values):.2f} … {np.max(values):.2f} µm"
+
         rows = []
-        for gear in ("driving", "driven"):
+        for gear in SHAFTS:
             pitches = getattr(self, f"{gear}_pitch_um")
             for side, flank in enumerate("AB"):
                 if (given := getattr(self, gear)[side]) is not None:
                     count = f"{len(given.roll_mm)} × {len(given.z_mm)} points"
-                    rows.append((f"{gear} flank {flank}", f"{count}, {_span(given.deviation_um)}"))
+                    rows.append((f"{gear} flank {flank}", f"{count}, {span(given.deviation_um)}"))
                 if pitches is not None and np.any(row := pitches[side]):
-                    rows.append((f"{gear} pitch {flank}", f"{len(row)} teeth, {_span(row)}"))
+                    rows.append((f"{gear} pitch {flank}", f"{len(row)} teeth, {span(row)}"))
         return key_values(rows or [("none", None)], title="deviations of the flanks")
-
-
-def _span(values: Numbers) -> str:
-    return f"{np.min(values):.2f} … {np.max(values):.2f} µm"
-
-
-def _knots(values: Any, name: str) -> np.ndarray:
-    if isinstance(values, Tracer):
-        raise ValueError(f"Argument `{name}` must be known numbers, but is traced.")
-    knots = np.asarray(values, np.float64)
-    if knots.ndim != 1 or len(knots) < 2:
-        raise PairError(
-            f"the shape is {knots.shape}; give two or more points, shape (n,).", where=name
-        )
-    _check_finite(knots, name)
-    if not np.all(np.diff(knots) > 0):
-        index = int(np.argmax(np.diff(knots) <= 0))
-        raise PairError(
-            f"the values go from {knots[index]:g} to {knots[index + 1]:g} mm at points {index + 1}"
-            f" and {index + 2}; sort them and keep each value once.",
-            where=name,
-        )
-    return knots
-
-
-def _check_finite(values: np.ndarray, name: str) -> None:
-    if not np.all(np.isfinite(values)):
-        point = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(values))[0])
-        raise PairError(f"point {point} is not a number; remove or repair it.", where=name)
 
 
 def _pieces(knots: np.ndarray) -> np.ndarray:
