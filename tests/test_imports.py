@@ -66,8 +66,9 @@ INNER_FLOORS = {
         "outline",
         "mesh",
         "drawing",
-        "solid",
+        "patches",
         "sewing",
+        "solid",
     ),
     "logs": (
         "source",

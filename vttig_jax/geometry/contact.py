@@ -38,7 +38,7 @@ Scalar = Float[Number, ""]
 
 # Chosen values:
 _SECTIONS, _TOOTH_PAIRS, _POINTS = 9, 3, 9  # of the default grid; points are roll angles
-_NEWTON_STEPS, _HALVINGS = 8, 2  # to the extreme; the first go halfway to the higher neighbour
+_NEWTON_STEPS, _HALVINGS = 7, 2  # to the extreme; the first go halfway to the higher neighbour
 _END_STEPS = 5  # to the end of the driven flank
 _REFINEMENTS = 10  # of the section; ten halvings reduce the interval to a thousandth
 TIE = 1e-13  # difference, rad, below which contacts are equal; the middle one is then used

@@ -37,7 +37,7 @@ from OCP.TopoDS import TopoDS
 from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
 from ..base.errors import InputError
-from .solid import Patch
+from .patches import Patch
 
 _SEWN_MM = 1e-6  # tolerance of sewing; chosen
 _DEGENERATE_MM = 1e-7  # tolerance of degenerate edges; chosen
