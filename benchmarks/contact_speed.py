@@ -4,8 +4,8 @@
 
 The gears of the paper with the eccentricities of Table 2 and an axial shift, flank A, over the
 hunting period. Both ways look at three pairs of teeth and nine roll angles on each, climb from the
-best of them (by Newton's and by the secant method), stay within both flanks and take the first of all touches. No row
-is timed before it agrees with the exact relation. Rounds alternate. Writes
+best of them (by Newton's and by the secant method), stay within both flanks and take the first of
+all touches. No row is timed before it agrees with the exact relation. Rounds alternate. Writes
 results/contact_speed.json.
 """
 
