@@ -4,8 +4,8 @@
 
 The gears of the paper with the eccentricities of Table 2 and an axial shift, flank A, over the
 hunting period. Both ways look at three pairs of teeth and nine roll angles on each, climb from the
-best of them by the secant method, stay within both flanks and take the first of all touches. No row
-is timed before it agrees with the exact relation. Rounds alternate. Writes
+best of them (by Newton's and by the secant method), stay within both flanks and take the first of
+all touches. No row is timed before it agrees with the exact relation. Rounds alternate. Writes
 results/contact_speed.json.
 """
 
@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 import vttig_jax
-from vttig_jax.geometry.contact.contact_model import ContactModel, contact_model, mates_on
-from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.geometry.contact import ContactModel, contact_model, mates_on
+from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.eccentricities import Eccentricities

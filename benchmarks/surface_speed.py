@@ -27,10 +27,9 @@ import jax
 import numpy as np
 
 import vttig_jax
-from vttig_jax.geometry.solids.mesh import GearMesh, gear_mesh, stl_bytes
-from vttig_jax.geometry.tooth.roll_limits import fillet_span, flank_span
-from vttig_jax.geometry.tooth.surface import Part, tooth_surface
-from vttig_jax.geometry.tooth.tooth import Tooth, tooth_of
+from vttig_jax.geometry.mesh import GearMesh, gear_mesh, stl_bytes
+from vttig_jax.geometry.surface import Part, fillet_span, flank_span, tooth_surface
+from vttig_jax.geometry.tooth import Tooth, tooth_of
 from vttig_jax.rig.paper import paper_rig
 
 from .environment import write
@@ -209,7 +208,7 @@ def solids(tooth: Tooth, rounds: int) -> dict[str, Any]:
     """Row 4: the whole gear as STEP."""
     if not find_spec("OCP"):
         return {"left_out": "the extra `cad` is not installed"}
-    from vttig_jax.geometry.solids.solid import gear_solid, step_bytes
+    from vttig_jax.geometry.solid import gear_solid, step_bytes
 
     solid = gear_solid(tooth, tolerance_mm=1e-3)
     assert solid.error_mm <= 1e-3

@@ -23,8 +23,8 @@ from .control.controllers.controller import Controller as Controller
 from .control.plants.plant import Plant as Plant
 from .control.simulation.result import Simulation as Simulation
 from .control.sweeps.table import SweepTable as SweepTable
-from .geometry.measures.gear_measures import measure_gear as measure_gear
-from .geometry.tooth.surface import tooth_surface as tooth_surface
+from .geometry.measures import measure_gear as measure_gear
+from .geometry.surface import tooth_surface as tooth_surface
 from .identify.archive import read_fit as read_fit
 from .identify.backlash import backlash_map as backlash_map
 from .identify.fit_settings import FitSettings as FitSettings

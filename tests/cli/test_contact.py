@@ -10,9 +10,9 @@ import vttig_jax
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
 from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.cli.verbs.gears.contact import contact_record, contact_text
-from vttig_jax.geometry.backlash.report import gap_report
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.geometry.backlash import gap_report
+from vttig_jax.geometry.contact import contact_model
+from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_pair
 from vttig_jax.runs.maps import fitted_rig

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vttig_jax.geometry.solids.mesh import GearMesh
+from vttig_jax.geometry.mesh import GearMesh
 
 
 def edges_are_paired(triangles: np.ndarray) -> bool:

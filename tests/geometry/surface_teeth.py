@@ -9,10 +9,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tests.oracles.rack_envelope import Cutter
-from vttig_jax.geometry.tooth.rack_cutter import SIDES, Side
-from vttig_jax.geometry.tooth.recession import Taper
-from vttig_jax.geometry.tooth.surface import tooth_surface
-from vttig_jax.geometry.tooth.tooth import Tooth
+from vttig_jax.geometry.surface import tooth_surface
+from vttig_jax.geometry.tooth import SIDES, Side, Taper, Tooth
 
 
 def wave(z):

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from tests.laws.law import Law
-from vttig_jax.geometry.backlash.drawn_backlash import geometric_backlash, section_backlash
-from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.backlash import geometric_backlash, section_backlash
+from vttig_jax.geometry.contact import contact_model
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Gear, GearPair
 

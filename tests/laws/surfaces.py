@@ -10,19 +10,15 @@ import numpy as np
 
 from tests.laws.law import Law
 from vttig_jax.base.arrays import compiled
-from vttig_jax.geometry.tooth.curvature import surface_curvatures
-from vttig_jax.geometry.tooth.rack_cutter import SIDES, Side
-from vttig_jax.geometry.tooth.recession import Taper
-from vttig_jax.geometry.tooth.roll_limits import (
+from vttig_jax.geometry.surface import (
+    Part,
     fillet_span,
     flank_roll,
     flank_span,
-    root_span,
-    tip_span,
+    surface_normal,
+    tooth_surface,
 )
-from vttig_jax.geometry.tooth.section_outline import tooth_section
-from vttig_jax.geometry.tooth.surface import Part, surface_normal, tooth_surface
-from vttig_jax.geometry.tooth.tooth import Tooth
+from vttig_jax.geometry.tooth import SIDES, Side, Taper, Tooth
 
 
 class Roll(NamedTuple):
@@ -78,10 +74,6 @@ def _normal(roll, height, tooth, side: Side = "left", part: Part = "flank"):
     return surface_normal(tooth, roll, height.z_mm, side=side, part=part) @ SOMEWHERE
 
 
-def _curvature(roll, height, tooth, side: Side = "left", part: Part = "flank"):
-    return surface_curvatures(tooth, roll, height.z_mm, side=side, part=part).principal @ MIXED
-
-
 @compiled
 def _roll_of_radius(radius, tooth):
     return flank_roll(tooth, radius, "left")
@@ -103,25 +95,10 @@ def _fillet_limits(radius, tooth):
     return jnp.vectorize(limits)(jnp.asarray(radius, float))
 
 
-@compiled
-def _tip_limits(z, tooth):
-    return tip_span(tooth, z, "left") @ MIXED
-
-
-@compiled
-def _root_limits(z, tooth):
-    return root_span(tooth, z, "left") @ MIXED
-
-
-def _outline(z, tooth):
-    points = tooth_section(tooth, z, intervals=2).points
-    return (points @ SOMEWHERE) @ np.linspace(0.4, 1.0, points.shape[-2])
-
-
 def _of_surface(
     covers: str, function: Callable[..., Any], unit: str, part: Part = "flank"
 ) -> Iterator[Law]:
-    for side in SIDES[: 1 if function is _curvature else 2]:  # which takes seconds to compile
+    for side in SIDES:
         rolls = ROLLS if side == "left" else -ROLLS
         law = partial(function, side=side, part=part)
         kinks = ON_THE_JOINT if side == "left" else {}
@@ -145,11 +122,7 @@ SURFACES = (
     *_of_surface("tooth_surface", _point, "mm", "fillet"),
     _of_length("tooth_surface", _point_at_height, HEIGHTS, "mm", Roll(np.array(0.02))),
     *_of_surface("surface_normal", _normal, "1"),
-    *_of_surface("surface_curvatures", _curvature, "1/mm"),
     _of_length("flank_roll", _roll_of_radius, np.array([43.8, 45.1, 46.9]), "rad"),
     _of_length("flank_span", _flank_limits, np.array([1.8, 2.0, 2.1]), "rad"),
     _of_length("fillet_span", _fillet_limits, np.array([0.1, 0.4, 0.6]), "rad"),
-    _of_length("tip_span", _tip_limits, HEIGHTS, "rad"),
-    _of_length("root_span", _root_limits, HEIGHTS, "rad"),
-    _of_length("tooth_section", _outline, HEIGHTS, "mm", slow=True),
 )

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.geometry.contact import contact_model
+from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.plotting.contact import plot_contact

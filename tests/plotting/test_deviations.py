@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vttig_jax.geometry.contact.deviations import Deviations, FlankMap
+from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.plotting.deviations import plot_deviations
 
 ROLL, HEIGHT = np.linspace(8.0, 20.0, 7), np.linspace(-8.0, 8.0, 5)

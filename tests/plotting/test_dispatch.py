@@ -4,9 +4,9 @@ import sys
 import numpy as np
 import pytest
 
-from vttig_jax.geometry.contact.deviations import Deviations
-from vttig_jax.geometry.contact.report import Contacts
-from vttig_jax.geometry.tooth.tooth import tooth_of
+from vttig_jax.geometry.contact_report import Contacts
+from vttig_jax.geometry.deviations import Deviations
+from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.plotting.backlash_map import plot_map
 from vttig_jax.plotting.contact import plot_contact

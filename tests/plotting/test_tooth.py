@@ -4,7 +4,7 @@ from matplotlib.colors import to_rgba
 
 from tests.geometry.surface_teeth import crowned, tooth
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.tooth.section_report import section_report
+from vttig_jax.geometry.checks import section_report
 from vttig_jax.plotting.tooth import plot_tooth
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import wraps
+from inspect import signature
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -43,6 +44,22 @@ def namespace(*values: Any) -> Any:
 def known(*trees: Any) -> bool:
     """Return whether the pytrees contain only known numbers, none that JAX traces."""
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def written(self: Any) -> str:
+    """Return an object as its constructor would be written, with the numbers of its arrays.
+
+    Arguments that have their default are left out.
+    """
+    shown = []
+    for name, argument in signature(type(self)).parameters.items():
+        value = getattr(self, name)
+        if isinstance(value, (*_PLAIN, jax.Array)) and known(value):
+            value = np.asarray(value).tolist()
+            value = tuple(value) if isinstance(value, list) else value
+        if repr(value) != repr(argument.default):
+            shown.append(f"{name}={value!r}")
+    return f"{type(self).__name__}({', '.join(shown)})"
 
 
 _Arguments = ParamSpec("_Arguments")

@@ -11,7 +11,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.arrays import Number, Numbers, float64
 from ..base.numerics.sincos import sincos
-from .tooth.tooth import Tooth
+from .tooth import Tooth
 
 Scalar = Float[Number, ""]
 Values = Float[Array, "..."]

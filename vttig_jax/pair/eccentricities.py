@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..base.arrays import Number, float64
+from ..base.arrays import Number, float64, written
 from ..base.units import DEG
 
 Scalar = Float[Number, ""]
@@ -30,6 +30,8 @@ class Eccentricities(eqx.Module):
     driven_phase_deg: Scalar = eqx.field(converter=float64, default=0.0)
     constant_backlash_deg: Scalar = eqx.field(converter=float64, default=0.0)
     axial_mm: Scalar = eqx.field(converter=float64, default=0.0)
+
+    __repr__ = written
 
     @property
     def cartesian(self) -> tuple[Complex[Array, ""], Complex[Array, ""]]:

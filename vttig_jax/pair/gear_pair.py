@@ -13,7 +13,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.arrays import Number, Numbers, float64, namespace
+from ..base.arrays import Number, Numbers, float64, namespace, written
 from ..base.files.text_tables import key_values
 from ..base.units import DEG
 from .rack import Rack
@@ -35,6 +35,8 @@ class Gear(eqx.Module):
     - `profile_shift`: profile shift coefficient x, in multiples of `GearPair.depth_module_mm`.
     - `crowning_um`: distance by which each flank recedes at both ends of the face, relative to the
       middle of the face, in µm along the reference circle.
+    - `tooth_thinning_mm`: arc by which the tooth is thinner than the rack makes it, half of it on
+      each flank, in mm at the reference circle; the drawing's allowance for backlash.
     """
 
     teeth: int = eqx.field(static=True)
@@ -44,6 +46,9 @@ class Gear(eqx.Module):
     encoder: Encoder = eqx.field(static=True, default=Encoder())
     profile_shift: Scalar = eqx.field(converter=float64, default=0.0)
     crowning_um: Scalar = eqx.field(converter=float64, default=0.0)
+    tooth_thinning_mm: Scalar = eqx.field(converter=float64, default=0.0)
+
+    __repr__ = written
 
     @property
     def helix_deg(self) -> tuple[float, float]:
@@ -197,13 +202,19 @@ class GearPair(eqx.Module):
     def drawing_backlash(self) -> Scalar:
         """Backlash for nominal tooth thickness and centre distance, in rad of the driven gear.
 
-        It is Σ [(r_b1 + r_b2)(inv α_w − inv αₜ) − (x₁ + x₂) m sin αₜ]/r_b2 over both flanks.
+        It is Σ [(r_b1 + r_b2)(inv α_w − inv αₜ) − (x₁ + x₂) m sin αₜ]/r_b2 over both flanks, and
+        the thinning of both teeth over R₂.
         """
         angles = self.pressure_angles_deg * DEG
         opening = involute(self.working_pressure_angles) - involute(angles)
         shift = self._profile_shifts.sum() * self.depth_module_mm / self.reference_radii[1]
         thickening = shift * namespace(angles).tan(angles).sum()
-        return opening.sum() * float(1 + self.ratio) - thickening
+        thinning = self.driving.tooth_thinning_mm + self.driven.tooth_thinning_mm
+        return (
+            opening.sum() * float(1 + self.ratio) - thickening + thinning / self.reference_radii[1]
+        )
+
+    __repr__ = written
 
     def __str__(self) -> str:
         flanks = "{:.4f}° / {:.4f}°".format

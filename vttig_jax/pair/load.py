@@ -97,6 +97,7 @@ def _gear(table: GearTable) -> Gear:
         encoder=table.encoder,
         profile_shift=table.profile_shift,
         crowning_um=table.crowning_um,
+        tooth_thinning_mm=table.tooth_thinning_mm,
     )
 
 
@@ -124,5 +125,6 @@ def _gear_table(gear: Gear, rack: Rack) -> GearTable:
         helix_right_deg=right,
         profile_shift=float(gear.profile_shift * rack.depth_ratio),
         crowning_um=float(gear.crowning_um),
+        tooth_thinning_mm=float(gear.tooth_thinning_mm),
         encoder=gear.encoder,
     )

@@ -33,15 +33,15 @@ def check_geometry(spec: PairSpec) -> None:
                 " both flanks or one for each.",
                 where=f"{shaft}.helix_angle_deg",
             )
-    for first, second in (
-        ("module_mm", "normal_module_mm"),
+    for keys in (
+        ("module_mm", "normal_module_mm", "diametral_pitch"),
         ("pressure_angle_deg", "normal_pressure_angle_deg"),
     ):
-        if (getattr(pair, first) is None) == (getattr(pair, second) is None):
-            state = "missing" if getattr(pair, first) is None else "given"
-            raise PairError(
-                f"`{first}` and `{second}` are both {state}; give one.", where=f"pair.{first}"
-            )
+        given = [key for key in keys if getattr(pair, key) is not None]
+        if len(given) != 1:
+            first, second = (given or keys)[:2]
+            state = f"`{first}` and `{second}` are both {'given' if given else 'missing'}; give one"
+            raise PairError(f"{state}.", where=f"pair.{keys[0]}")
     if driving.helix_deg != driven.helix_deg:
         raise PairError(
             f"the helix angles (left, right) are {driven.helix_deg}, but {driving.helix_deg} on the"
@@ -76,6 +76,8 @@ def transverse_module_mm(spec: PairSpec) -> float:
     assert spec.pair is not None
     if spec.pair.module_mm is not None:
         return spec.pair.module_mm
+    if spec.pair.diametral_pitch is not None:
+        return 25.4 / spec.pair.diametral_pitch
     assert spec.pair.normal_module_mm is not None
     return spec.pair.normal_module_mm / math.cos(spec.driving.helix_deg[0] * DEG)
 
@@ -227,6 +229,7 @@ def _check_tables(spec: PairSpec) -> None:
                 "helix_right_deg",
                 "profile_shift",
                 "crowning_um",
+                "tooth_thinning_mm",
                 "stated",
             ):
                 if getattr(gear, key):

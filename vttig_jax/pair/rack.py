@@ -5,7 +5,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Float
 
-from ..base.arrays import Number, float64
+from ..base.arrays import Number, float64, written
 
 Scalar = Float[Number, ""]
 
@@ -30,3 +30,5 @@ class Rack(eqx.Module):
     clearance: Scalar = eqx.field(converter=float64, default=0.25)
     tip_radius: Scalar | None = eqx.field(converter=_optional_float64, default=None)
     depth_ratio: Scalar = eqx.field(converter=float64, default=1.0)
+
+    __repr__ = written

@@ -18,6 +18,7 @@ Positive = Annotated[float, Meta(gt=0, le=1e9)]  # all limits are chosen; 1e9 ex
 Angle = Annotated[float, Meta(gt=0, lt=45)]
 Helix = Annotated[float, Meta(gt=-45, lt=45)]
 Depth = Annotated[float, Meta(gt=0, le=5)]
+Thinning = Annotated[float, Meta(ge=0, le=1e9)]
 Shift = Annotated[float, Meta(ge=-5, le=5)]
 Crowning = Annotated[float, Meta(ge=0, le=1e6)]
 HIGHEST_ORDER = 1000
@@ -68,6 +69,7 @@ class GearTable(Table, frozen=True):
     helix_right_deg: Helix | None = None
     profile_shift: Shift = 0.0
     crowning_um: Crowning = 0.0
+    tooth_thinning_mm: Thinning = 0.0
     stated: StatedTable | None = None
     encoder: Encoder = Encoder()
 
@@ -92,10 +94,11 @@ class RackTable(Table, frozen=True):
 
 
 class PairTable(Table, frozen=True):
-    """Table `[pair]`: common data of both gears."""
+    """Table `[pair]`: data of both gears; `diametral_pitch` is transverse, teeth per inch."""
 
     module_mm: Positive | None = None
     normal_module_mm: Positive | None = None
+    diametral_pitch: Positive | None = None
     pressure_angle_deg: Angle | None = None
     normal_pressure_angle_deg: Angle | None = None
     centre_distance_mm: Positive | None = None

@@ -9,12 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..base.units import DEG
-from ..geometry.contact.contact_model import mates_on
-from ..geometry.contact.report import Contacts
+from ..geometry.contact import mates_on
+from ..geometry.contact_report import Contacts
 from ..geometry.mounting import Plane
-from ..geometry.solids.gear_profile import gear_profile
-from ..geometry.solids.tooth_grid import Counts, section_curve
-from ..geometry.tooth.tooth import Tooth
+from ..geometry.outline import Counts, gear_profile, section_curve
+from ..geometry.tooth import Tooth
 from ..kinematics.flank_model import flank_index
 from ..pair.gear_pair import GearPair
 from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title

@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..geometry.contact.deviations import Deviations, FlankMap
-from ..geometry.contact.validation import flank_starts
-from ..geometry.tooth.tooth import tooth_of
+from ..geometry.deviations import Deviations, FlankMap
+from ..geometry.flanks import flank_starts
+from ..geometry.tooth import tooth_of
 from ..pair.gear_pair import GearPair
 from .style import COLOURS, FLANK_COLOURS, grid, heading, legend, new_figure, title
 

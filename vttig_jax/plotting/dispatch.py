@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from ..control.simulation.result import Simulation
 from ..control.sweeps.table import SweepTable
-from ..geometry.contact.deviations import Deviations
-from ..geometry.contact.report import Contacts
-from ..geometry.tooth.tooth import Tooth
+from ..geometry.contact_report import Contacts
+from ..geometry.deviations import Deviations
+from ..geometry.tooth import Tooth
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve

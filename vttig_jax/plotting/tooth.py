@@ -8,13 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..geometry.solids.blank import blank_of
-from ..geometry.solids.gear_profile import GearProfile
-from ..geometry.solids.tooth_grid import ORDER, Counts, ToothGrid, section_curve
-from ..geometry.tooth.form_circle import form_radius
-from ..geometry.tooth.rack_cutter import SIDES
-from ..geometry.tooth.section_report import section_report
-from ..geometry.tooth.tooth import Tooth
+from ..geometry.checks import section_report
+from ..geometry.form import form_radius
+from ..geometry.outline import ORDER, Counts, GearProfile, blank_of, section_curve
+from ..geometry.tooth import SIDES, Tooth
 from .style import COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
 
 _PIECE_COLOURS = {"root": "0.45", "fillet": COLOURS[1], "flank": COLOURS[0], "tip": COLOURS[2]}
@@ -117,7 +114,7 @@ def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labell
             linewidth=1.2,
         )
     x, y = radius * np.sin(clockwise), radius * np.cos(clockwise)
-    joints = ToothGrid(profile, _COUNTS, (z, z)).joints
+    joints = _COUNTS.joints
     for k, (_, part) in enumerate(ORDER):
         piece = slice(joints[k], joints[k + 1] + 1)
         ax.plot(x[piece], y[piece], color=_PIECE_COLOURS[part], linewidth=1.8)

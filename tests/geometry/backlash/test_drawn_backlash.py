@@ -10,13 +10,9 @@ import pytest
 
 from benchmarks.compiler import fast_to_compile
 from tests.laws import checks
-from vttig_jax.geometry.backlash.drawn_backlash import (
-    backlash_and_contact,
-    geometric_backlash,
-    section_backlash,
-)
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.tooth.tooth import tooth_of
+from vttig_jax.geometry.backlash import backlash_and_contact, geometric_backlash, section_backlash
+from vttig_jax.geometry.contact import contact_model
+from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Gear, GearPair
 

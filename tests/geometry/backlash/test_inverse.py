@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from tests.geometry.backlash.test_drawn_backlash import UNEQUAL, make
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.backlash.drawn_backlash import geometric_backlash
-from vttig_jax.geometry.backlash.inverse import axial_for_backlash
-from vttig_jax.geometry.tooth.tooth import tooth_of
+from vttig_jax.geometry.backlash import axial_for_backlash, geometric_backlash
+from vttig_jax.geometry.tooth import tooth_of
 
 
 @given(

@@ -7,9 +7,8 @@ import pytest
 
 from tests.geometry.backlash.test_drawn_backlash import make
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.backlash.drawn_backlash import geometric_backlash, section_backlash
-from vttig_jax.geometry.backlash.report import gap_report
-from vttig_jax.geometry.tooth.tooth import tooth_of
+from vttig_jax.geometry.backlash import gap_report, geometric_backlash, section_backlash
+from vttig_jax.geometry.tooth import tooth_of
 
 pytestmark = pytest.mark.smoke
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.deviations import Deviations, FlankMap
-from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.geometry.contact import contact_model
+from vttig_jax.geometry.contact_report import contact_at
+from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Flank, Gear, GearPair

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.contact import contact_model
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.pair.eccentricities import Eccentricities

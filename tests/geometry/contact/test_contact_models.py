@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from vttig_jax.geometry.contact.contact_model import contact_model
+from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.report import contact_at
-from vttig_jax.geometry.contact.search import Place
+from vttig_jax.geometry.contact import Place, contact_model
+from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
 from vttig_jax.pair.rack import Rack

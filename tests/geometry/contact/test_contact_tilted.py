@@ -14,8 +14,8 @@ import pytest
 from scipy.optimize import root_scalar
 from scipy.spatial.transform import Rotation
 
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.report import contact_at
+from vttig_jax.geometry.contact import contact_model
+from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Flank, Gear, GearPair

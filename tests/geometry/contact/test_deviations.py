@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.contact.deviations import Deviations, FlankMap
+from vttig_jax.geometry.deviations import Deviations, FlankMap
 
 ROLL = np.array([8.0, 10.0, 13.5, 15.0, 19.0, 22.0])
 HEIGHT = np.array([-9.0, -4.0, 0.5, 3.0, 9.5])
@@ -68,7 +68,7 @@ def test_derivatives_in_place_and_in_the_measured_values():
 BAD = {
     "folded": (
         (ROLL[::-1], HEIGHT, DRAWN),
-        "roll_mm: the values go from 22 to 19 mm at points 1 and 2",
+        "roll_mm: the map goes from 22 to 19 mm at points 1 and 2",
     ),
     "one row": ((ROLL[:1], HEIGHT, DRAWN[:1]), r"roll_mm: the shape is \(1,\); give two or more"),
     "transposed": ((ROLL, HEIGHT, DRAWN.T), r"map has shape \(5, 6\) over 6 roll lengths and 5"),

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.report import Contacts, contact_at
-from vttig_jax.geometry.contact.search import Place
+from vttig_jax.geometry.contact import Place, contact_model
+from vttig_jax.geometry.contact_report import Contacts, contact_at
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
 

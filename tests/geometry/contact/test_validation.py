@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.contact.contact_model import contact_model
-from vttig_jax.geometry.contact.deviations import Deviations
+from vttig_jax.geometry.contact import contact_model
+from vttig_jax.geometry.deviations import Deviations
+from vttig_jax.geometry.form import form_radius
 from vttig_jax.geometry.mounting import Misalignment
-from vttig_jax.geometry.tooth.form_circle import form_radius
-from vttig_jax.geometry.tooth.recession import Tabulated
-from vttig_jax.geometry.tooth.tooth import Tooth, tooth_of
+from vttig_jax.geometry.tooth import Tabulated, Tooth, tooth_of
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.pair.gear_pair import Gear, GearPair
 from vttig_jax.pair.rack import Rack
@@ -29,7 +28,7 @@ def make(teeth=(45, 80), width=20.0, helix=(3.0, 3.0), shift=0.0, **pair):
 BAD = {
     "base circles": ({}, {"centre_distance_mm": 117.0}, "lets the base circles overlap"),
     "no width": ({"width": math.nan}, {"misalignment": Misalignment(1e-4)}, "give a face width"),
-    "pointed": ({"width": 36.0}, {}, "cross below the tip circle at z = 18 mm"),
+    "pointed": ({"width": 36.0}, {}, "pointed at z = 18 mm"),
     "gone": ({"width": 80.0}, {}, "mm thick on the reference circle"),
     "long teeth": (
         {"rack": Rack(addendum=1.5, clearance=0.1), "helix": (0.0, 0.0)},

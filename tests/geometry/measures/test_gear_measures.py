@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.geometry.shop_gears import known, shop_gear
-from vttig_jax.geometry.measures.gear_measures import measure_gear
-from vttig_jax.geometry.measures.over_balls import over_balls
-from vttig_jax.geometry.tooth.tooth import tooth_of
+from vttig_jax.geometry.measures import measure_gear, over_balls
+from vttig_jax.geometry.tooth import tooth_of
 
 
 @pytest.mark.parametrize(("shaft", "tip", "root"), [("driving", 94, 85), ("driven", 164, 155)])
@@ -136,8 +135,8 @@ def test_measuring_compiles_nothing():
 import sys, jax
 compiled = []
 jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: compiled.append(name))
-from vttig_jax.geometry.measures.gear_measures import measure_gear
-from vttig_jax.geometry.tooth.tooth import tooth_of
+from vttig_jax.geometry.measures import measure_gear
+from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.rig.paper import paper_pair
 for shaft in ("driving", "driven"):
     measure_gear(tooth_of(paper_pair(), shaft), radii_mm=(46.0, 80.0))

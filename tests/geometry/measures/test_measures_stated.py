@@ -3,8 +3,7 @@
 import pytest
 
 from tests.geometry.shop_gears import known, shop_gear
-from vttig_jax.geometry.measures.comparison import Stated, compare_stated, measures_text
-from vttig_jax.geometry.measures.gear_measures import measure_gear
+from vttig_jax.geometry.measures import Stated, compare_stated, measure_gear, measures_text
 from vttig_jax.pair.schema import StatedTable
 
 TAPERED = shop_gear(helix=(3.0, 3.0))

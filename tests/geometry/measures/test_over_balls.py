@@ -17,15 +17,8 @@ from scipy.optimize import minimize, root_scalar
 
 from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
 from vttig_jax.base.arrays import namespace
-from vttig_jax.geometry.measures.over_balls import (
-    SIZES_MM,
-    _ideal_ball,
-    _searched_stand_off,
-    _stand_off,
-    over_balls,
-    usual_ball,
-)
-from vttig_jax.geometry.tooth.tooth import Tooth
+from vttig_jax.geometry.measures import SIZES_MM, _ideal_ball, _stand_off, over_balls, usual_ball
+from vttig_jax.geometry.tooth import Tabulated, Tooth
 
 KHK_HELICAL: dict[str, Any] = {"normal_module_mm": 1.0, "normal_pressure_angle_deg": 20.0}
 
@@ -226,7 +219,9 @@ def test_the_helix_is_not_forgotten():
 )
 def test_the_search_finds_what_the_formula_says_of_straight_flanks(helix, half, z, teeth):
     tooth = shop_gear(teeth, helix=(helix, 0.0), width=200.0)
-    searched, formula = _searched_stand_off(tooth, 0, half, z), _stand_off(tooth, 0, half, z)
+    far, slope = np.array([-300.0, 300.0]), math.tan(math.radians(helix))
+    table = eqx.tree_at(lambda t: t.recession, tooth, (Tabulated(far, far * slope),) * 2)
+    searched, formula = _stand_off(table, 0, half, z), _stand_off(tooth, 0, half, z)
     assert searched[0] == pytest.approx(formula[0], rel=1e-12, abs=1e-12)
     assert searched[1] == pytest.approx(formula[1], abs=1e-6 * half)
 
@@ -240,7 +235,7 @@ def test_the_highest_of_two_hills_is_found():
             return -0.4 * xp.exp(-((z - 0.8) ** 2) / 0.01) - 0.39 * xp.exp(-((z + 0.8) ** 2) / 0.01)
 
     tooth = eqx.tree_at(lambda t: t.recession, shop_gear(), (Hills(), Hills()))
-    assert _searched_stand_off(tooth, 0, 1.75, 0.0)[1] == pytest.approx(0.8, abs=0.02)
+    assert _stand_off(tooth, 0, 1.75, 0.0)[1] == pytest.approx(0.8, abs=0.02)
 
 
 # What has to hold for any gear.

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
-from vttig_jax.geometry.measures.span import Span, span
-from vttig_jax.geometry.tooth.tooth import Tooth
+from vttig_jax.geometry.measures import Span, span
+from vttig_jax.geometry.tooth import Tooth
 
 KHK: dict[str, Any] = {"normal_module_mm": 3.0, "normal_pressure_angle_deg": 20.0}
 

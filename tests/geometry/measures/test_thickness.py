@@ -8,12 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.geometry.shop_gears import known, scaled, shop_gear
-from vttig_jax.geometry.measures.thickness import (
+from vttig_jax.geometry.form import radius_where
+from vttig_jax.geometry.measures import (
     base_half_angles,
     base_helix_angles,
-    chordal_height,
-    chordal_thickness,
-    radius_where,
+    measure_gear,
     recession_slopes,
 )
 
@@ -22,29 +21,12 @@ pytestmark = pytest.mark.smoke
 ONE = np.array([0.0])
 
 
-def reference(tooth):
-    return np.array([float(tooth.reference_radius)])
-
-
 def test_chord_of_the_handbook():
     """KHK: m = 10, z = 12, x = +0.3: 17.8256 mm at 13.6657 mm below the tip."""
     tooth = shop_gear(12, module_mm=10.0, shift=0.3)
-    assert chordal_thickness(tooth, reference(tooth), ONE)[0] == pytest.approx(17.8256, abs=6e-5)
-    assert chordal_height(tooth, reference(tooth), ONE)[0] == pytest.approx(13.6657, abs=6e-5)
-
-
-def test_chord_between_the_points_of_unequal_flanks():
-    """Distance of both points of the flanks, and of the tip circle's top over the chord's foot."""
-    tooth = shop_gear(helix=(2.0, 14.0), normal_pressure_angle_deg=20.0)
-    radius, z = np.array([44.0, 45.0, 46.5]), np.array([-3.0, 0.0, 2.0])
-    turn = tooth.half_angles(radius, z) * np.array([1.0, -1.0])
-    points = radius[:, None] * np.exp(1j * turn)
-    chord = np.abs(points[:, 0] - points[:, 1])
-    np.testing.assert_allclose(chordal_thickness(tooth, radius, z), chord, rtol=1e-13)
-    foot = np.abs(points.mean(axis=1))
-    tip = float(tooth.tip_radius)
-    np.testing.assert_allclose(chordal_height(tooth, radius, z), tip - foot, rtol=1e-12)
-    assert not np.allclose(chordal_thickness(tooth, radius, z), tooth.thickness(radius, z), 1e-5)
+    found = measure_gear(tooth)
+    assert found.chordal_thickness_mm == pytest.approx(17.8256, abs=6e-5)
+    assert found.chordal_height_mm == pytest.approx(13.6657, abs=6e-5)
 
 
 def test_base_helices_of_helical_taper():
@@ -68,19 +50,14 @@ def test_slopes_of_crowned_flanks():
     np.testing.assert_allclose(recession_slopes(tooth, z), expected, atol=1e-12)
 
 
-@given(factor=st.floats(0.01, 100.0), radius=st.floats(43.5, 47.0), z=st.floats(-9.0, 9.0))
-def test_lengths_scale_with_the_gear_and_angles_do_not(factor, radius, z):
+@given(factor=st.floats(0.01, 100.0), z=st.floats(-9.0, 9.0))
+def test_lengths_scale_with_the_gear_and_angles_do_not(factor, z):
     tooth = shop_gear(helix=(3.0, 2.0), shift=0.05, crowning_um=30.0)
     large = scaled(tooth, factor)
-    at, there = (
-        (np.array([radius]), np.array([z])),
-        (np.array([factor * radius]), np.array([factor * z])),
-    )
-    for length in (chordal_thickness, chordal_height):
-        np.testing.assert_allclose(length(large, *there), factor * length(tooth, *at), rtol=1e-10)
-    np.testing.assert_allclose(
-        base_helix_angles(large, there[1]), base_helix_angles(tooth, at[1]), atol=1e-11
-    )
+    there, here = measure_gear(large, section_mm=factor * z), measure_gear(tooth, section_mm=z)
+    for length in ("chordal_thickness_mm", "chordal_height_mm"):
+        assert getattr(there, length) == pytest.approx(factor * getattr(here, length), rel=1e-10)
+    np.testing.assert_allclose(there.base_helix_deg, here.base_helix_deg, atol=1e-9)
 
 
 def test_half_angles_at_the_base_circle_are_their_limit():

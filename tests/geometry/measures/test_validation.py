@@ -7,7 +7,7 @@ import pytest
 
 from tests.geometry.shop_gears import shop_gear
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.measures.validation import check_measurable
+from vttig_jax.geometry.checks import check_measurable
 
 POINTED = {
     "by its taper": (

@@ -12,14 +12,11 @@ from scipy.interpolate import PchipInterpolator
 from tests.geometry.mesh_judges import crossings, edges_are_paired
 from tests.geometry.surface_teeth import any_tooth, between, crowned, tooth
 from vttig_jax.base.errors import PairError, UsageError
-from vttig_jax.geometry.solids import grid_refinement
-from vttig_jax.geometry.solids.mesh import gear_mesh
-from vttig_jax.geometry.tooth.form_circle import form_radius
-from vttig_jax.geometry.tooth.rack_cutter import SIDES, Side
-from vttig_jax.geometry.tooth.recession import Tabulated
-from vttig_jax.geometry.tooth.roll_limits import fillet_span, flank_roll
-from vttig_jax.geometry.tooth.surface import tooth_surface
-from vttig_jax.geometry.tooth.tooth import Tooth
+from vttig_jax.geometry import mesh as meshing
+from vttig_jax.geometry.form import form_radius
+from vttig_jax.geometry.mesh import gear_mesh
+from vttig_jax.geometry.surface import fillet_span, flank_roll, tooth_surface
+from vttig_jax.geometry.tooth import SIDES, Side, Tabulated, Tooth
 
 ALIKE = np.array([20.0, 20.0])
 GEARS = {
@@ -182,7 +179,7 @@ def test_coordinates_are_rounded_before_they_are_measured():
     gear = GEARS["spur"]
     mesh = gear_mesh(gear, tolerance_mm=0.01, teeth=1, rounding=np.float32)
     np.testing.assert_array_equal(mesh.vertices, mesh.vertices.astype(np.float32))
-    words = r"coordinates of this file resolve .* or write \.ply"
+    words = r"coordinates of this file resolve .* or write \.step"
     with pytest.raises(UsageError, match=words) as refused:
         gear_mesh(gear, tolerance_mm=1e-6, teeth=1, rounding=np.float32)
     mesh = gear_mesh(gear, tolerance_mm=asked_for(refused), teeth=1, rounding=np.float32)
@@ -200,12 +197,12 @@ def test_too_many_triangles_are_refused_with_the_tolerance_that_fits(monkeypatch
     gear, words = GEARS["spur"], r"triangles, more than the memory holds .*or fewer --teeth"
     with pytest.raises(UsageError, match=words):
         gear_mesh(GEARS["overlapping fillets, unequal flanks"], tolerance_mm=1e-8)
-    monkeypatch.setattr(grid_refinement, "free_bytes", lambda: 1_000_000)
+    monkeypatch.setattr(meshing, "free_bytes", lambda: 1_000_000)
     with pytest.raises(UsageError, match=words) as refused:
         gear_mesh(gear, tolerance_mm=0.001)
     mesh = gear_mesh(gear, tolerance_mm=asked_for(refused))
     assert 500 < len(mesh.triangles) <= 1_000_000 / 400
-    monkeypatch.setattr(grid_refinement, "free_bytes", lambda: 1000)
+    monkeypatch.setattr(meshing, "free_bytes", lambda: 1000)
     with pytest.raises(UsageError, match=r"holds .*; give fewer --teeth"):
         gear_mesh(gear, tolerance_mm=0.001)
     with pytest.raises(UsageError, match="below the accuracy of the file") as refused:

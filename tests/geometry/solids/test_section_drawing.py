@@ -9,11 +9,10 @@ import pytest
 
 from tests.geometry.surface_teeth import crowned, tooth
 from vttig_jax.base.errors import PairError, UsageError
-from vttig_jax.geometry.solids.mesh import gear_mesh
-from vttig_jax.geometry.solids.section_drawing import dxf_bytes, section_drawing, svg_bytes
-from vttig_jax.geometry.tooth.form_circle import form_radius
-from vttig_jax.geometry.tooth.roll_limits import flank_roll
-from vttig_jax.geometry.tooth.surface import tooth_surface
+from vttig_jax.geometry.drawing import dxf_bytes, section_drawing, svg_bytes
+from vttig_jax.geometry.form import form_radius
+from vttig_jax.geometry.mesh import gear_mesh
+from vttig_jax.geometry.surface import flank_roll, tooth_surface
 
 GEAR = tooth()
 UNDERCUT = tooth(12, recession=(crowned(0.02, 0.0), crowned(0.01, 0.0)))

@@ -10,8 +10,8 @@ import pytest
 
 from tests.geometry.surface_teeth import crowned, tooth, wave
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.tooth.recession import Tabulated, Taper
-from vttig_jax.geometry.tooth.validation import check_tooth
+from vttig_jax.geometry.checks import check_tooth
+from vttig_jax.geometry.tooth import Tabulated, Taper
 
 TABLE = Tabulated([-10.0, 0.0, 10.0], [-0.5, 0.0, 0.5])
 FOLDED = eqx.tree_at(lambda t: t.z_mm, TABLE, np.array([-10.0, 11.0, 10.0]))
@@ -45,59 +45,43 @@ def test_thin_end_names_the_section():
 
 
 @pytest.mark.parametrize(
-    ("recession", "words"),
+    "recession",
     [
-        (Taper(math.nan), "recession of the left flank: δ is not finite at z = -10 mm (nan)"),
-        (lambda z: 1 / z, "recession of the left flank: δ is not finite at z = 0 mm (inf)"),
-        (
-            lambda z: 0.1,
-            "recession of the left flank: the function returns shape () for heights of shape (41,)",
-        ),
-        (
-            lambda z: np.sin(z),
-            "recession of the left flank: the function cannot be differentiated by JAX",
-        ),
-        (
-            lambda z: z if z[0] > 0 else -z,
-            "recession of the left flank: the function cannot be differentiated",
-        ),
-        (
-            FOLDED,
-            "recession of the left flank: z does not increase: it goes from 11 to 10 mm in rows 2",
-        ),
+        Taper(math.nan),
+        lambda z: 1 / z,
+        lambda z: 0.1,
+        lambda z: np.sin(z),
+        lambda z: z if z[0] > 0 else -z,
+        FOLDED,
     ],
     ids=["nan", "infinite", "bare number", "numpy", "if on z", "folded"],
 )
-def test_recessions_that_are_none(recession, words):
+def test_recessions_that_are_none(recession):
     with np.errstate(divide="ignore"), pytest.raises(PairError) as caught:
         check_tooth(tooth(recession=(recession, Taper(0.0))))
-    assert words in str(caught.value)
+    assert caught.value.where == "recession of the left flank"
     assert caught.value.exit_code == 3
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "where"),
     [
-        ({"module_mm": 0.0}, "module_mm: 0 is not possible; give a value above 0."),
-        ({"module_mm": math.nan}, "module_mm: nan is not possible"),
-        (
-            {"pressure_angles_deg": np.array([20.0, 95.0])},
-            "pressure_angles_deg: 95 is not possible; give a value between 0 and 90.",
-        ),
-        ({"addendum_mm": -1.0}, "addendum_mm: -1 is not possible"),
-        ({"dedendum_mm": math.inf}, "dedendum_mm: inf is not possible"),
-        ({"fillet_radius_mm": -0.1}, "fillet_radius_mm: -0.1 mm is not possible as radius"),
-        ({"fillet_radius_mm": math.nan}, "fillet_radius_mm: nan mm is not possible as radius"),
-        ({"dedendum_mm": 46.0}, "root radius: -1 is not possible"),
-        ({"profile_shift_mm": -5.0}, "tip radius: the tip circle (42.000 mm) lies inside the base"),
+        ({"module_mm": 0.0}, "module_mm"),
+        ({"module_mm": math.nan}, "module_mm"),
+        ({"pressure_angles_deg": np.array([20.0, 95.0])}, "pressure_angles_deg"),
+        ({"addendum_mm": -1.0}, "addendum_mm"),
+        ({"dedendum_mm": math.inf}, "dedendum_mm"),
+        ({"fillet_radius_mm": -0.1}, "fillet_radius_mm"),
+        ({"fillet_radius_mm": math.nan}, "fillet_radius_mm"),
+        ({"dedendum_mm": 46.0}, "root radius"),
+        ({"profile_shift_mm": -5.0}, "tip radius"),
     ],
 )
-def test_numbers_that_are_no_gear(changes, words):
-    gear = tooth()
+def test_numbers_that_are_no_gear(changes, where):
     changes = {key: np.asarray(value, float) for key, value in changes.items()}
     with pytest.raises(PairError) as caught:
-        check_tooth(replace(gear, **changes))
-    assert words in str(caught.value)
+        check_tooth(replace(tooth(), **changes))
+    assert caught.value.where == where
 
 
 def test_a_gear_of_traced_numbers_is_checked_by_value():

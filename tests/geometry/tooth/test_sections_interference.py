@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 
 from vttig_jax import Gear, GearPair
-from vttig_jax.geometry.tooth.fillet_interference import fillet_interference
-from vttig_jax.geometry.tooth.form_circle import form_radius
-from vttig_jax.geometry.tooth.rack_cutter import SIDES
-from vttig_jax.geometry.tooth.tooth import Shaft, tooth_of
+from vttig_jax.geometry.form import fillet_interference, form_radius
+from vttig_jax.geometry.tooth import SIDES, Shaft, tooth_of
 from vttig_jax.pair.rack import Rack
 
 pytestmark = pytest.mark.smoke

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from vttig_jax.base.errors import PairError
-from vttig_jax.geometry.tooth.recession import Tabulated
+from vttig_jax.geometry.tooth import Tabulated
 
 DRAW = np.random.default_rng(3)
 KNOTS = np.sort(DRAW.uniform(-10, 10, 9))
@@ -59,19 +59,19 @@ def test_it_is_linear_in_the_table():
 
 
 @pytest.mark.parametrize(
-    ("z", "values", "words"),
+    ("z", "values"),
     [
-        ([0.0, 2.0, 1.0], [0.0] * 3, "z does not increase: it goes from 2 to 1 mm in rows 2 and 3"),
-        ([0.0, 1.0, 1.0], [0.0] * 3, "z does not increase: it goes from 1 to 1 mm"),
-        ([0.0, np.nan, 1.0], [0.0] * 3, "row 2 of the table is not a number (z = nan mm"),
-        ([0.0, 1.0, 2.0], [0.0, 0.0, np.inf], "row 3 of the table is not a number"),
-        ([0.0], [0.0], "two or more of each"),
+        ([0.0, 2.0, 1.0], [0.0] * 3),
+        ([0.0, 1.0, 1.0], [0.0] * 3),
+        ([0.0, np.nan, 1.0], [0.0] * 3),
+        ([0.0, 1.0, 2.0], [0.0, 0.0, np.inf]),
+        ([0.0], [0.0]),
     ],
 )
-def test_tables_that_are_none(z, values, words):
+def test_tables_that_are_none(z, values):
     with pytest.raises(PairError) as caught:
         Tabulated(z, values)
-    assert words in str(caught.value)
+    assert caught.value.where == "recession"
 
 
 def test_a_table_of_unequal_columns(unchecked):

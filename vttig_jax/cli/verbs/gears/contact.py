@@ -14,10 +14,10 @@ from ..map import csv_text
 
 if TYPE_CHECKING:
     from ....base.files.run_folder import RunFolder
-    from ....geometry.backlash.report import GapReport
-    from ....geometry.contact.contact_model import ContactModel
-    from ....geometry.contact.deviations import Deviations
-    from ....geometry.contact.report import Contacts
+    from ....geometry.backlash import GapReport
+    from ....geometry.contact import ContactModel
+    from ....geometry.contact_report import Contacts
+    from ....geometry.deviations import Deviations
     from ....geometry.mounting import Misalignment
     from ....pair.eccentricities import Eccentricities
     from ....pair.gear_pair import GearPair
@@ -103,7 +103,7 @@ def command(
     import vttig_jax
 
     from ....base.units import DEG
-    from ....geometry.backlash.report import gap_report
+    from ....geometry.backlash import gap_report
 
     vttig_jax.enable_x64()
     gears = _gears(pair)
@@ -177,7 +177,7 @@ def _mounted(rig: Path | None, pair: Path, axial_mm: float) -> "Eccentricities":
 def _measured(maps: Path | None, pitches: Path | None, pair: "GearPair") -> "Deviations | None":
     if maps is None and pitches is None:
         return None
-    from ....geometry.contact.deviations_file import read_deviations
+    from ....logs.readers.deviations import read_deviations
 
     return read_deviations(maps, pitches, pair=pair)
 
@@ -197,7 +197,7 @@ def _model(
     deviations: "Deviations | None",
     centre_distance_mm: float | None,
 ) -> "ContactModel":
-    from ....geometry.contact.contact_model import contact_model
+    from ....geometry.contact import contact_model
 
     return contact_model(
         pair,
@@ -209,7 +209,7 @@ def _model(
 
 
 def _contacts(model: "ContactModel", driving: Any, output: Output) -> "dict[str, Contacts]":
-    from ....geometry.contact.report import contact_at
+    from ....geometry.contact_report import contact_at
 
     found = {}
     with output.progress(2, "flanks") as bar:
@@ -341,7 +341,10 @@ def contact_text(
     from ....base.files.text_tables import key_values
 
     rows = [
-        (word, f"{one['backlash_deg']:.5f}° at {one['driving_deg']:g}°{_warning(one)}")
+        (
+            word,
+            f"{round(one['backlash_deg'], 5) + 0.0:.5f}° at {one['driving_deg']:g}°{_warning(one)}",
+        )
         for word in ("smallest", "largest")
         if (one := record[word])["backlash_deg"] is not None
     ]
@@ -358,7 +361,10 @@ def contact_text(
 
 
 def _warning(place: dict[str, float]) -> str:
-    return ", where the teeth interfere" if place["backlash_deg"] < 0 else ""
+    from ....base.units import DEG
+    from ....geometry.backlash import TOUCHING
+
+    return ", where the teeth interfere" if place["backlash_deg"] * DEG < -TOUCHING else ""
 
 
 def contact_table(flanks: Flanks) -> str:

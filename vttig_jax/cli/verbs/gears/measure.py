@@ -13,9 +13,9 @@ from ...options import POSITIVE, Finite, verb
 from ...output import Output
 
 if TYPE_CHECKING:
-    from ....geometry.measures.comparison import Stated
-    from ....geometry.measures.gear_measures import GearMeasures
-    from ....geometry.tooth.tooth import Tooth
+    from ....geometry.measures import GearMeasures, Stated
+    from ....geometry.tooth import Tooth
+    from ....pair.gear_pair import GearPair
     from ....pair.schema import PairSpec, StatedTable
 
 
@@ -64,17 +64,19 @@ def command(
 
     Prints diameters, tooth thickness at both ends of the face and in the section, the chord of the
     tooth caliper, the span over several teeth, the measurement over balls whose centres are held in
-    the section, and the base helix angles, in mm and degrees. What the pair file states of a gear
+    the section, and the base helix angles, in mm and degrees; of the pair the working pressure
+    angle, pitch diameters, contact ratio and backlash. What the pair file states of a gear
     (`stated = { tip_diameter_mm = 94.0 }` in [driving] or [driven]) stands beside it.
     """
     import vttig_jax
 
-    from ....geometry.measures.comparison import compare_stated, measures_text
+    from ....geometry.measures import compare_stated, measure_pair, measures_text
     from ....pair.pair_file import load_pair_spec
 
     vttig_jax.enable_x64()
     spec = load_pair_spec(pair)
-    teeth = _teeth(spec, pair, section_mm)
+    drawn = _gears(spec, pair)
+    teeth, mesh = _teeth(drawn, pair, section_mm), measure_pair(drawn)
     gears, stated, notes = {}, {}, {}
     for shaft, tooth in teeth.items():
         table = _stated(spec, shaft)
@@ -97,16 +99,10 @@ def command(
     record = _record(
         spec, path=pair, section_mm=section_mm, gears=gears, stated=stated, notes=notes
     )
-    output.emit(record, measures_text(gears, stated, notes, title))
+    output.emit(record | {"mesh": mesh}, measures_text(gears, stated, notes, title, mesh))
 
 
-def _teeth(spec: "PairSpec", path: Path, section_mm: float) -> "dict[str, Tooth]":
-    """Return shaft → tooth of both gears, each in its own frame.
-
-    **Raises** `PairError` or `UsageError` for a gear that cannot be measured at `section_mm`.
-    """
-    from ....geometry.measures.validation import check_measurable
-    from ....geometry.tooth.tooth import tooth_of
+def _gears(spec: "PairSpec", path: Path) -> "GearPair":
     from ....pair.gear_pair import GearPair
     from ....pair.load import pair_from_spec
 
@@ -116,6 +112,17 @@ def _teeth(spec: "PairSpec", path: Path, section_mm: float) -> "dict[str, Tooth]
             "a drive without gears has nothing to measure; give [pair] and both tooth counts.",
             where=f"{path}: drive",
         )
+    return pair
+
+
+def _teeth(pair: "GearPair", path: Path, section_mm: float) -> "dict[str, Tooth]":
+    """Return shaft → tooth of both gears, each in its own frame.
+
+    **Raises** `PairError` or `UsageError` for a gear that cannot be measured at `section_mm`.
+    """
+    from ....geometry.checks import check_measurable
+    from ....geometry.tooth import tooth_of
+
     teeth = {"driving": tooth_of(pair, "driving"), "driven": tooth_of(pair, "driven")}
     for shaft, tooth in teeth.items():
         half = float(tooth.face_width_mm) / 2
@@ -150,7 +157,7 @@ def _measured(
     The number of spanned teeth and the ball diameter come from the options, or else from the table
     `stated` of the pair file, or else from the defaults of `measure_gear`.
     """
-    from ....geometry.measures.gear_measures import measure_gear
+    from ....geometry.measures import measure_gear
 
     return measure_gear(
         tooth,

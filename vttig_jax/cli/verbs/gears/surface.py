@@ -13,9 +13,9 @@ from ...output import Output
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from ....geometry.tooth.tooth import Shaft, Tooth
+    from ....geometry.tooth import Shaft, Tooth
 
-_MESHES, _SOLIDS, _DRAWINGS = (".stl", ".ply", ".obj"), (".step", ".stp"), (".svg", ".dxf")
+_MESHES, _SOLIDS, _DRAWINGS = (".stl",), (".step", ".stp"), (".svg", ".dxf")
 _PICTURES = (".png",)
 _STAGES = 4
 """Largest number of stages of the progress bar: surfaces, sewing, volume and file of a solid."""
@@ -45,7 +45,7 @@ class _Wanted(NamedTuple):
     example="""
 vttig surface pair.toml --gear driving --out gear.stl
 vttig surface pair.toml --gear driven --out gear.step --bore-mm 40
-vttig surface pair.toml --gear driving --out tooth.ply --teeth 1 --tolerance-um 0.5
+vttig surface pair.toml --gear driving --out tooth.stl --teeth 1 --tolerance-um 0.5
 vttig surface pair.toml --gear driving --out section.svg --section-mm -10
 vttig surface pair.toml --gear driving --out tooth.png
 """,
@@ -61,7 +61,7 @@ vttig surface pair.toml --gear driving --out tooth.png
     "--out",
     type=click.Path(path_type=Path),
     required=True,
-    help="File to write: .stl, .ply, .obj a closed mesh; .step, .stp a solid with B-spline flanks;"
+    help="File to write: .stl a closed mesh; .step, .stp a solid with B-spline flanks;"
     " .svg, .dxf a section; .png a picture of one tooth, which takes none of the options below but"
     " --overwrite.",
 )
@@ -151,10 +151,11 @@ def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
     """Raise `UsageError`, before anything is computed, for a file that could not be written."""
     known = (*_MESHES, *_SOLIDS, *_DRAWINGS, *_PICTURES)
     if suffix not in known:
+        cure = "choose a name that ends with one"
+        if suffix in (".ply", ".obj"):
+            cure = f"write .stl and convert it: trimesh.load('gear.stl').export('gear{suffix}')"
         raise UsageError(
-            f"--out writes {', '.join(known[:-1])} or {known[-1]}; choose a name that ends with"
-            " one.",
-            where=str(out),
+            f"--out writes {', '.join(known[:-1])} or {known[-1]}; {cure}.", where=str(out)
         )
     refused = given([] if suffix in _DRAWINGS else ["section_mm"])
     refused += given(["teeth", "tolerance_um", "bore_mm"] if suffix in _PICTURES else [])
@@ -165,7 +166,7 @@ def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
 
 
 def _tooth(spec: Any, path: Path, gear: "Shaft") -> "Tooth":
-    from ....geometry.tooth.tooth import tooth_of
+    from ....geometry.tooth import tooth_of
     from ....pair.gear_pair import GearPair
     from ....pair.load import pair_from_spec
 
@@ -187,10 +188,11 @@ def _builder(suffix: str) -> Callable[[_Wanted], Written]:
 
 
 def _mesh(wanted: _Wanted) -> Written:
-    from ....geometry.solids.mesh import MESH_FILES, gear_mesh
+    import numpy as np
 
-    write, rounding = MESH_FILES[wanted.suffix]
-    mesh = gear_mesh(wanted.tooth, rounding=rounding, progress=wanted.bar.update, **wanted.build)
+    from ....geometry.mesh import gear_mesh, stl_bytes
+
+    mesh = gear_mesh(wanted.tooth, rounding=np.float32, progress=wanted.bar.update, **wanted.build)
     found = {
         "error_um": mesh.error_mm * 1e3,
         "triangles": len(mesh.triangles),
@@ -198,11 +200,11 @@ def _mesh(wanted: _Wanted) -> Written:
         "sections": mesh.sections,
         "volume_mm3": mesh.volume_mm3,
     }
-    return write(mesh, wanted.name), found, mesh.notes
+    return stl_bytes(mesh, wanted.name), found, mesh.notes
 
 
 def _solid(wanted: _Wanted) -> Written:
-    from ....geometry.solids.solid import gear_solid, step_bytes
+    from ....geometry.solid import gear_solid, step_bytes
 
     solid = gear_solid(wanted.tooth, progress=wanted.bar.update, **wanted.build)
     found = {
@@ -215,7 +217,7 @@ def _solid(wanted: _Wanted) -> Written:
 
 
 def _drawing(wanted: _Wanted) -> Written:
-    from ....geometry.solids.section_drawing import dxf_bytes, section_drawing, svg_bytes
+    from ....geometry.drawing import dxf_bytes, section_drawing, svg_bytes
 
     drawing = section_drawing(wanted.tooth, wanted.section_mm, **wanted.build)
     found = {
@@ -229,7 +231,7 @@ def _drawing(wanted: _Wanted) -> Written:
 
 
 def _picture(wanted: _Wanted) -> Written:
-    from ....geometry.solids.blank import blank_of
+    from ....geometry.outline import blank_of
     from ....plotting.save import png
     from ....plotting.tooth import plot_tooth
 

@@ -1,1 +1,0 @@
-"""Backlash from the tooth thickness of both gears."""

@@ -1,1 +1,0 @@
-"""First contact of two toothed surfaces, with deviations and misalignment."""

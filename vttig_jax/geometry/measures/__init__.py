@@ -1,1 +1,0 @@
-"""Workshop measures of one gear: tooth thickness, span and measurement over balls."""

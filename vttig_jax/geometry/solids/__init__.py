@@ -1,1 +1,0 @@
-"""Meshes, CAD solids and section drawings of a gear."""
