@@ -26,7 +26,7 @@ from .checks.sampling import (
     plateaus_of,
     sampling_of,
 )
-from .checks.slip import find_slip
+from .checks.slip import find_slips, slips_text
 from .encoder_log import EncoderLog
 from .lines.blind_search import blind_lines
 from .lines.search import Line
@@ -138,8 +138,8 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
     sampling = sampling_of(log.time)
     plateaus = plateaus_of(segments.segments)
     spectrum, spectrum_notes = order_spectrum(log, segments.segments)
-    slip = find_slip(log, segments)
-    slip_notes = () if slip is None else (slip.sentence,)
+    slips = find_slips(log, segments)
+    slip_notes = (slips_text(slips),) if slips else ()
     return Inspection(
         source=log.source,
         sha256=log.sha256,
@@ -154,7 +154,7 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
         spectrum=spectrum,
         support=support_of(log, segments.segments),
         notes=(*slip_notes, *segments.notes, *log.notes, *spectrum_notes),
-        slipped=slip is not None,
+        slipped=bool(slips),
         lines=blind_lines(log, segments.segments),
     )
 
