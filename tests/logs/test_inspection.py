@@ -97,7 +97,7 @@ def test_short_logs_tell_fewer_orders_apart():
 
 
 def test_shafts_that_turned_less_than_once_have_no_spectrum():
-    log = rig(reversal=600.0)
+    log = rig(reversal=540.0)
     lines, _ = order_spectrum(log, find_segments(log).segments)
     assert {line.shaft for line in lines} == {"driving"}
     assert order_spectrum(log, ()) == ((), ())

@@ -19,7 +19,7 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
 from ..model.components import NEEDED
-from ..model.mixed_fit import MixedFit
+from ..model.mixed_fit import MixedFit, waves_of
 from ..model.parameter import Parameter
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
@@ -244,7 +244,7 @@ def gap_crossed_late(case: Case) -> Iterator[Finding]:
     by_motion = [
         (segments.crossing, number)
         for number, (log, segments) in enumerate(zip(case.logs, case.segments, strict=True))
-        if not segments.unclear and log.torque is None and log.direction is None
+        if not (segments.unclear or segments.still) and log.torque is log.direction is None
     ]
     if gap.low95 is None or gap.value is None or not by_motion:
         return
@@ -359,8 +359,19 @@ def hidden(case: Case) -> Iterator[Finding]:
 
 
 def equal_orders(case: Case) -> Iterator[Finding]:
-    """Say which listed orders have one frequency."""
+    """Say which listed orders have one frequency, or the same values at the places of a table."""
     ratio = case.core.scope.ratio
+    if case.segments and all(one.still for one in case.segments):
+        kept = {(wave.shaft, wave.order) for wave in case.core.waves}
+        every = waves_of(case.pair, case.core.orders)
+        lost = [f"{w.shaft} {w.order:g}" for w in every if (w.shaft, w.order) not in kept]
+        if lost:
+            yield Finding(
+                "orders-equal",
+                "note",
+                f"the orders {', '.join(lost)} are left out: the table has too few places or readings"
+                " to tell them from lower orders and from noise; read more for them",
+            )
     cycles = {w.cycles(ratio): w for w in case.core.waves if w.shaft == "driving"}
     listed = [k for k in case.core.orders.driven_orders if k * abs(ratio) in cycles]
     if listed:

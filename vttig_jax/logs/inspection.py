@@ -300,6 +300,8 @@ def bullets(title: str, sentences: Sequence[str]) -> str:
 
 
 def _motion_table(report: "Inspection") -> str:
+    if report.segments.still:
+        return ""
     motion = report.segments.motion
     rows = [
         (m.kind, str(m.start), str(m.stop), f"{60 * m.speed / REV:.4g}")
@@ -315,7 +317,7 @@ def _plateau_table(report: "Inspection") -> str:
         (p.flank, f"{p.speed_rpm:.5g}", str(p.segments), str(p.samples))
         for p in report.plateaus[:MOST_LINES]
     ]
-    if not rows:
+    if not rows or report.segments.still:
         return ""
     if len(report.plateaus) > MOST_LINES:
         rows.append((f"and {len(report.plateaus) - MOST_LINES} more", "", "", ""))
@@ -338,7 +340,7 @@ def _lines(report: "Inspection") -> str:
     if not report.lines:
         return ""
     speeds = [abs(plateau.speed_rpm) for plateau in report.plateaus]
-    steady = max(speeds) <= 1.05 * min(speeds)
+    steady = 0 < max(speeds) <= 1.05 * min(speeds)
     rows = [
         (
             f"{line.cycles_per_rev:.5g}",

@@ -10,6 +10,7 @@ from ...base.units import DEG
 from ..source import Source
 from .spikes import spikes, without_spikes
 from .stalls import repeats, stalls
+from .standstill import is_at_standstill
 from .unwrap import find_modulus, stray_jump, unwrap, wrap_steps
 
 GAP = 5.001
@@ -73,6 +74,9 @@ def make_continuous(
     hide wraps. Spikes keep their values and are reported in a note.
     """
     quantum = 1.0 if origin.unit == "counts" else 0.0
+    if is_at_standstill(values, time, clock="time" in origin.source.columns):
+        # There is no motion that a reading could contradict, and a step tells no wrap.
+        return Continuous(values, np.zeros(len(values), bool), None, 0, ())
     raw_spikes = spikes(values, time, quantum)
     steady = _filled(values, raw_spikes)
     given = origin.modulus

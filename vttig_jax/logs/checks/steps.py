@@ -59,11 +59,12 @@ def find_steps(
 ) -> list[Step]:
     """Return the steps that raise the likelihood enough, in a fit together with other regressors.
 
-    Steps are accepted together if they raise 2 ln L by at least `EVIDENCE` and `FURTHER`
-    for each one but the first, and if steps of the coefficient of `rival` are not clearly better. The noise is autoregressive with
-    innovations of Student's distribution. Its order, its coefficients and the degrees of freedom
-    are fitted with and without the steps. Some steps hide others, in the noise and by their places;
-    so more of them are searched than are accepted, and the least of them is left out in turn.
+    Steps are accepted together if they raise 2 ln L by at least `EVIDENCE` and `FURTHER` for each
+    one but the first, and if steps of the coefficient of `rival` are not clearly better. The noise
+    is autoregressive with innovations of Student's distribution. Its order, its coefficients and
+    the degrees of freedom are fitted with and without the steps. Some steps hide others, in the
+    noise and by their places; so more of them are searched than are accepted, and the least of them
+    is left out in turn.
 
     **Arguments**
     - `values`: the series, shape (w,). `columns`: regressors of other effects, shape (w, p).
