@@ -60,7 +60,7 @@ def test_the_reversal_value(tmp_path):
 
 
 def test_few_places_leave_out_high_orders(tmp_path):
-    """Twelve places cannot tell order 8 from order 4; half of the readings are left for the noise."""
+    """Twelve places cannot tell order 8 from order 4; half of the readings tell the noise."""
     result = fitted(table(tmp_path, np.arange(0.0, 361.0, 30.0)))
     assert {one.order for one in result.orders} == {1, 2}
     assert "orders-equal" in {one.slug for one in result.findings}

@@ -10,11 +10,11 @@ from pathlib import PurePath
 from typing import Literal
 
 import msgspec
-import numpy as np
 
 from ..base.units import DEG
 from ..logs.checks.fractions import better_fraction
 from ..logs.checks.ratio import SeenRatio
+from ..logs.checks.slope import computed_text, exact_slope
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
@@ -75,7 +75,12 @@ class Case:
 
 
 def contradicts(case: Case) -> bool:
-    """Return whether the gap is below zero, beyond chance and beyond the residual."""
+    """Return whether the log cannot be that of a drive.
+
+    A column was computed from the other, or the gap is below zero, beyond chance and the residual.
+    """
+    if any(computed_column(case)):
+        return True
     gap = case.checks.gap_over_angles_covered
     if gap.value is None or gap.std is None or gap.high95 is None or gap.high95 >= 0:
         return False
@@ -186,18 +191,15 @@ def short_flanks(case: Case) -> Iterator[Finding]:
 def computed_column(case: Case) -> Iterator[Finding]:
     """Say that one column was computed from the other."""
     for number, log in enumerate(case.logs):
-        part = slice(None, None, max(1, len(log) // 10_000))
-        angle, driven = log.driving_angle[part], log.driven_angle[part]
-        slope, level = np.polyfit(angle, driven, 1)
-        if np.ptp(driven - slope * angle - level) <= 1e-8 * np.ptp(driven):
+        slope = exact_slope(log.driving_angle, log.driven_angle)
+        if slope is not None:
             yield Finding(
                 "column-computed",
                 "warning",
-                f"{case.name(number)}the driven angle is {slope:.9g} times the driving angle to the"
-                " last digit: one of both columns was computed from the other and not measured, so"
-                " that this fit says nothing about gears",
+                f"{case.name(number)}{computed_text(slope)}, so that this fit says nothing about"
+                " gears",
                 "name the measured columns with --column driving=NAME and --column driven=NAME",
-                {"ratio": float(slope)},
+                {"ratio": slope},
             )
 
 
@@ -369,8 +371,8 @@ def equal_orders(case: Case) -> Iterator[Finding]:
             yield Finding(
                 "orders-equal",
                 "note",
-                f"the orders {', '.join(lost)} are left out: the table has too few places or readings"
-                " to tell them from lower orders and from noise; read more for them",
+                f"the orders {', '.join(lost)} are left out: the table has too few places or"
+                " readings to tell them from lower orders and from noise; read more for them",
             )
     cycles = {w.cycles(ratio): w for w in case.core.waves if w.shaft == "driving"}
     listed = [k for k in case.core.orders.driven_orders if k * abs(ratio) in cycles]

@@ -125,14 +125,9 @@ def _gap_alone(gap: "CoveredGap") -> str:
 
 
 def _contradiction(result: "Fit") -> str:
-    gap = result.checks.gap_over_angles_covered
-    ratio = result.pair.ratio
-    swapped = "the columns are exchanged, " if ratio == 1 else ""
-    return (
-        f"the gap is {gap.in_words}, and no gap is below zero: {swapped}the sign of both encoders"
-        " is inverted, the load overruns and lies on the other flank, or the driving channel is"
-        " late; correct [log], or give --delay."
-    )
+    """Return what shows that the log is not that of a drive."""
+    slugs = ("column-computed", "gap-below-zero")
+    return next(one.text for one in result.findings if one.slug in slugs) + "."
 
 
 _FAILURES = {
