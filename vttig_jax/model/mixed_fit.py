@@ -115,9 +115,14 @@ class Design:
 
     @property
     def memory(self) -> Float[np.ndarray, " lags"]:
-        """Prior widths of atanh π_k: in a table longer memory and orders look the same."""
+        """Prior widths of atanh π_k: in a table longer memory and orders look the same.
+
+        So does any memory where every place was read once.
+        """
         table = self.table or self.shape.still
-        return np.where(np.arange(LAGS) > 0, _FORGETFUL, MEMORY) if table else MEMORY
+        return (
+            np.where(np.arange(LAGS) >= self.shape.drift, _FORGETFUL, MEMORY) if table else MEMORY
+        )
 
     def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
         """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""

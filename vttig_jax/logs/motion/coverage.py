@@ -71,6 +71,10 @@ SEPARABLE = 0.02
 its variance would be fifty times as large (chosen)."""
 
 
+_CLEAR = 0.1
+"""The same for the orders of a table, which are all in its model or not (chosen)."""
+
+
 def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list[bool]:
     """Return which orders the places of a table tell from a level and from lower orders.
 
@@ -96,7 +100,7 @@ def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list
         rest = own - own @ basis.T @ basis
         # The last factor is the part of the second column that the first one does not have.
         factor = np.linalg.qr(rest.T)
-        clear = np.diag(factor[1]) ** 2 >= SEPARABLE * np.sum(own**2, axis=1)
+        clear = np.diag(factor[1]) ** 2 >= _CLEAR * np.sum(own**2, axis=1)
         if len(basis) + 2 <= len(angle) / 2 and np.all(clear):
             told[place] = True
             basis = np.concatenate([basis, factor[0].T])
