@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.units import DEG, REV
-from ..logs.motion.coverage import tells_first_order
+from ..logs.motion.coverage import HIGHEST, tells_first_order
 from .rows import SHAFTS, Rows, Shafts, Wave
 
 
@@ -60,8 +60,11 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], waves: Sequence[Wav
         turns = max(turns, float(min(spans, default=0.0)) / REV)
     ratio = shafts[0].ratio
     found = {"driving": turns, "driven": turns * abs(ratio)}
+    # A shaft that turns may have orders that the model does not have; a table tells few anyway.
+    others = () if all(one.still for one in shafts) else range(1, HIGHEST + 1)
     for shaft, gain in (("driving", 1.0), ("driven", abs(ratio))):
-        orders = [wave.cycles(ratio) / gain for wave in waves if wave.shaft in SHAFTS]
+        orders = {wave.cycles(ratio) / gain for wave in waves if wave.shaft in SHAFTS}
+        orders = sorted({*(float(f"{order:.9g}") for order in orders), *map(float, others)})
         on_flanks = [
             gain * np.concatenate([one.angle[one.flank * side < 0] for one in rows])
             for side in flanks

@@ -8,10 +8,14 @@ from jaxtyping import Complex, Float
 
 from ...base.units import ARCSEC
 from ..encoder_log import EncoderLog
-from ..motion.coverage import HIGHEST, SEPARABLE, turns_of
+from ..motion.coverage import HIGHEST, turns_of
 from ..motion.segments import Segment
 
 CHUNK = 65536  # rows per block of the Gram matrix (chosen)
+
+SEPARABLE = 0.02
+"""Orders are separable if the least eigenvalue of the normalised Gram matrix reaches this value
+(chosen)."""
 
 
 @dataclass(frozen=True)

@@ -66,13 +66,9 @@ def support_of(log: EncoderLog, segments: Sequence[Segment]) -> Support:
 
 
 HIGHEST, _MOST = 8, 2000  # orders of a shaft, and angles, that are looked at (chosen)
-SEPARABLE = 0.02
-"""Least share of a first order that no other order can imitate over the angles of a log; without it
-its variance would be fifty times as large (chosen)."""
-
-
-_CLEAR = 0.1
-"""The same for the orders of a table, which are all in its model or not (chosen)."""
+CLEAR = 0.1
+"""Least share of an order that no other order imitates over the angles of a log; without it its
+variance would be ten times as large (chosen)."""
 
 
 def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list[bool]:
@@ -100,7 +96,7 @@ def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list
         rest = own - own @ basis.T @ basis
         # The last factor is the part of the second column that the first one does not have.
         factor = np.linalg.qr(rest.T)
-        clear = np.diag(factor[1]) ** 2 >= _CLEAR * np.sum(own**2, axis=1)
+        clear = np.diag(factor[1]) ** 2 >= CLEAR * np.sum(own**2, axis=1)
         if len(basis) + 2 <= len(angle) / 2 and np.all(clear):
             told[place] = True
             basis = np.concatenate([basis, factor[0].T])
@@ -133,7 +129,7 @@ def tells_first_order(
     columns /= np.maximum(np.linalg.norm(columns, axis=1, keepdims=True), 1e-300)
     gram = columns @ columns.T + 1e-9 * np.eye(len(columns))
     share = 1 / np.diag(np.linalg.inv(gram))[1:].reshape(2, -1).T.ravel()
-    return bool(own.any() and share[own].min() >= SEPARABLE)
+    return bool(own.any() and share[own].min() >= CLEAR)
 
 
 def turns_of(angle: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:
