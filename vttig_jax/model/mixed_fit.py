@@ -164,7 +164,7 @@ class Design:
         """
         noise = max(noise, 1e-4 * self.shape.usual)
         speed = max(float(self.bends[-1]), 1e-300)
-        usual = dict.fromkeys(GROUPS, noise * math.sqrt(2 / rows))
+        usual: dict[str, float] = dict.fromkeys(GROUPS, noise * math.sqrt(2 / rows))
         if self.table:
             usual |= dict.fromkeys(("driving", "driven"), self.shape.usual)
         if self.shape.still:
