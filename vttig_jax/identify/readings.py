@@ -172,7 +172,8 @@ def fit_readings(
     >>> import numpy as np, vttig_jax
     >>> from vttig_jax.identify.readings import fit_readings
     >>> from vttig_jax.logs import BacklashReadings
-    >>> from vttig_jax.pair import parse_pair_spec, pair_from_spec
+    >>> from vttig_jax.pair import parse_pair_spec
+    >>> from vttig_jax.pair.load import pair_from_spec
     >>> angle = np.arange(0.0, 360.0, 15.0)
     >>> gap = 0.1 + 0.02 * np.sin(np.radians(angle)) + 1e-4 * np.cos(90.0 * angle)
     >>> drive = pair_from_spec(parse_pair_spec({"drive": {"ratio": "1/5"}}))
