@@ -18,6 +18,7 @@ from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
 from ..pair.schema import PairSpec
 from .channel.channel import Channel, RawChannel, make_channel
 from .channel.speed import Speed, smooth_speed
+from .channel.standstill import is_at_standstill
 from .channel.stuck import refuse_stuck
 from .magnitudes import check_time, refuse_turns, refuse_values
 from .protocols import TwoShafts
@@ -332,6 +333,9 @@ class EncoderLog:
                 source=raw.source,
             )
             notes += channel_notes
+            clock = "time" in raw.source.columns
+            if is_at_standstill(driving.reading, raw.time, clock=clock):
+                driven = driven.following(float(pair.ratio) * driving.angle)
         elif pair.log.driven_scale != 1:
             raise LogError(
                 "the log has no driven channel; remove this scale.", where="log.driven_scale"
