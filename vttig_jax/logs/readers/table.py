@@ -8,6 +8,7 @@ from itertools import islice
 from ...base.errors import LogError
 from .delimited import TextTable, split
 from .lines import Lines
+from .matrix_columns import MOST_COLUMNS
 from .number_format import CURE, looks_like_number
 from .times.stamps import looks_like_stamp
 from .units_row import is_units_row, with_units
@@ -19,6 +20,9 @@ NAMED = {"tab": "\t", "\\t": "\t", "space": None, " ": None, "semicolon": ";", "
 
 PREAMBLE = 1000
 """Number of lines in which the first row of numbers is searched (chosen)."""
+
+_LONGEST = 10_000
+"""Most characters of the name of a column (chosen)."""
 
 COMMENTS = ("#", "%", "//")
 
@@ -62,10 +66,13 @@ def find_table(
         start = _first_row(lines, candidate)
         if start is None:
             continue
+        _refuse_side(lines, start, candidate, source)
         header = _header_before(lines, start, candidate)
         if header is None:
             continue
         names = _names_with_units(lines, header, candidate)
+        if max(map(len, names)) > _LONGEST:
+            raise LogError("no name of a column is so long.", where=f"{source}: line {header + 1}")
         _check_width(lines[start], start, names, candidate, source)
         return TextTable(
             names=tuple(names),
@@ -83,6 +90,17 @@ def find_table(
     raise _no_table(lines, candidates, source)
 
 
+def _refuse_side(lines: Lines, start: int, delimiter: str | None, source: str) -> None:
+    """Raise `LogError` for rows of more fields than a log has channels and the text has lines."""
+    width, rows = len(split(lines[start], delimiter)), len(lines) - start
+    if width > max(MOST_COLUMNS, rows):
+        raise LogError(
+            f"the table lies on its side: {width} columns, but {rows} rows; write a column for each"
+            " channel, or begin each row with the name of its channel.",
+            where=f"{source}: line {start + 1}",
+        )
+
+
 def _names(line: str, delimiter: str | None) -> list[str]:
     text = line.strip()
     for mark in COMMENTS:
@@ -98,7 +116,7 @@ def _names_with_units(lines: Lines, header: int, delimiter: str | None) -> list[
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
         return names
     above = _names(lines[header - 1], delimiter)
-    if len(above) < len(names) or any(map(looks_like_number, above)):
+    if len(above) < len(names) or all(map(looks_like_number, above)):
         return names
     return with_units(above, split(lines[header], delimiter, trim=False))
 
@@ -133,8 +151,11 @@ def _first_row(lines: Lines, delimiter: str | None) -> int | None:
 
 def _rows_of_numbers(lines: Lines, delimiter: str | None) -> Iterator[tuple[int, int]]:
     """Yield line index and number of fields of each row of numbers among the first lines."""
-    for k, line in enumerate(lines[:PREAMBLE]):
-        if width := _width_of_numbers(line, delimiter):
+    head = lines[: PREAMBLE + 1]
+    for k, line in enumerate(head[:PREAMBLE]):
+        width = _width_of_numbers(line, delimiter)
+        # Names such as `x-axis,1,2` are above units, not above numbers.
+        if width and not is_units_row(split("".join(head[k + 1 : k + 2]), delimiter)):
             yield k, width
 
 

@@ -11,9 +11,13 @@ import numpy as np
 from ...base.errors import LogError
 from ...base.files.limits import read_regular
 from ...base.files.standard_input import kept_bytes
+from .packed import ending_of, unpacked
 
-ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn", ".out")
-"""File endings of delimited text."""
+ENDINGS = (
+    *("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn", ".out"),
+    *(".json", ".jsonl", ".ndjson", ".xlsx", ".xlsm", ".ods"),
+)
+"""File endings of delimited text, of JSON, and of workbooks, which are read as such a text."""
 
 NESTED = (".mat", ".h5", ".hdf5")
 """File endings of nested arrays."""
@@ -44,6 +48,7 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
     data = read_bytes(path, ENDINGS)
     digest = hashlib.sha256(data).hexdigest()
     where = str(path)
+    data = unpacked(data, where)
     codec = encoding or next((name for bom, name in BOMS if data.startswith(bom)), None)
     notes: tuple[str, ...] = ()
     if codec is None and b"\0" in data[:65536]:
@@ -116,7 +121,7 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
     try:
         if path.is_dir():
             raise LogError("this is a folder; name the log file in it.", where=where)
-        if path.suffix.lower() not in endings and path.exists():
+        if ending_of(path) not in endings and path.exists():
             raise _unknown_ending(path)
         kept = kept_bytes(path)
         data = read_regular(path) if kept is None else kept

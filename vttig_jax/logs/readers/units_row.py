@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from .column_names import ANGLES, TIME_UNITS, unit_spelt
 
 _OTHER = """
-    nm n·m n*m mnm a ma ka v mv kv w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn mm
+    nm n·m n*m mnm a ma ka v mv kv volt volts ampere amperes w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn mm
     m cm um µm μm nm/a hz khz mhz rpm 1/min min-1 r/min u/min rev/min rad/s deg/s °/s rev/s
     rad/s2 rad/s^2 rad/s² deg/s2 deg/s^2 deg/s² °/s2 °/s^2 °/s² m/s m/s2 m/s^2 m/s² mm/s g kg
     ohm db lux ppm px pixel pixels bit bool °c/s deg_per_s rad_per_s deg_per_s2 rad_per_s2 min
@@ -37,8 +37,12 @@ def unit_in(field: str) -> str | None:
 
 def is_units_row(fields: Sequence[str]) -> bool:
     """Return whether every field is a unit or means "no unit", and at least one is a unit."""
-    units = [unit_in(field) for field in fields]
-    return None not in units and any(units)
+    units = []
+    for field in fields:
+        units.append(unit_in(field))
+        if units[-1] is None:
+            return False
+    return any(units)
 
 
 def with_units(names: Sequence[str], fields: Sequence[str]) -> list[str]:

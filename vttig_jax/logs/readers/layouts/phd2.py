@@ -21,7 +21,7 @@ from ..lines import Lines
 from ..nested import NestedTable
 from ..number_format import to_number
 from ..text import printable
-from .channels import SPARE
+from .cells import SPARE, Found, Layout
 
 NAMES = ("time_s", "transmission_error_arcsec")
 """Names of the two columns of a session."""
@@ -197,13 +197,13 @@ class Session:
         return text
 
 
-def matches(lines: Lines) -> bool:
+def _matches(lines: Lines) -> bool:
     """Return whether the first lines and a line of column names are those of a guide log."""
     first = any(map(_FIRST.match, lines[:SPARE]))
     return first and any(line.startswith(HEADER) for line in lines)
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def _read(lines: list[str], source: str) -> Found:
     """Return time and transmission error of every session, and notes on the sessions.
 
     **Raises** `LogError` if no session can be used; an incomplete last row is left out.
@@ -252,3 +252,6 @@ def _sessions(lines: Sequence[str], source: str) -> Iterator[Session]:
                     raise
     if current is not None:
         yield current
+
+
+PHD2 = Layout(_matches, _read)

@@ -1,0 +1,256 @@
+"""Records: JSON, pairs of a name and a number, rows in brackets, and tables on their side.
+
+JSON is one value, or one a line (`.jsonl`): a list of objects, an object of lists, a list of rows,
+nested in any way. Pairs are `motor=1.5 load=0.8` or `motor:1.5,load:0.8`, the same in each line and
+perhaps behind a date, as the serial plotters of microcontrollers and many programs write them. Rows
+in brackets are those of the YARP data dumper. A table on its side has one row for each channel,
+which begins with its name.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ....base.errors import LogError
+from ..delimited import TextTable, split
+from ..lines import Lines
+from ..nested import NestedTable
+from ..number_format import looks_like_number, to_number
+from ..text import printable
+from ..times.stamps import looks_like_stamp, read_stamps
+from ..units_row import unit_in, with_units
+from .cells import Found, Layout, content, decimal_of, numbers
+from .samples import read_long_rows, roles_of
+
+_JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
+_DEEPEST = 16  # depth of objects in objects that are read (chosen)
+
+_KEY = re.compile(r"(?<![\w./\]-])\"?([^\W\d][\w./\[\]-]*+)\"?\s*+[=:](?!=)")
+_AMOUNT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,]\S*)")
+_BRACKETS = str.maketrans(dict.fromkeys("()[]{},;", " "))
+_MARKS = ("\t", ";", ",", None)
+_MOST_CHANNELS = 256
+"""Largest number of lines of a table on its side (chosen)."""
+
+
+def _is_json(lines: Lines) -> bool:
+    """Return whether a text begins as an object or a list of objects or rows does."""
+    return _JSON.match(lines.text) is not None
+
+
+def _read_json(lines: list[str], source: str) -> Found:
+    notes: list[str] = []
+    try:
+        value = json.loads("\n".join(lines))
+    except RecursionError:
+        value = None
+    except ValueError as error:
+        value = _json_lines(lines, source, notes, error)
+    if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
+        names = list(dict.fromkeys(key for one in value for key in one))
+        rows = [[str(one.get(name, "")) for name in names] for one in value]
+        roles = roles_of(names, rows[:400])
+        if roles is not None:
+            return read_long_rows(list(enumerate(rows, 1)), roles, source, notes)
+    columns = dict(_json_columns("", value, source, 0))
+    if not columns:
+        raise LogError(
+            "the JSON text has no list of numbers; write a list of objects, or an object of lists.",
+            where=source,
+        )
+    return NestedTable(tuple(map(printable, columns)), tuple(columns.values()), source), (
+        "JSON: messages count its records from 0",
+        *notes,
+    )
+
+
+def _json_lines(
+    lines: Sequence[str], source: str, notes: list[str], error: ValueError
+) -> list[Any]:
+    """Return the values of a text with one value a line; a last line that is cut off is left out.
+
+    **Raises** `LogError` for a damaged line, and with `error` for one damaged value.
+    """
+    found: list[Any] = []
+    filled = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
+    for number, line in filled:
+        try:
+            found.append(json.loads(line))
+        except (ValueError, RecursionError):
+            if number == filled[-1][0] and len(found) > 1:
+                notes.append(f"the last line ({number}) is cut off and left out")
+                continue
+            at = getattr(error, "lineno", number) if len(found) < 2 else number
+            raise LogError(
+                "the JSON text is damaged or cut off here; write it again.",
+                where=f"{source}: line {at}",
+            ) from None
+    return found
+
+
+def _json_columns(
+    path: str, value: Any, source: str, depth: int
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield path and values of every list of numbers or dates; objects in lists are transposed."""
+    if depth > _DEEPEST:
+        return
+    if isinstance(value, dict):
+        for key, own in value.items():
+            yield from _json_columns(f"{path}.{key}" if path else key, own, source, depth + 1)
+    if not isinstance(value, list) or len(value) < 2:
+        return
+    known = [one for one in value if one is not None]
+    if known and all(isinstance(one, dict) for one in known):
+        for key in dict.fromkeys(key for one in known for key in one):
+            column = [None if one is None else one.get(key) for one in value]
+            yield from _json_columns(f"{path}.{key}" if path else key, column, source, depth + 1)
+    elif known and all(isinstance(one, list) for one in known):
+        if len(known) == len(value) and len({len(one) for one in known}) == 1:
+            wide = len(known) < len(known[0])
+            columns = known if wide else map(list, zip(*known, strict=True))
+            for k, column in enumerate(columns, 1):
+                index = f"({k},:)" if wide else f"(:,{k})"
+                yield from _json_columns(
+                    path + index if path else f"#{k}", column, source, depth + 1
+                )
+    elif known and all(isinstance(one, str) for one in known):
+        texts = ["nan" if one is None else one for one in value]
+        if looks_like_stamp(texts[0]):
+            yield f"{path} [s]", read_stamps(texts, source)[0] / 1e9
+        elif all(map(looks_like_number, texts)):
+            yield path, np.array([to_number(one, ".") for one in texts], np.float64)
+    elif known and all(isinstance(one, int | float) for one in known):
+        array = np.array([np.nan if one is None else one for one in value])
+        yield path, array.astype(np.float64) if array.dtype.kind == "O" else array
+
+
+def _are_pairs(lines: Sequence[str]) -> bool:
+    """Return whether each of the first lines has the same names, at least two with a number."""
+    first = content(lines)
+    keys = [_KEY.findall(line) for line in first]
+    if len(keys) > 2:
+        del keys[-1]  # it may be cut off
+    if len(keys) < 2 or len(keys[0]) < 2 or any(own != keys[0] for own in keys):
+        return False
+    return sum(_AMOUNT.match(text) is not None for text in _pairs(first[0])[1]) > 1
+
+
+def _pairs(line: str) -> tuple[list[str], list[str]]:
+    """Return names and texts of a line of pairs; a date in front of them has the name `time`."""
+    found = list(_KEY.finditer(line))
+    ends = [match.start() for match in found[1:]] + [len(line)]
+    names = [match[1] for match in found]
+    texts = [
+        line[match.end() : end].strip(" \t,;|\"'\r") for match, end in zip(found, ends, strict=True)
+    ]
+    before = line[: found[0].start()].strip(" \t[](),;|-") if found else ""
+    return (["time", *names], [before, *texts]) if looks_like_stamp(before) else (names, texts)
+
+
+def _read_pairs(lines: list[str], source: str) -> Found:
+    names, first = _pairs(next(line for line in lines if line.strip()))
+    amounts = [_AMOUNT.fullmatch(text) for text in first]
+    units = [one[2] if one is not None and unit_in(one[2]) else "" for one in amounts]
+    kept, other = [], 0
+    for line in lines:
+        own, texts = _pairs(line)
+        whole = own == names[: len(own)]
+        other += not whole
+        fields = zip(texts, units, strict=False) if whole else ()
+        kept.append("\t".join(text.removesuffix(unit).strip() for text, unit in fields))
+    notes = [f"each line has pairs of a name and a value: {', '.join(names)}"]
+    if other:
+        notes.append(f"{other} lines with other names are left out")
+    return _plain(with_units(names, units), kept, "\t", source), tuple(notes)
+
+
+def _plain(names: Sequence[str], lines: Sequence[str], mark: str | None, source: str) -> TextTable:
+    """Return a table without a header, whose line numbers are those of the file."""
+    return TextTable(tuple(names), Lines.of("\n".join(lines)), -1, mark, None, source)
+
+
+def _are_in_brackets(lines: Sequence[str]) -> bool:
+    """Return whether each of the first lines consists of as many numbers, some in brackets."""
+    first = content(lines)
+    rows = [line.translate(_BRACKETS).split() for line in first]
+    if len(rows) > 2:
+        del rows[-1]
+    bracketed = all(any(mark in line for mark in "([{") for line in first)
+    return (
+        bracketed
+        and len(rows[0]) > 1
+        and all(len(row) == len(rows[0]) and all(map(looks_like_number, row)) for row in rows)
+    )
+
+
+def _read_in_brackets(lines: list[str], source: str) -> Found:
+    first = next(line for line in lines if line.strip())
+    names = [f"#{k + 1}" for k in range(len(first.translate(_BRACKETS).split()))]
+    rows = [line.translate(_BRACKETS) for line in lines]
+    return _plain(names, rows, None, source), ("rows in brackets: columns #1, #2, …",)
+
+
+def _side(lines: Lines) -> tuple[str | None, int] | None:
+    """Return the delimiter and the first line of a table on its side, or None.
+
+    Every line has a name, perhaps a unit, and then only numbers, more of them than there are lines.
+    """
+    if len(lines) > _MOST_CHANNELS:
+        return None
+    for mark in _MARKS:
+        rows = [split(line, mark) for line in lines]
+        widths = [len(row) for row in rows if row]
+        first = next((k for k, row in enumerate(rows) if len(row) == max(widths)), 0)
+        block = [row for row in rows[first:] if row]
+        if len(block) < 2 or len(block[0]) <= len(lines) + 2:
+            continue
+        named = not any(_is_number(row[0]) for row in block)
+        if named and all(len(row) == len(block[0]) for row in block[:-1]):
+            values = (text for row in block for text in row[2:_MOST_CHANNELS])
+            if all(map(_is_number, values)):
+                return mark, first
+    return None
+
+
+def _is_number(text: str) -> bool:
+    return looks_like_number(text) or looks_like_stamp(text)
+
+
+def _lies_on_its_side(lines: Lines) -> bool:
+    """Return whether each line is one channel."""
+    return _side(lines) is not None
+
+
+def _read_side(lines: list[str], source: str) -> Found:
+    found = _side(Lines.of("\n".join(lines)))
+    assert found is not None  # `_lies_on_its_side` has found it
+    mark, first = found
+    rows = [
+        (number, split(line, mark))
+        for number, line in enumerate(lines[first:], first + 1)
+        if line.strip()
+    ]
+    names, units = [row[0] for _, row in rows], [row[1] for _, row in rows]
+    skip = 1 if any(map(_is_number, units)) else 2
+    if skip == 2:
+        names = with_units(names, units)
+    size = min(len(row) for _, row in rows) - skip
+    arrays = tuple(
+        numbers(
+            [(number, text) for text in row[skip : skip + size]],
+            decimal_of(rows, mark or ""),
+            f"{source}: row `{printable(name)}`",
+        )
+        for name, (number, row) in zip(names, rows, strict=True)
+    )
+    note = f"the table lies on its side: {len(rows)} rows of {size} samples"
+    return NestedTable(tuple(map(printable, names)), arrays, source), (note,)
+
+
+JSON = Layout(_is_json, _read_json)
+PAIRS = Layout(_are_pairs, _read_pairs)
+BRACKETS = Layout(_are_in_brackets, _read_in_brackets)
+SIDE = Layout(_lies_on_its_side, _read_side)
