@@ -12,7 +12,7 @@ import lzma
 import re
 import zipfile
 from collections.abc import Callable
-from datetime import date, time, timedelta
+from datetime import date, datetime, time, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +151,9 @@ def _field(value: Any) -> str:
         return str(int(value))
     if isinstance(value, float):
         return str(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)
-    if isinstance(value, date | time):
+    if isinstance(value, date) and not isinstance(value, datetime):  # also midnight
+        return f"{value.isoformat()}T00:00:00"
+    if isinstance(value, datetime | time):
         return value.isoformat()
     if isinstance(value, timedelta):
         return repr(value.total_seconds())

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from .column_names import ANGLES, TIME_UNITS, unit_spelt
 
 _OTHER = """
-    nm n·m n*m mnm a ma ka v mv kv volt volts ampere amperes w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn mm
+    nm n·m n*m mnm a ma ka v mv kv w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn mm
     m cm um µm μm nm/a hz khz mhz rpm 1/min min-1 r/min u/min rev/min rad/s deg/s °/s rev/s
     rad/s2 rad/s^2 rad/s² deg/s2 deg/s^2 deg/s² °/s2 °/s^2 °/s² m/s m/s2 m/s^2 m/s² mm/s g kg
     ohm db lux ppm px pixel pixels bit bool °c/s deg_per_s rad_per_s deg_per_s2 rad_per_s2 min
-    h inch in lb lbf ft degf mil
+    h inch in lb lbf ft degf mil volt volts ampere amperes
 """
 
 OTHER_UNITS = frozenset(_OTHER.split())

@@ -29,7 +29,7 @@ _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 _DEEPEST = 16  # depth of objects in objects that are read (chosen)
 
 _KEY = re.compile(r"(?<![\w./\]-])\"?([^\W\d][\w./\[\]-]*+)\"?\s*+[=:](?!=)")
-_AMOUNT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,]\S*)")
+_AMOUNT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,]\S*|)")
 _BRACKETS = str.maketrans(dict.fromkeys("()[]{},;", " "))
 _MARKS = ("\t", ";", ",", None)
 _MOST_CHANNELS = 256
@@ -141,24 +141,26 @@ def _are_pairs(lines: Sequence[str]) -> bool:
 def _pairs(line: str) -> tuple[list[str], list[str]]:
     """Return names and texts of a line of pairs; a date in front of them has the name `time`."""
     found = list(_KEY.finditer(line))
+    if not found:
+        return [], []
     ends = [match.start() for match in found[1:]] + [len(line)]
     names = [match[1] for match in found]
     texts = [
-        line[match.end() : end].strip(" \t,;|\"'\r") for match, end in zip(found, ends, strict=True)
+        line[match.end() : end].strip(" \t,;|\"'") for match, end in zip(found, ends, strict=True)
     ]
-    before = line[: found[0].start()].strip(" \t[](),;|-") if found else ""
+    before = line[: found[0].start()].strip(" \t[](),;|-")
     return (["time", *names], [before, *texts]) if looks_like_stamp(before) else (names, texts)
 
 
 def _read_pairs(lines: list[str], source: str) -> Found:
     names, first = _pairs(next(line for line in lines if line.strip()))
-    amounts = [_AMOUNT.fullmatch(text) for text in first]
+    amounts = map(_AMOUNT.fullmatch, first)
     units = [one[2] if one is not None and unit_in(one[2]) else "" for one in amounts]
     kept, other = [], 0
     for line in lines:
         own, texts = _pairs(line)
         whole = own == names[: len(own)]
-        other += not whole
+        other += not whole or (not own and bool(line.strip()))
         fields = zip(texts, units, strict=False) if whole else ()
         kept.append("\t".join(text.removesuffix(unit).strip() for text, unit in fields))
     notes = [f"each line has pairs of a name and a value: {', '.join(names)}"]
