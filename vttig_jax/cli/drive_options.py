@@ -92,7 +92,7 @@ NAMES = (*STATED, "write_pair", "explain_columns")
 
 GROUPS = {
     "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
-    "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+    "The log": ("units", "columns", "quadrature", "explain_columns", "decimal", "sample_rate"),
 }
 """Title in the help → parameters, for every verb that reads logs."""
 

@@ -9,6 +9,7 @@ from .column_names import number_of
 from .delimited import TextTable
 from .layouts.recognised import read_layout
 from .nested import NestedTable, read_nested
+from .quadrature import with_counts
 from .table import find_table
 from .text import NESTED, read_text
 
@@ -25,11 +26,27 @@ def open_table(
     """Return the table of a file, its SHA-256, and notes on assumptions.
 
     A text needs no header if `headerless` is true or if one of the `requested` column names is a
-    number such as `#1`.
+    number such as `#1`. A requested `quadrature(A,B)` is counted from the levels of A and B.
 
     **Raises** `LogError` for a file without table, `UsageError` for a format whose package is
     missing.
     """
+    requested = tuple(requested)
+    table, digest, notes = _opened(
+        path, (encoding, delimiter, decimal), requested, headerless=headerless
+    )
+    table, counted = with_counts(table, requested)
+    return table, digest, (*notes, *counted)
+
+
+def _opened(
+    path: str | Path,
+    form: tuple[str | None, str | None, str | None],
+    requested: Iterable[str | None],
+    *,
+    headerless: bool,
+) -> tuple[TextTable | NestedTable, str, tuple[str, ...]]:
+    encoding, delimiter, decimal = form
     numbered = [name for name in requested if number_of(name)]
     binary = format_of(Path(path))
     if binary is not None or Path(path).suffix.lower() in NESTED:
