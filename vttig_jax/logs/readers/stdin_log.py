@@ -48,5 +48,7 @@ def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:
         raise LogError(
             "ROS files are not read from stdin; save the file, and give its path.", where=str(STDIN)
         )
+    if ending == ".npz" and b".npy" not in data[:1024]:
+        ending = ".xlsx"
     name = keep(data, ending)
     return tuple(name if log == STDIN else log for log in logs)

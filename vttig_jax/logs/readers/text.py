@@ -142,8 +142,8 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
 
 def _unknown_ending(path: Path) -> LogError:
     return LogError(
-        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT), MATLAB (.mat), HDF5"
-        " (.h5, .hdf5), NumPy, Parquet, Feather, Arrow, TDMS, MDF and ROS files; export the log as"
-        " CSV.",
+        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT, JSON, also packed),"
+        " workbooks (.xlsx, .ods), MATLAB (.mat), HDF5 (.h5, .hdf5), NumPy, Parquet, Feather,"
+        " Arrow, TDMS, MDF and ROS files; export the log as CSV.",
         where=str(path),
     )

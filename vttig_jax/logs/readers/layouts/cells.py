@@ -57,7 +57,14 @@ def rows_from(lines: Sequence[str], first: int, mark: str) -> tuple[list[Row], l
     ]
     if len(rows) < 2 or not lines[-1].strip():
         return rows, []
-    return rows[:-1], [f"the last line ({rows[-1][0]}) is cut off and left out"]
+    return rows[:-1], cut_at(lines, rows[-1][0], "", "")
+
+
+def cut_at(lines: Sequence[str], number: int, source: str, what: str) -> list[str]:
+    """Return a note on a damaged line if it is the last one; raise `LogError` for other lines."""
+    if any(rest.strip() for rest in lines[number:]):
+        raise LogError(what, where=f"{source}: line {number}")
+    return [f"the last line ({number}) is cut off and left out"]
 
 
 def decimal_of(rows: Sequence[Row], mark: str) -> str:

@@ -22,7 +22,7 @@ from ..number_format import looks_like_number, to_number
 from ..text import printable
 from ..times.stamps import looks_like_stamp, read_stamps
 from ..units_row import unit_in, with_units
-from .cells import Found, Layout, content, decimal_of, numbers
+from .cells import Found, Layout, content, cut_at, decimal_of, numbers
 from .samples import read_long_rows, roles_of
 
 _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
@@ -47,7 +47,7 @@ def _read_json(lines: list[str], source: str) -> Found:
         value = json.loads("\n".join(lines))
     except RecursionError:
         value = None
-    except ValueError as error:
+    except json.JSONDecodeError as error:
         value = _json_lines(lines, source, notes, error)
     if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
         names = list(dict.fromkeys(key for one in value for key in one))
@@ -68,26 +68,21 @@ def _read_json(lines: list[str], source: str) -> Found:
 
 
 def _json_lines(
-    lines: Sequence[str], source: str, notes: list[str], error: ValueError
+    lines: Sequence[str], source: str, notes: list[str], error: json.JSONDecodeError
 ) -> list[Any]:
     """Return the values of a text with one value a line; a last line that is cut off is left out.
 
     **Raises** `LogError` for a damaged line, and with `error` for one damaged value.
     """
     found: list[Any] = []
-    filled = [(number, line) for number, line in enumerate(lines, 1) if line.strip()]
-    for number, line in filled:
+    for number, line in enumerate(lines, 1):
         try:
-            found.append(json.loads(line))
+            found += [json.loads(line)] if line.strip() else []
         except (ValueError, RecursionError):
-            if number == filled[-1][0] and len(found) > 1:
-                notes.append(f"the last line ({number}) is cut off and left out")
-                continue
-            at = getattr(error, "lineno", number) if len(found) < 2 else number
-            raise LogError(
-                "the JSON text is damaged or cut off here; write it again.",
-                where=f"{source}: line {at}",
-            ) from None
+            what = "the JSON text is damaged or cut off here; write it again."
+            if len(found) < 2:
+                raise LogError(what, where=f"{source}: line {error.lineno}") from None
+            notes += cut_at(lines, number, source, what)
     return found
 
 
@@ -156,14 +151,16 @@ def _read_pairs(lines: list[str], source: str) -> Found:
     names, first = _pairs(next(line for line in lines if line.strip()))
     amounts = map(_AMOUNT.fullmatch, first)
     units = [one[2] if one is not None and unit_in(one[2]) else "" for one in amounts]
-    kept, other = [], 0
-    for line in lines:
-        own, texts = _pairs(line)
-        whole = own == names[: len(own)]
-        other += not whole or (not own and bool(line.strip()))
-        fields = zip(texts, units, strict=False) if whole else ()
-        kept.append("\t".join(text.removesuffix(unit).strip() for text, unit in fields))
     notes = [f"each line has pairs of a name and a value: {', '.join(names)}"]
+    kept, other = [], 0
+    for number, line in enumerate(lines, 1):
+        own, texts = _pairs(line)
+        if own and len(own) < len(names) and own == names[: len(own)]:
+            notes += cut_at(lines, number, source, "the line is cut off; correct it or remove it.")
+        elif own != names and line.strip():
+            other += 1
+        fields = zip(texts, units, strict=True) if own == names else ()
+        kept.append("\t".join(text.removesuffix(unit).strip() for text, unit in fields))
     if other:
         notes.append(f"{other} lines with other names are left out")
     return _plain(with_units(names, units), kept, "\t", source), tuple(notes)

@@ -19,7 +19,7 @@ from ..delimited import split
 from ..number_format import looks_like_number
 from ..times.seconds import exact_numbers
 from ..times.stamps import looks_like_stamp, read_stamps
-from .cells import SPARE, Cell, Found, Layout, Row, content, numbers
+from .cells import SPARE, Cell, Found, Layout, Row, content, cut_at, numbers
 
 _CHANGE = re.compile(r"(\S+)\s+(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(?:\.\d+)?)\s+(\S+)(?:\s+(.*))?")
 _STOP = "***"
@@ -100,7 +100,7 @@ def _read_changes(lines: list[str], source: str) -> Found:
             lost += _STOP in line
         elif match is None:
             what = "this line is none of `camonitor` (name, date, time, value); remove it."
-            notes += _cut(lines, number, source, what)
+            notes += cut_at(lines, number, source, what)
         elif INVALID in (match[4] or "") and "UDF" not in match[4]:
             invalid += 1
         else:
@@ -110,13 +110,6 @@ def _read_changes(lines: list[str], source: str) -> Found:
     if invalid:
         notes.append(f"{invalid} values with severity INVALID are left out")
     return channels.found(source, notes, held=True)
-
-
-def _cut(lines: Sequence[str], number: int, source: str, what: str) -> list[str]:
-    """Return a note on a damaged line if it is the last one; raise `LogError` for other lines."""
-    if any(rest.strip() for rest in lines[number:]):
-        raise LogError(what, where=f"{source}: line {number}")
-    return [f"the last line ({number}) is cut off and left out"]
 
 
 def _are_frames(lines: Sequence[str]) -> bool:
@@ -189,7 +182,7 @@ def _read_long(lines: list[str], source: str) -> Found:
             rows.append((number, fields))
         elif fields:
             what = "this line has too few fields; correct it or remove it."
-            notes += _cut(lines, number, source, what)
+            notes += cut_at(lines, number, source, what)
     return read_long_rows(rows, roles, source, notes, comma=mark != ",")
 
 
