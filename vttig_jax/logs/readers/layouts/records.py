@@ -26,6 +26,7 @@ from .cells import Found, Layout, content, cut_at, decimal_of, numbers
 from .samples import read_long_rows, roles_of
 
 _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
+_LONGEST = 19  # digits of the largest int64
 _DEEPEST = 16  # depth of objects in objects that are read (chosen)
 
 _KEY = re.compile(r"(?<![\w./\]-])\"?([^\W\d][\w./\[\]-]*+)\"?\s*+[=:](?!=)")
@@ -36,6 +37,11 @@ _MOST_CHANNELS = 256
 """Largest number of lines of a table on its side (chosen)."""
 
 
+def _loads(text: str) -> Any:
+    """Return the value of a JSON text; whole numbers beyond int64 are float64."""
+    return json.loads(text, parse_int=lambda one: int(one) if len(one) <= _LONGEST else float(one))
+
+
 def _is_json(lines: Lines) -> bool:
     """Return whether a text begins as an object or a list of objects or rows does."""
     return _JSON.match(lines.text) is not None
@@ -44,7 +50,7 @@ def _is_json(lines: Lines) -> bool:
 def _read_json(lines: list[str], source: str) -> Found:
     notes: list[str] = []
     try:
-        value = json.loads("\n".join(lines))
+        value = _loads("\n".join(lines))
     except RecursionError:
         value = None
     except json.JSONDecodeError as error:
@@ -77,7 +83,7 @@ def _json_lines(
     found: list[Any] = []
     for number, line in enumerate(lines, 1):
         try:
-            found += [json.loads(line)] if line.strip() else []
+            found += [_loads(line)] if line.strip() else []
         except (ValueError, RecursionError):
             what = "the JSON text is damaged or cut off here; write it again."
             if len(found) < 2:
@@ -180,6 +186,7 @@ def _are_in_brackets(lines: Sequence[str]) -> bool:
     bracketed = all(any(mark in line for mark in "([{") for line in first)
     return (
         bracketed
+        and len(rows) > 1
         and len(rows[0]) > 1
         and all(len(row) == len(rows[0]) and all(map(looks_like_number, row)) for row in rows)
     )
@@ -202,7 +209,7 @@ def _side(lines: Lines) -> tuple[str | None, int] | None:
     for mark in _MARKS:
         rows = [split(line, mark) for line in lines]
         widths = [len(row) for row in rows if row]
-        first = next((k for k, row in enumerate(rows) if len(row) == max(widths)), 0)
+        first = next((k for k, row in enumerate(rows) if len(row) == max(widths, default=0)), 0)
         block = [row for row in rows[first:] if row]
         if len(block) < 2 or len(block[0]) <= len(lines) + 2:
             continue
@@ -232,20 +239,25 @@ def _read_side(lines: list[str], source: str) -> Found:
         for number, line in enumerate(lines[first:], first + 1)
         if line.strip()
     ]
-    names, units = [row[0] for _, row in rows], [row[1] for _, row in rows]
+    number, last = rows[-1]
+    if len(last) != len(rows[0][1]):
+        raise LogError(
+            f"this row has {len(last)} fields, but the one above has {len(rows[0][1])}; the file is"
+            " cut off, write it again.",
+            where=f"{source}: line {number}",
+        )
+    names, units = ([row[k] for _, row in rows] for k in (0, 1))
     skip = 1 if any(map(_is_number, units)) else 2
-    if skip == 2:
-        names = with_units(names, units)
-    size = min(len(row) for _, row in rows) - skip
+    names = names if skip == 1 else with_units(names, units)
     arrays = tuple(
         numbers(
-            [(number, text) for text in row[skip : skip + size]],
+            [(number, text) for text in row[skip:]],
             decimal_of(rows, mark or ""),
             f"{source}: row `{printable(name)}`",
         )
         for name, (number, row) in zip(names, rows, strict=True)
     )
-    note = f"the table lies on its side: {len(rows)} rows of {size} samples"
+    note = f"the table lies on its side: {len(rows)} rows of {len(last) - skip} samples"
     return NestedTable(tuple(map(printable, names)), arrays, source), (note,)
 
 
