@@ -34,38 +34,16 @@ class Format:
     note: str = ""
 
 
+_ARROW = (".parquet", ".pq", ".feather", ".arrow", ".arrows", ".ipc")
+_TDMS = "TDMS: the time of a waveform is its increment times the number of the sample"
+_MDF = "MDF: every group of channels has its own time stamps"
+_ROS = "ROS: stamps are those in the headers of the messages, else those of the recording"
 FORMATS = (
     Format("NumPy", (".npy", ".npz"), "numpy_files:numpy_columns", "numpy"),
-    Format(
-        "Arrow",
-        (".parquet", ".pq", ".feather", ".arrow", ".arrows", ".ipc"),
-        "arrow_files:arrow_columns",
-        "pyarrow",
-    ),
-    Format(
-        "TDMS",
-        (".tdms",),
-        "tdms:tdms_columns",
-        needs="nptdms",
-        extra="tdms",
-        note="TDMS: the time of a waveform is its increment times the number of the sample",
-    ),
-    Format(
-        "MDF",
-        (".mf4", ".mdf", ".mf3"),
-        "mdf:mdf_columns",
-        needs="asammdf",
-        extra="mdf",
-        note="MDF: every group of channels has its own time stamps",
-    ),
-    Format(
-        "ROS",
-        (".mcap", ".bag", ".db3"),
-        "rosbag:rosbag_columns",
-        needs="rosbags",
-        extra="ros",
-        note="ROS: stamps are those in the headers of the messages, else those of the recording",
-    ),
+    Format("Arrow", _ARROW, "arrow_files:arrow_columns", "pyarrow"),
+    Format("TDMS", (".tdms",), "tdms:tdms_columns", "nptdms", "tdms", _TDMS),
+    Format("MDF", (".mf4", ".mdf", ".mf3"), "mdf:mdf_columns", "asammdf", "mdf", _MDF),
+    Format("ROS", (".mcap", ".bag", ".db3"), "rosbag:rosbag_columns", "rosbags", "ros", _ROS),
 )
 """Binary formats other than MATLAB and HDF5."""
 
