@@ -10,6 +10,7 @@ which begins with its name.
 import json
 import re
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,12 @@ from ..number_format import looks_like_number, to_number
 from ..text import printable
 from ..times.stamps import looks_like_stamp, read_stamps
 from ..units_row import unit_in, with_units
-from .cells import Found, Layout, content, cut_at, decimal_of, numbers
+from .cells import Found, Layout, Row, content, cut_at, numbers
 from .samples import read_long_rows, roles_of
 
 _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 _LONGEST = 19  # digits of the largest int64
+_SAMPLE = 400  # records from which a long table is recognised (chosen)
 _DEEPEST = 16  # depth of objects in objects that are read (chosen)
 
 _KEY = re.compile(r"(?<![\w./\]-])\"?([^\W\d][\w./\[\]-]*+)\"?\s*+[=:](?!=)")
@@ -56,11 +58,11 @@ def _read_json(lines: list[str], source: str) -> Found:
     except json.JSONDecodeError as error:
         value = _json_lines(lines, source, notes, error)
     if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
-        names = list(dict.fromkeys(key for one in value for key in one))
-        rows = [[str(one.get(name, "")) for name in names] for one in value]
-        roles = roles_of(names, rows[:400])
-        if roles is not None:
-            return read_long_rows(list(enumerate(rows, 1)), roles, source, notes)
+        names = list(value[0])
+        rows = ((k, [str(one.get(name)) for name in names]) for k, one in enumerate(value, 1))
+        first = list(islice(rows, _SAMPLE))
+        if (roles := roles_of(names, [row for _, row in first])) is not None:
+            return read_long_rows([*first, *rows], roles, source, notes)
     columns = dict(_json_columns("", value, source, 0))
     if not columns:
         raise LogError(
@@ -103,29 +105,29 @@ def _json_columns(
             yield from _json_columns(f"{path}.{key}" if path else key, own, source, depth + 1)
     if not isinstance(value, list) or len(value) < 2:
         return
-    known = [one for one in value if one is not None]
-    if known and all(isinstance(one, dict) for one in known):
-        for key in dict.fromkeys(key for one in known for key in one):
-            column = [None if one is None else one.get(key) for one in value]
+    kinds = {type(one) for one in value} - {type(None)}
+    if kinds == {dict}:
+        for key in dict.fromkeys(key for one in value for key in one or ()):
+            column = [one and one.get(key) for one in value]
             yield from _json_columns(f"{path}.{key}" if path else key, column, source, depth + 1)
-    elif known and all(isinstance(one, list) for one in known):
-        if len(known) == len(value) and len({len(one) for one in known}) == 1:
-            wide = len(known) < len(known[0])
-            columns = known if wide else map(list, zip(*known, strict=True))
-            for k, column in enumerate(columns, 1):
-                index = f"({k},:)" if wide else f"(:,{k})"
-                yield from _json_columns(
-                    path + index if path else f"#{k}", column, source, depth + 1
-                )
-    elif known and all(isinstance(one, str) for one in known):
-        texts = ["nan" if one is None else one for one in value]
-        if looks_like_stamp(texts[0]):
-            yield f"{path} [s]", read_stamps(texts, source)[0] / 1e9
-        elif all(map(looks_like_number, texts)):
-            yield path, np.array([to_number(one, ".") for one in texts], np.float64)
-    elif known and all(isinstance(one, int | float) for one in known):
-        array = np.array([np.nan if one is None else one for one in value])
+    elif kinds == {list} and len({one and len(one) for one in value}) == 1:
+        wide = len(value) < len(value[0])
+        for k, column in enumerate(value if wide else map(list, zip(*value, strict=True)), 1):
+            name = f"{path}({k},:)" if wide else f"{path}(:,{k})"
+            yield from _json_columns(name if path else f"#{k}", column, source, depth + 1)
+    elif kinds == {str} and looks_like_stamp(value[0] or ""):
+        yield f"{path} [s]", read_stamps([one or "" for one in value], source)[0] / 1e9
+    elif kinds & {int, float} or (kinds == {str} and looks_like_number(value[0] or "")):
+        # A text among numbers is no number, which a fit refuses with its place.
+        array = np.array([_number(one) for one in value])
         yield path, array.astype(np.float64) if array.dtype.kind == "O" else array
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, int | float):
+        return value
+    number = to_number(value, ".") if isinstance(value, str) else None
+    return np.nan if number is None else number
 
 
 def _are_pairs(lines: Sequence[str]) -> bool:
@@ -199,46 +201,35 @@ def _read_in_brackets(lines: list[str], source: str) -> Found:
     return _plain(names, rows, None, source), ("rows in brackets: columns #1, #2, …",)
 
 
-def _side(lines: Lines) -> tuple[str | None, int] | None:
-    """Return the delimiter and the first line of a table on its side, or None.
+def _side(lines: Sequence[str]) -> list[Row]:
+    """Return the lines of a table on its side, or no lines for any other text.
 
     Every line has a name, perhaps a unit, and then only numbers, more of them than there are lines.
     """
-    if len(lines) > _MOST_CHANNELS:
-        return None
-    for mark in _MARKS:
-        rows = [split(line, mark) for line in lines]
-        widths = [len(row) for row in rows if row]
-        first = next((k for k, row in enumerate(rows) if len(row) == max(widths, default=0)), 0)
-        block = [row for row in rows[first:] if row]
-        if len(block) < 2 or len(block[0]) <= len(lines) + 2:
-            continue
-        named = not any(_is_number(row[0]) for row in block)
-        if named and all(len(row) == len(block[0]) for row in block[:-1]):
-            values = (text for row in block for text in row[2:_MOST_CHANNELS])
-            if all(map(_is_number, values)):
-                return mark, first
-    return None
+    for mark in _MARKS if len(lines) <= _MOST_CHANNELS else ():
+        rows = [(number, split(line, mark)) for number, line in enumerate(lines, 1)]
+        width = max(len(row) for _, row in rows)
+        first = next(k for k, (_, row) in enumerate(rows) if len(row) == width)
+        block = [(number, row) for number, row in rows[first:] if row]
+        whole = all(len(row) == width for _, row in block[:-1])
+        if len(block) > 1 and width > len(lines) + 2 and whole:
+            values = (text for _, row in block for text in row[2:_MOST_CHANNELS])
+            if not any(_is_number(row[0]) for _, row in block) and all(map(_is_number, values)):
+                return block
+    return []
 
 
 def _is_number(text: str) -> bool:
     return looks_like_number(text) or looks_like_stamp(text)
 
 
-def _lies_on_its_side(lines: Lines) -> bool:
+def _lies_on_its_side(lines: Sequence[str]) -> bool:
     """Return whether each line is one channel."""
-    return _side(lines) is not None
+    return bool(_side(lines))
 
 
 def _read_side(lines: list[str], source: str) -> Found:
-    found = _side(Lines.of("\n".join(lines)))
-    assert found is not None  # `_lies_on_its_side` has found it
-    mark, first = found
-    rows = [
-        (number, split(line, mark))
-        for number, line in enumerate(lines[first:], first + 1)
-        if line.strip()
-    ]
+    rows = _side(lines)
     number, last = rows[-1]
     if len(last) != len(rows[0][1]):
         raise LogError(
@@ -249,10 +240,11 @@ def _read_side(lines: list[str], source: str) -> Found:
     names, units = ([row[k] for _, row in rows] for k in (0, 1))
     skip = 1 if any(map(_is_number, units)) else 2
     names = names if skip == 1 else with_units(names, units)
+    decimal = "," if any("," in text for _, row in rows for text in row[skip:]) else "."
     arrays = tuple(
         numbers(
             [(number, text) for text in row[skip:]],
-            decimal_of(rows, mark or ""),
+            decimal,
             f"{source}: row `{printable(name)}`",
         )
         for name, (number, row) in zip(names, rows, strict=True)
