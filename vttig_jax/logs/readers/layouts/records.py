@@ -36,7 +36,7 @@ _AMOUNT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,]\S*|)")
 _BRACKETS = str.maketrans(dict.fromkeys("()[]{},;", " "))
 _MARKS = ("\t", ";", ",", None)
 _MOST_CHANNELS = 256
-"""Largest number of lines of a table on its side (chosen)."""
+"""Largest number of channels in a line, and of lines of a table on its side (chosen)."""
 
 
 def _loads(text: str) -> Any:
@@ -136,7 +136,9 @@ def _are_pairs(lines: Sequence[str]) -> bool:
     keys = [_KEY.findall(line) for line in first]
     if len(keys) > 2:
         del keys[-1]  # it may be cut off
-    if len(keys) < 2 or len(keys[0]) < 2 or any(own != keys[0] for own in keys):
+    if len(keys) < 2 or any(own != keys[0] for own in keys):
+        return False
+    if not 2 <= len(keys[0]) == len(set(keys[0])) <= _MOST_CHANNELS:
         return False
     return sum(_AMOUNT.match(text) is not None for text in _pairs(first[0])[1]) > 1
 
@@ -189,7 +191,7 @@ def _are_in_brackets(lines: Sequence[str]) -> bool:
     return (
         bracketed
         and len(rows) > 1
-        and len(rows[0]) > 1
+        and 1 < len(rows[0]) <= _MOST_CHANNELS
         and all(len(row) == len(rows[0]) and all(map(looks_like_number, row)) for row in rows)
     )
 
