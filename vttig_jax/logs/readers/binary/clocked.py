@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Real
 
-from ..nested import NestedTable
+from ..table import Table
 from ..text import printable
 
 
@@ -19,7 +19,7 @@ class ClockedColumn:
     time: Float[np.ndarray, " n"] | None = None
 
 
-def table_of(columns: Iterable[ClockedColumn], source: str) -> NestedTable:
+def table_of(columns: Iterable[ClockedColumn], source: str) -> Table:
     """Return the table of all columns; channels with equal stamps share one column of time.
 
     All stamps are counted from the earliest stamp of all channels.
@@ -43,4 +43,4 @@ def table_of(columns: Iterable[ClockedColumn], source: str) -> NestedTable:
             clocks[len(names)] = clock
         names.append(printable(one.name))
         arrays.append(one.values)
-    return NestedTable(tuple(names), tuple(arrays), source, clocks=clocks)
+    return Table(tuple(names), tuple(arrays), source, clocks=clocks)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 
 from ....base.errors import LogError
-from ..nested import NestedTable
+from ..table import Table
 from .channels import SPARE, Channel, table_of
 
 _LINE = re.compile(r"(\S+)\s+(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(?:\.\d+)?)\s+(\S+)(?:\s+(.*))?")
@@ -24,7 +24,7 @@ def matches(lines: Sequence[str]) -> bool:
     return len(found) == len(content) and any(_LINE.fullmatch(line.strip()) for line in content)
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return the channels with their stamps, and notes.
 
     **Raises** `LogError` for a line of another form; an incomplete last line is left out.

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from ....base.errors import LogError
-from ..nested import NestedTable
+from ..table import Table
 from .channels import SPARE, Channel, table_of
 
 _FRAME = re.compile(
@@ -20,7 +20,7 @@ def matches(lines: Sequence[str]) -> bool:
     return any(_FRAME.fullmatch(line.strip()) for line in lines[:SPARE])
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return a table of signals with names `Message.Signal [unit]` and their stamps, and notes.
 
     **Raises** `LogError` if no frame could be decoded; an incomplete last message is left out.

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ....base.errors import LogError
-from ..lines import Lines
-from ..nested import NestedTable
+from ..table import Table
+from ..text import Lines
 from ..times.seconds import exact_numbers
 from ..times.stamps import looks_like_stamp, read_stamps
 
@@ -42,10 +42,10 @@ class Layout:
 
     name: str
     matches: Callable[[Lines], bool]
-    read: Callable[[list[str], str], tuple[NestedTable, tuple[str, ...]]]
+    read: Callable[[list[str], str], tuple[Table, tuple[str, ...]]]
 
 
-def table_of(channels: Mapping[str, Channel], source: str, *, held: bool) -> NestedTable:
+def table_of(channels: Mapping[str, Channel], source: str, *, held: bool) -> Table:
     """Return a table of the numeric channels with their stamps in s since the earliest stamp.
 
     `held` is true if only changes are logged.
@@ -63,7 +63,7 @@ def table_of(channels: Mapping[str, Channel], source: str, *, held: bool) -> Nes
         clocks[len(names)] = len(names) + 1
         names += [name, f"time {number} [s]"]
         arrays += [_numbers(channel, name, source), seconds[name]]
-    return NestedTable(
+    return Table(
         names=tuple(names),
         arrays=tuple(arrays),
         source=source,

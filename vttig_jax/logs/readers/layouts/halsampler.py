@@ -7,9 +7,9 @@ number of the sample. An output without a line `overrun` is read like any table 
 import numpy as np
 
 from ....base.errors import LogError
-from ..lines import Lines
-from ..nested import NestedTable
 from ..number_format import looks_like_number
+from ..table import Table
+from ..text import Lines
 
 OVERRUN = "overrun"
 LOST = 10
@@ -29,7 +29,7 @@ def matches(lines: Lines) -> bool:
     return bool(first) and all(map(looks_like_number, first.split()))
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return the columns #1, #2, … with the number of each sample, and notes on the gaps.
 
     **Raises** `LogError` for a row of another width or a field that is no number.
@@ -57,7 +57,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
     how = "as the sample numbers say" if counted else f"each taken as {LOST} samples"
     note = f"halsampler: {len(inner)} gaps where samples were lost, {how}"
     names = tuple(f"#{k + 1}" for k in range(len(arrays)))
-    return NestedTable(names, tuple(arrays), source, sample_numbers=numbers), (note,)
+    return Table(names, tuple(arrays), source, sample_numbers=numbers), (note,)
 
 
 def _column(fields: list[str], source: str, k: int) -> np.ndarray:

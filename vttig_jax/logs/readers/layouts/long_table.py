@@ -5,8 +5,8 @@ from itertools import islice, pairwise
 
 from ....base.errors import LogError
 from ..delimited import split
-from ..nested import NestedTable
 from ..number_format import looks_like_number
+from ..table import Table
 from ..times.stamps import looks_like_stamp
 from .channels import Channel, table_of
 
@@ -26,7 +26,7 @@ def matches(lines: Sequence[str]) -> bool:
     return _columns(lines) is not None
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return the channels with their stamps, and notes; an incomplete last line is omitted.
 
     **Raises** `LogError` for a row of another form.

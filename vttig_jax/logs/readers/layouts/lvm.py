@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ....base.errors import LogError
+from ..column_names import unit_in
 from ..delimited import split
-from ..nested import NestedTable
 from ..number_format import to_number
-from ..units_row import unit_in
+from ..table import Table
 
 START, END = "LabVIEW Measurement", "***End_of_Header***"
 _KEYS = ("Channels", "Samples", "X0", "Delta_X")
@@ -26,7 +26,7 @@ def matches(lines: Sequence[str]) -> bool:
     return lines[0].lstrip("\ufeff").strip().startswith(START)
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return the channels with their time stamps in s, and a note.
 
     **Raises** `LogError` for a file without rows or with several segments, for an axis that is not
@@ -76,7 +76,7 @@ def _table(
     *,
     decimal: str,
     source: str,
-) -> NestedTable:
+) -> Table:
     """Return the channels, with clocks if their stamps differ."""
     values = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
     own = header.get("X_Columns", ["One"])[0]
@@ -106,7 +106,7 @@ def _table(
         arrays.append(channel)
     if len(set(clocks.values())) < 2:
         clocks = {}
-    return NestedTable(tuple(columns), tuple(arrays), source, clocks=clocks)
+    return Table(tuple(columns), tuple(arrays), source, clocks=clocks)
 
 
 def _of_channel(

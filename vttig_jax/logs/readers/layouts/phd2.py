@@ -17,10 +17,9 @@ from jaxtyping import Float
 from ....base.errors import LogError
 from ....base.units import DEG
 from ..delimited import split
-from ..lines import Lines
-from ..nested import NestedTable
 from ..number_format import to_number
-from ..text import printable
+from ..table import Table
+from ..text import Lines, printable
 from .channels import SPARE
 
 NAMES = ("time_s", "transmission_error_arcsec")
@@ -203,7 +202,7 @@ def matches(lines: Lines) -> bool:
     return first and any(line.startswith(HEADER) for line in lines)
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return time and transmission error of every session, and notes on the sessions.
 
     **Raises** `LogError` if no session can be used; an incomplete last row is left out.
@@ -226,7 +225,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
     left_out = {number: one for number, one in sessions.items() if one.reason}
     if left_out:
         notes.append(f"left out: {_left_out(left_out)}")
-    return NestedTable(tuple(names), tuple(arrays), source), tuple(notes)
+    return Table(tuple(names), tuple(arrays), source), tuple(notes)
 
 
 def _left_out(sessions: Mapping[int, Session]) -> str:

@@ -1,7 +1,7 @@
 """Text layouts that are recognised, in the order in which they are tested."""
 
-from ..lines import Lines
-from ..nested import NestedTable
+from ..table import Table
+from ..text import Lines
 from . import camonitor, cantools, halsampler, long_table, lvm, phd2, sections, twincat
 from .channels import Layout
 
@@ -18,11 +18,11 @@ LAYOUTS = (
 """Layouts other than a table with one row for each instant."""
 
 
-def read_layout(text: str, source: str) -> tuple[NestedTable, tuple[str, ...]] | None:
+def read_layout(text: str, source: str) -> tuple[Table, tuple[str, ...]] | None:
     """Return the table and notes of a text in one of the layouts, or None for another text.
 
     **Raises** `LogError` for a text that is damaged in its layout.
     """
-    lines = Lines.of(text)
+    lines = Lines(text)
     layout = next((one for one in LAYOUTS if one.matches(lines)), None)
     return None if layout is None else layout.read(list(lines), source)

@@ -12,10 +12,9 @@ import numpy as np
 
 from ....base.errors import LogError
 from ..delimited import split
-from ..lines import Lines
-from ..nested import NestedTable
 from ..number_format import looks_like_number, to_number
-from ..text import printable
+from ..table import Table
+from ..text import Lines, printable
 from ..times.stamps import looks_like_stamp, read_stamps
 
 DELIMITERS = (",", ";", "\t")
@@ -54,7 +53,7 @@ def matches(lines: Lines) -> bool:
     return lines.match(_WORD, _BELOW_FIRST) and len(_sections(list(lines))[0]) > 1
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return the columns of all sections, and notes that describe the sections.
 
     **Raises** `LogError` for text in a column of numbers.
@@ -71,7 +70,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
             place = f"{source}: section {number}, column `{printable(section.names[k])}`"
             arrays.append(_values([(line, row[k]) for line, row in rows], decimal, place))
         notes.append(_note(number, section, len(rows)))
-    return NestedTable(tuple(names), tuple(arrays), source), tuple(notes)
+    return Table(tuple(names), tuple(arrays), source), tuple(notes)
 
 
 def _sections(lines: Sequence[str]) -> tuple[list[Section], str]:

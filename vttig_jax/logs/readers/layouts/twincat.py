@@ -12,10 +12,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ....base.errors import LogError
+from ..column_names import unit_in
 from ..delimited import split
-from ..nested import NestedTable
 from ..number_format import looks_like_number, to_number
-from ..units_row import unit_in
+from ..table import Table
 
 _HEAD = 60
 """Number of first lines that may describe the channels (chosen)."""
@@ -41,7 +41,7 @@ def matches(lines: Sequence[str]) -> bool:
     return named and any(_SAMPLE_TIME.match(line) for line in head)
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def read(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
     """Return the channels with the time of their group, and notes.
 
     **Raises** `LogError` for an export without rows of numbers, and for a field that is no number.
@@ -84,7 +84,7 @@ def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
             clocks[len(columns)] = stamps
             columns.append(name)
             arrays.append(values)
-    return NestedTable(tuple(columns), tuple(arrays), source, clocks=clocks), tuple(notes)
+    return Table(tuple(columns), tuple(arrays), source, clocks=clocks), tuple(notes)
 
 
 def _is_cut(row: Sequence[str], described: Mapping[str, list[str]], decimal: str) -> bool:
