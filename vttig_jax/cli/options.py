@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from ..base.files.limits import most_memory
-from ..logs.readers.column_roles import ROLES
+from ..logs.readers.column_names import ROLES
 from ..runs.options import roles_of
 from .output import Narrator, Output
 from .program_cache import kept_programs

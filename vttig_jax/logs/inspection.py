@@ -33,7 +33,7 @@ from .lines.search import Line
 from .motion.coverage import Support, support_of
 from .motion.flank_assignment import assigned_segments
 from .motion.segments import Segments
-from .protocols import TwoShafts
+from .recognition.request import TwoShafts
 
 
 @dataclass(frozen=True)

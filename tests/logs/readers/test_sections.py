@@ -41,7 +41,8 @@ def test_the_only_section_with_both_shafts_is_taken(save, mark):
 
 
 def test_sections_are_told(save):
-    table, _, notes = open_table(save(report()))
+    table = open_table(save(report()))
+    notes = table.notes
     assert table.names == (
         *("1/Time", "1/Temp A", "1/Temp B"),
         *("2/Time", "2/Motor [deg]", "2/Load [deg]"),
@@ -80,7 +81,7 @@ def test_a_header_that_is_written_again_begins_a_section(save):
     ],
 )
 def test_a_damaged_row_begins_no_section(save, text):
-    table, _, _ = open_table(save(text))
+    table = open_table(save(text))
     assert table.names[0] == "Time"
 
 

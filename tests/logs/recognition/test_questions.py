@@ -8,9 +8,6 @@ import pytest
 from tests.logs.rig_log import angles_deg, csv
 from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.logs import read_log
-from vttig_jax.logs.recognition.candidates import Candidate
-from vttig_jax.logs.recognition.name_words import read_name
-from vttig_jax.logs.recognition.question import no_fit
 
 T, X, Y = angles_deg()
 DEFAULT: dict[str, Any] = {"ratio": "16:9"}
@@ -67,10 +64,9 @@ def test_one_encoder_in_two_units_is_no_pair_of_shafts(ask):
     assert "`p [rad]` drives `q [rev]`" in only
 
 
-def test_columns_with_a_unit_of_angles_are_listed_first():
-    names = ("u", "p cmd [rad]", "q [rad]")
-    columns = [Candidate(k, name, read_name(name, ""), X) for k, name in enumerate(names)]
-    told = str(no_fit(("driving", "driven"), columns, None, "log.csv"))
+def test_columns_with_a_unit_of_angles_are_listed_first(ask):
+    told = ask(csv("t,u,p cmd [rad],q [rad]", T, X, X, X), ratio="7:5", unit="deg")
+    told = told[told.index("there are") :]
     assert told.index("`q [rad]`") < told.index("`p cmd [rad]`") < told.index("`u`")
 
 

@@ -13,8 +13,7 @@ from jaxtyping import Int64, Real
 
 from ...base.errors import LogError
 from .column_names import index_of
-from .delimited import TextTable
-from .nested import NestedTable
+from .table import Table
 from .times.stamps import read_stamps
 
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")
@@ -22,9 +21,7 @@ _LOW, _HIGH = 1 / 3, 2 / 3
 """A level falls below the first fraction of its range and rises above the second one (chosen)."""
 
 
-def with_counts(
-    table: TextTable | NestedTable, requested: Iterable[str | None]
-) -> tuple[TextTable | NestedTable, tuple[str, ...]]:
+def with_counts(table: Table, requested: Iterable[str | None]) -> Table:
     """Return the table with a column for each requested `quadrature(A,B)`, and notes on them.
 
     **Raises** `LogError` for a channel that does not exist or stays at one level, and for levels
@@ -33,30 +30,30 @@ def with_counts(
     matches = filter(None, (_COUNTED.fullmatch(name or "") for name in requested))
     wanted = {f"quadrature({match[1]},{match[2]})": match.groups() for match in matches}
     if not wanted:
-        return table, ()
-    table, cut = table.complete_rows(range(len(table.names)))
-    columns, notes = {}, list(cut)
+        return table
+    columns = {table.names[k]: values for k, values in table.numeric().items()}
     for k, name in enumerate(table.names):
-        try:
-            if isinstance(table, TextTable) and table.is_dated(k):
-                columns[f"{name} [s]"] = read_stamps(table.texts(k), table.source)[0] / 1e9
-            else:
-                (columns[name],) = table.columns([k])
-        except LogError:  # a column of words
-            continue
+        if table.is_dated(k):
+            columns[f"{name} [s]"] = read_stamps(table.texts(k), table.source)[0] / 1e9
+    notes = [*table.notes, *table.left_out(range(len(columns)))]
     names = tuple(columns)
     for name, channels in wanted.items():
         pair = [names[index_of(one, "driving", names, table.source)] for one in channels]
-        levels = [_levels(columns[one], f"{table.source}: column `{one}`") for one in pair]
-        edges = [int(np.count_nonzero(np.diff(one))) for one in levels]
+        a, b = (_levels(columns[one], f"{table.source}: column `{one}`") for one in pair)
+        edges = [int(np.count_nonzero(np.diff(one))) for one in (a, b)]
         steps = edges[0] > 2 * edges[1]
-        columns[f"{name} [counts]"] = (
-            _steps(*levels) if steps else _quadrature(*levels, f"{table.source}: `{name}`")
-        )
+        counts = _steps(a, b) if steps else _quadrature(a, b, f"{table.source}: `{name}`")
+        columns[f"{name} [counts]"] = counts
         how = f"the rising edges of `{pair[0]}` in the direction of `{pair[1]}`"
         four = f"the edges of `{pair[0]}` and `{pair[1]}`, four a period"
         notes.append(f"{name} counts {how if steps else four}: {sum(edges)} edges")
-    return NestedTable(tuple(columns), tuple(columns.values()), table.source), tuple(notes)
+    return Table(
+        tuple(columns),
+        tuple(columns.values()),
+        table.source,
+        digest=table.digest,
+        notes=tuple(notes),
+    )
 
 
 def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n"]:

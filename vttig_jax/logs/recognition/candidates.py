@@ -1,16 +1,20 @@
-"""Columns that may be time or the angle of a shaft, with the properties that decide."""
+"""Columns that may be time or the angle of a shaft, and what the values of two of them say."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from itertools import permutations
 
 import numpy as np
-from jaxtyping import Real
+from jaxtyping import Float, Real
 
-from ...base.errors import LogError
-from ..magnitudes import LEAST_RANGE
-from ..readers.delimited import TextTable
-from ..readers.nested import NestedTable
-from .name_words import NameReading
+from ...base.units import REV
+from ..channel.unwrap import find_modulus, unwrap
+from ..ratios import DEVIATIONS, slope
+from ..readers.column_names import ANGLES, TIME_UNITS
+from ..source import LEAST_RANGE
+from .names import NameReading
 
 EVEN = 1e-3
 """Time stamps are evenly spaced if each time step deviates from the median step by at most this
@@ -26,66 +30,119 @@ where an angle wraps. Jumps are not used for a slope (chosen)."""
 MOST_LISTED = 8
 """Largest number of columns that an error message lists (chosen)."""
 
+TOLERANCE = 0.005
+"""Largest relative deviation of the slope of two columns from the given ratio (chosen)."""
+
+APART = 0.05
+"""Largest rms deviation of the driven column from a straight line over the driving one, as a
+fraction of its travel (chosen)."""
+
+MOST_ROWS = 20_000
+"""Columns with more than about this number of rows are thinned for the slope (chosen)."""
+
+_COPY = 1e-9
+"""Two columns are one reading in two units if they differ by at most this fraction of their largest
+value (chosen). The errors of real gears are larger."""
+
+_STRETCHES = 200
+"""Number of stretches of a log over which travel and mean speed are compared (chosen)."""
+
+_SPEED = 0.999
+"""Least correlation of the travel of a column over each stretch with the mean of another column
+there, if the other one is its speed (chosen)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """Column of a log that may be the time or the angle of a shaft.
 
-    `index` is its position in the table, from 0. `reading` is the meaning of its name. `values` is
-    None if they are not numbers. `dated` is true for a column of dates or times of day.
+    `index` is its position in the table, from 0. `reading` is the meaning of its name. `read`
+    returns the values of a column by its index, or None if they are not numbers. `dated` is true
+    for a column of dates or times of day.
     """
 
     index: int
     name: str
     reading: NameReading
-    values: Real[np.ndarray, " n"] | None = field(repr=False, default=None)
+    read: Callable[[int], Real[np.ndarray, " n"] | None] = field(repr=False)
     dated: bool = False
 
-    @property
-    def rises(self) -> bool:
-        """Whether every value exceeds the previous value."""
-        return self.values is not None and len(self.values) > 1 and bool(np.all(self._steps > 0))
+    @cached_property
+    def values(self) -> Real[np.ndarray, " n"] | None:
+        """Values of the column; None if they are not numbers."""
+        return self.read(self.index)
 
     @property
+    def rows(self) -> int:
+        """Number of values, 0 for a column without numbers."""
+        return 0 if self.values is None else len(self.values)
+
+    @property
+    def steps(self) -> Real[np.ndarray, " steps"]:
+        """Differences of successive values; they are not kept, because a log may be long."""
+        return np.diff(self.values if self.values is not None else np.zeros(0))
+
+    @cached_property
+    def rises(self) -> bool:
+        """Whether every value exceeds the previous value."""
+        return self.rows > 1 and bool(np.all(self.steps > 0))
+
+    @cached_property
+    def is_row_number(self) -> bool:
+        """Whether the values count the rows in steps of 1, possibly with restarts at 0."""
+        if self.values is None or self.rows < 2:
+            return False
+        ones = self.steps == 1
+        return bool(np.all(ones | (self.values[1:] == 0)) and np.mean(ones) > 0.9)
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether the values can be a shaft angle: numbers that change and are not row numbers."""
+        if self.values is None or self.rows < 2 or not np.isfinite(self.values).all():
+            return False
+        return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
+
+    @cached_property
+    def is_constant(self) -> bool:
+        """Whether all values are one number, so that the column shows no motion."""
+        return self.values is not None and self.rows > 1 and bool(np.ptp(self.values) == 0)
+
+    @cached_property
+    def says_time(self) -> bool:
+        """Whether the name means time, or contains only a unit of time, and the stamps grow."""
+        reading, values = self.reading, self.values
+        if reading.role == "time":  # repeated stamps are allowed
+            if values is None or self.rows < 2 or not np.isfinite(values).all():
+                return False
+            return bool(np.all(self.steps >= 0) and values[-1] > values[0])
+        only_unit = reading.unit in TIME_UNITS and reading.role is None and not reading.other
+        return only_unit and self.rises
+
+    @cached_property
+    def can_be_time(self) -> bool:
+        """Whether the values grow without row numbers, and the name allows that they are time."""
+        reading = self.reading
+        free = reading.role is None and not reading.other and reading.unit not in ANGLES
+        return free and self.rises and not self.is_row_number
+
+    @cached_property
     def is_even(self) -> bool:
         """Whether the values are evenly spaced, with the tolerance `EVEN`."""
-        steps = self._steps
+        steps = self.steps
         usual = float(np.median(steps))
         return bool(np.abs(steps - usual).max() <= EVEN * abs(usual))
 
     @property
-    def is_row_number(self) -> bool:
-        """Whether the values count the rows in steps of 1, possibly with restarts at 0."""
-        if self.values is None or len(self.values) < 2:
-            return False
-        steps = self._steps
-        ones = steps == 1
-        starts = self.values[1:] == 0
-        return bool(np.all(ones | starts) and np.mean(ones) > 0.9)
-
-    @property
-    def turns(self) -> bool:
-        """Whether the values can be a shaft angle: numbers that change and are not row numbers."""
-        if self.values is None or len(self.values) < 2 or not np.isfinite(self.values).all():
-            return False
-        return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether all values are one number, so that the column shows no motion."""
-        return self.values is not None and len(self.values) > 1 and bool(np.ptp(self.values) == 0)
-
-    @property
-    def _steps(self) -> np.ndarray:
-        assert self.values is not None
-        return np.diff(self.values)
+    def first(self) -> str:
+        """The first value as text."""
+        return "" if self.values is None else f"{self.values[0]:.6g}"
 
     @property
     def facts(self) -> str:
         """Text with name, first values and range for an error message."""
         if self.dated:
             return f"`{self.name}` with dates or times"
-        if self.values is None or not len(self.values):
+        if self.values is None or not self.rows:
             return f"`{self.name}` without numbers"
         if self.is_constant:
             return f"`{self.name}` {self.values[0]:.12g} in every row, a constant"
@@ -93,31 +150,7 @@ class Candidate:
         return f"`{self.name}` {first}, … ({self.values.min():.6g} … {self.values.max():.6g})"
 
 
-def read_values(table: TextTable | NestedTable, indices: list[int]) -> Mapping[int, np.ndarray]:
-    """Return index → values for those columns of `indices` that contain only numbers."""
-    try:
-        return dict(zip(indices, table.columns(indices), strict=True))
-    except LogError:
-        pass
-    found = {}
-    for index in indices:
-        try:
-            found[index] = table.columns([index])[0]
-        except LogError:
-            continue
-    return found
-
-
-def first_fault(table: TextTable | NestedTable, index: int) -> LogError:
-    """Return the error of a column that `read_values` left out."""
-    try:
-        table.columns([index])
-    except LogError as error:
-        return error
-    raise AssertionError(f"column {index} holds numbers only")
-
-
-def listed_facts(candidates: list[Candidate]) -> str:
+def listed_facts(candidates: Sequence[Candidate]) -> str:
     """Return a list of columns with first values, ranges and slopes as text for an error message.
 
     The slope is that of a regression over the first column that can be a shaft angle and does not
@@ -134,16 +167,135 @@ def _slope_in_words(one: Candidate, over: Candidate | None) -> str:
 
     `one` is the column, and `over` the column over which its slope is taken (the abscissa).
     """
-    if one.values is not None and one.rises:
-        return f", {float(np.median(np.diff(one.values))):.6g} from row to row"
-    if over is None or one is over or not one.turns:
+    if one.rises:
+        return f", {float(np.median(one.steps)):.6g} from row to row"
+    if over is None or one is over or not one.turns or one.rows != over.rows:
         return ""
-    assert one.values is not None and over.values is not None  # columns that turn have values
-    if len(one.values) != len(over.values):
-        return ""
-    steps = np.diff([over.values, one.values], axis=1).astype(np.float64)
+    steps = np.array([over.steps, one.steps], np.float64)
     size = np.abs(steps)
     steps[:, np.any(size > JUMP * np.quantile(size, 0.9, axis=1, keepdims=True), axis=0)] = 0.0
     path = np.cumsum(steps, axis=1)
     x, y = path - path.mean(axis=1, keepdims=True)
     return f", slope {float(x @ y / (x @ x)):.5g} over `{over.name}`" if x @ x > 0 else ""
+
+
+def is_copy(one: Candidate, other: Candidate) -> bool:
+    """Return whether two columns hold the same reading, in two units or with another zero."""
+    if one.values is None or other.values is None or one.rows != other.rows:
+        return False
+    x, y = (values - values.mean() for values in (one.values, other.values))
+    rest = y - float(x @ y / (x @ x)) * x
+    return float(np.abs(rest).max()) <= _COPY * float(np.abs(y).max())
+
+
+def is_speed_of(one: Candidate, other: Candidate) -> bool:
+    """Return whether a column is the speed of another column of the same, even rows.
+
+    The mean of a speed over a stretch of the log is proportional to the travel over it.
+    """
+    if not one.turns or not other.turns or one.rows != other.rows:
+        return False
+    assert one.values is not None and other.values is not None  # columns that turn have values
+    edges = np.unique(np.linspace(0, one.rows - 1, _STRETCHES + 1).astype(np.int64))
+    if len(edges) < 4:
+        return False
+    travel = np.diff(other.values[edges].astype(np.float64))
+    sums = np.concatenate([[0.0], np.cumsum(one.values, dtype=np.float64)])
+    mean = np.diff(sums[edges]) / np.diff(edges)
+    if np.ptp(travel) == 0 or np.ptp(mean) == 0:
+        return False
+    return abs(float(np.corrcoef(travel, mean)[0, 1])) >= _SPEED
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Functions that convert the readings of columns to revolutions at common instants.
+
+    `per_turn` returns the readings per revolution of a column in a role; it returns None if the
+    unit is unknown, and raises `LogError` if counts per revolution are missing. `common` returns
+    the readings of two columns at common instants.
+    """
+
+    per_turn: Callable[[Candidate, str], float | None]
+    common: Callable[[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]
+
+    def turns(
+        self, first: Candidate, second: Candidate, sizes: Sequence[float | None]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
+        """Return two columns in revolutions, thinned; None without a common time or a unit.
+
+        `sizes` are their readings per revolution.
+        """
+        readings = self.common(first, second)
+        if len(readings[0]) < 2 or None in sizes:
+            return None
+        thin = slice(None, None, max(1, len(readings[0]) // MOST_ROWS))
+        x, y = (_turns_of(one, size)[thin] for one, size in zip(readings, sizes, strict=True))
+        return x, y
+
+    def fitting_pairs(
+        self, fixed: dict[str, Candidate], free: Sequence[Candidate], ratio: Fraction
+    ) -> tuple[list[tuple[Candidate, Candidate]], list[int], list[tuple[str, Candidate]]]:
+        """Return the pairs (driving, driven) of columns that have a ratio, and their signs.
+
+        `fixed` is role → column of known shafts, `free` are the columns for the others. The third
+        result has a role and its column for every pair without a unit. If no pair has the ratio
+        within `TOLERANCE`, those have it whose slope is as uncertain as it is off, as over less
+        than a turn. At the ratio 1 a pair fits in both orders if it fits in one.
+        """
+        missing = [role for role in ("driving", "driven") if role not in fixed]
+        unknown: list[tuple[str, Candidate]] = []
+        moving: list[tuple[tuple[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]] = []
+        for chosen in permutations(free, len(missing)):
+            roles = {**fixed, **dict(zip(missing, chosen, strict=True))}
+            sizes = {role: self.per_turn(one, role) for role, one in roles.items()}
+            lacking = [role for role, size in sizes.items() if size is None]
+            if lacking:
+                unknown.append((lacking[0], roles[lacking[0]]))
+                continue
+            pair = roles["driving"], roles["driven"]
+            both = self.turns(*pair, [sizes["driving"], sizes["driven"]])
+            if both is not None:  # the two channels have a common time
+                moving.append((pair, both))
+        for surely in (True, False):
+            found = []
+            for pair, both in moving:
+                sign = have_slope(*both, float(ratio), surely=surely)
+                if not sign and ratio == 1:
+                    sign = have_slope(both[1], both[0], 1.0, surely=surely)
+                if sign:
+                    found.append((pair, sign))
+            if found:
+                break
+        return [pair for pair, _ in found], [sign for _, sign in found], unknown
+
+
+def _turns_of(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
+    """Return the readings in revolutions, unwrapped and minus the first one.
+
+    `per_turn` is the number of readings per revolution, negative for an inverted encoder.
+    """
+    assert per_turn is not None  # columns without a unit are asked for before
+    if np.issubdtype(values.dtype, np.floating) and np.all(values == np.rint(values)):
+        values = values.astype(np.int64)
+    modulus = find_modulus(values, abs(per_turn))
+    if modulus is not None:
+        values = unwrap(values, modulus)
+    return (values - values[0]) / per_turn
+
+
+def have_slope(
+    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], ratio: float, *, surely: bool = True
+) -> int:
+    """Return the sign of the slope of `y` over `x` if its magnitude is `ratio`, else 0.
+
+    `x` and `y` are angles in revolutions; the tolerances are `TOLERANCE` and `APART`, or, if not
+    `surely`, `DEVIATIONS` standard errors of the slope in place of the first.
+    """
+    x, y = x - x.mean(), y - y.mean()
+    value = float(x @ y / (x @ x))
+    off = abs(abs(value) - ratio)
+    apart = float(np.std(y - value * x)) > APART * float(np.ptp(y))
+    if apart or off > (TOLERANCE * ratio if surely else DEVIATIONS * slope(REV * x, REV * y)[1]):
+        return 0
+    return 1 if value > 0 else -1

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Real
 
-from ..nested import NestedTable
+from ..table import Table
 from ..text import printable
 
 
@@ -25,7 +25,7 @@ def table_of(
     *,
     held: bool = False,
     start: float | None = None,
-) -> NestedTable:
+) -> Table:
     """Return the table of all columns; channels with equal stamps share one column of time.
 
     Stamps are counted from `start`, by default from the earliest first stamp of all channels.
@@ -51,7 +51,7 @@ def table_of(
             clocks[len(names)] = clock
         names.append(printable(one.name))
         arrays.append(one.values)
-    return NestedTable(
+    return Table(
         tuple(names),
         tuple(arrays),
         source,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ....base.errors import InputError, LogError, UsageError
-from ..nested import NestedTable
+from ..table import Table
 from ..text import read_bytes
 from .clocked import ClockedColumn, table_of
 
@@ -59,7 +59,7 @@ def format_of(path: Path) -> Format | None:
     return next((one for one in FORMATS if ending in one.endings), None)
 
 
-def read_binary(path: Path, form: Format) -> tuple[NestedTable, str, tuple[str, ...]]:
+def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
     """Return the columns of a file, the SHA-256 of its bytes, and notes.
 
     **Raises** `UsageError` without the library of the format; `LogError` for a missing, damaged or
@@ -107,7 +107,7 @@ def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
     return getattr(import_module(f".{module}", __package__), function)
 
 
-def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> NestedTable:
+def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> Table:
     """Return the table of named arrays or of channels with separate time stamps."""
     return table_of(
         (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in columns), source

@@ -10,7 +10,7 @@ import numpy as np
 
 from ....base.errors import LogError
 from ....base.files.limits import MemoryBudget
-from ..matrix_columns import matrix_columns
+from ..table import matrix_columns
 from ..times.seconds import since_first
 
 

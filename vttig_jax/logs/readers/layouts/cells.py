@@ -7,11 +7,10 @@ import numpy as np
 from jaxtyping import Real
 
 from ....base.errors import LogError
-from ..delimited import TextTable, split
-from ..lines import Lines
-from ..nested import NestedTable
+from ..delimited import split
 from ..number_format import to_number
-from ..text import printable
+from ..table import Table
+from ..text import Lines, printable
 from ..times.stamps import looks_like_stamp, read_stamps
 
 SPARE = 16
@@ -23,7 +22,7 @@ Cell = tuple[int, str]
 Row = tuple[int, list[str]]
 """Line number and fields of a line."""
 
-Found = tuple[NestedTable | TextTable, tuple[str, ...]]
+Found = tuple[Table, tuple[str, ...]]
 """Table and notes."""
 
 

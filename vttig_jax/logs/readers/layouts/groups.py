@@ -21,9 +21,9 @@ from jaxtyping import Float
 
 from ....base.errors import LogError
 from ..binary.clocked import ClockedColumn, table_of
+from ..column_names import unit_in, with_units
 from ..delimited import split
 from ..number_format import looks_like_number, to_number
-from ..units_row import unit_in, with_units
 from .cells import Found, Layout, Row, cells_of, decimal_of, numbers, rows_from
 
 _HEAD = 60

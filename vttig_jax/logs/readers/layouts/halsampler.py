@@ -7,9 +7,9 @@ number of the sample. An output without a line `overrun` is read like any table 
 import numpy as np
 
 from ....base.errors import LogError
-from ..lines import Lines
-from ..nested import NestedTable
 from ..number_format import looks_like_number
+from ..table import Table
+from ..text import Lines
 from .cells import Found, Layout, Row, numbers
 
 OVERRUN = "overrun"
@@ -52,7 +52,7 @@ def _read(lines: list[str], source: str) -> Found:
     counts, counted = _sample_numbers(arrays[0], inner)
     how = "as the sample numbers say" if counted else f"each taken as {LOST} samples"
     note = f"halsampler: {len(inner)} gaps where samples were lost, {how}"
-    return NestedTable(names, arrays, source, sample_numbers=counts), (note,)
+    return Table(names, arrays, source, sample_numbers=counts), (note,)
 
 
 def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, bool]:

@@ -17,10 +17,9 @@ from jaxtyping import Float
 from ....base.errors import LogError
 from ....base.units import DEG
 from ..delimited import split
-from ..lines import Lines
-from ..nested import NestedTable
 from ..number_format import to_number
-from ..text import printable
+from ..table import Table
+from ..text import Lines, printable
 from .cells import SPARE, Found, Layout
 
 NAMES = ("time_s", "transmission_error_arcsec")
@@ -223,7 +222,7 @@ def _read(lines: list[str], source: str) -> Found:
         notes.append(f"session {number}, {printable(one.start)}: {one.note}")
     if left_out:
         notes.append(f"left out: {left_out}")
-    return NestedTable(tuple(columns), tuple(columns.values()), source), tuple(notes)
+    return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
 
 
 def _sessions(lines: Sequence[str], source: str) -> Iterator[Session]:

@@ -1,6 +1,6 @@
 """Text layouts that are recognised, in the order in which they are tested."""
 
-from ..lines import Lines
+from ..text import Lines
 from .cells import Found
 from .groups import LABVIEW, OSCILLOSCOPE, TWINCAT
 from .halsampler import HALSAMPLER
@@ -21,6 +21,6 @@ def read_layout(text: str, source: str) -> Found | None:
 
     **Raises** `LogError` for a text that is damaged in its layout.
     """
-    lines = Lines.of(text)
+    lines = Lines(text)
     layout = next((one for one in LAYOUTS if one.matches(lines)), None)
     return None if layout is None else layout.read(list(lines), source)

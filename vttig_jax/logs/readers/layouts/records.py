@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from ....base.errors import LogError
-from ..delimited import TextTable, split
-from ..lines import Lines
-from ..nested import NestedTable
+from ..column_names import unit_in, with_units
+from ..delimited import TextTable, is_value, split
 from ..number_format import looks_like_number, to_number
-from ..text import printable
+from ..table import MOST_COLUMNS, Table
+from ..text import Lines, printable
 from ..times.stamps import looks_like_stamp, read_stamps
-from ..units_row import unit_in, with_units
 from .cells import Found, Layout, Row, content, cut_at, numbers
 from .samples import read_long_rows, roles_of
 
@@ -35,8 +34,6 @@ _KEY = re.compile(r"(?<![\w./\]-])\"?([^\W\d][\w./\[\]-]*+)\"?\s*+[=:](?!=)")
 _AMOUNT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,]\S*|)")
 _BRACKETS = str.maketrans(dict.fromkeys("()[]{},;", " "))
 _MARKS = ("\t", ";", ",", None)
-_MOST_CHANNELS = 256
-"""Largest number of channels in a line, and of lines of a table on its side (chosen)."""
 
 
 def _loads(text: str) -> Any:
@@ -69,7 +66,7 @@ def _read_json(lines: list[str], source: str) -> Found:
             "the JSON text has no list of numbers; write a list of objects, or an object of lists.",
             where=source,
         )
-    return NestedTable(tuple(map(printable, columns)), tuple(columns.values()), source), (
+    return Table(tuple(map(printable, columns)), tuple(columns.values()), source), (
         "JSON: messages count its records from 0",
         *notes,
     )
@@ -138,7 +135,7 @@ def _are_pairs(lines: Sequence[str]) -> bool:
         del keys[-1]  # it may be cut off
     if len(keys) < 2 or any(own != keys[0] for own in keys):
         return False
-    if not 2 <= len(keys[0]) == len(set(keys[0])) <= _MOST_CHANNELS:
+    if not 2 <= len(keys[0]) == len(set(keys[0])) <= MOST_COLUMNS:
         return False
     return sum(_AMOUNT.match(text) is not None for text in _pairs(first[0])[1]) > 1
 
@@ -178,7 +175,7 @@ def _read_pairs(lines: list[str], source: str) -> Found:
 
 def _plain(names: Sequence[str], lines: Sequence[str], mark: str | None, source: str) -> TextTable:
     """Return a table without a header, whose line numbers are those of the file."""
-    return TextTable(tuple(names), Lines.of("\n".join(lines)), -1, mark, None, source)
+    return TextTable(names, Lines("\n".join(lines)), -1, mark, decimal=None, source=source)
 
 
 def _are_in_brackets(lines: Sequence[str]) -> bool:
@@ -191,7 +188,7 @@ def _are_in_brackets(lines: Sequence[str]) -> bool:
     return (
         bracketed
         and len(rows) > 1
-        and 1 < len(rows[0]) <= _MOST_CHANNELS
+        and 1 < len(rows[0]) <= MOST_COLUMNS
         and all(len(row) == len(rows[0]) and all(map(looks_like_number, row)) for row in rows)
     )
 
@@ -208,21 +205,17 @@ def _side(lines: Sequence[str]) -> list[Row]:
 
     Every line has a name, perhaps a unit, and then only numbers, more of them than there are lines.
     """
-    for mark in _MARKS if len(lines) <= _MOST_CHANNELS else ():
+    for mark in _MARKS if len(lines) <= MOST_COLUMNS else ():
         rows = [(number, split(line, mark)) for number, line in enumerate(lines, 1)]
         width = max(len(row) for _, row in rows)
         first = next(k for k, (_, row) in enumerate(rows) if len(row) == width)
         block = [(number, row) for number, row in rows[first:] if row]
         whole = all(len(row) == width for _, row in block[:-1])
         if len(block) > 1 and width > len(lines) + 2 and whole:
-            values = (text for _, row in block for text in row[2:_MOST_CHANNELS])
-            if not any(_is_number(row[0]) for _, row in block) and all(map(_is_number, values)):
+            values = (text for _, row in block for text in row[2:MOST_COLUMNS])
+            if not any(is_value(row[0]) for _, row in block) and all(map(is_value, values)):
                 return block
     return []
-
-
-def _is_number(text: str) -> bool:
-    return looks_like_number(text) or looks_like_stamp(text)
 
 
 def _lies_on_its_side(lines: Sequence[str]) -> bool:
@@ -240,7 +233,7 @@ def _read_side(lines: list[str], source: str) -> Found:
             where=f"{source}: line {number}",
         )
     names, units = ([row[k] for _, row in rows] for k in (0, 1))
-    skip = 1 if any(map(_is_number, units)) else 2
+    skip = 1 if any(map(is_value, units)) else 2
     names = names if skip == 1 else with_units(names, units)
     decimal = "," if any("," in text for _, row in rows for text in row[skip:]) else "."
     arrays = tuple(
@@ -252,7 +245,7 @@ def _read_side(lines: list[str], source: str) -> Found:
         for name, (number, row) in zip(names, rows, strict=True)
     )
     note = f"the table lies on its side: {len(rows)} rows of {len(last) - skip} samples"
-    return NestedTable(tuple(map(printable, names)), arrays, source), (note,)
+    return Table(tuple(map(printable, names)), arrays, source), (note,)
 
 
 JSON = Layout(_is_json, _read_json)

@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..delimited import split
-from ..lines import Lines
-from ..nested import NestedTable
+from ..column_names import is_units_row, with_units
+from ..delimited import is_value, split
 from ..number_format import looks_like_number
-from ..text import printable
-from ..times.stamps import looks_like_stamp
-from ..units_row import is_units_row, with_units
+from ..table import Table
+from ..text import Lines, printable
 from .cells import Found, Layout, Row, decimal_of, numbers
 
 DELIMITERS = (",", ";", "\t")
@@ -56,7 +54,7 @@ class Section:
         """Yield the columns whose first row is a number or a date, of rows in which none lacks."""
         named = with_units(self.names, self.units or [])
         first = self.rows[0][1]
-        chosen = [k for k, text in enumerate(first) if _is_number(text)]
+        chosen = [k for k, text in enumerate(first) if is_value(text)]
         self.others += [line for line, row in self.rows if not all(row[k] for k in chosen)]
         self.rows = [row for row in self.rows if all(row[1][k] for k in chosen)]
         for k in chosen:
@@ -83,7 +81,7 @@ def _read(lines: list[str], source: str) -> Found:
             note += f"; {len(section.others)} lines between them are left out, the first is line"
             note += f" {min(section.others)}"
         notes.append(f"{note}; `--column driving={number}/NAME` chooses it")
-    return NestedTable(tuple(columns), tuple(columns.values()), source), tuple(notes)
+    return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
 
 
 def _sections(lines: Sequence[str]) -> tuple[list[Section], str]:
@@ -136,13 +134,9 @@ def _is_header(fields: list[str], lines: Sequence[str], number: int, mark: str) 
     return named and _has_numbers(row)
 
 
-def _is_number(text: str) -> bool:
-    return looks_like_number(text) or looks_like_stamp(text)
-
-
 def _has_numbers(fields: list[str]) -> bool:
     """Return whether the first field or most of the fields are numbers or dates."""
-    kinds = list(map(_is_number, fields))
+    kinds = list(map(is_value, fields))
     return kinds[0] or 2 * sum(kinds) >= len(kinds)
 
 

@@ -1,0 +1,196 @@
+"""Ratio that two angles show: the slope of one over the other, and the likely numbers of teeth."""
+
+import itertools
+import math
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float
+
+from ..base.numerics.well_conditioned import least_squares
+from ..base.units import REV
+
+MOST_TEETH = 200
+"""Largest denominator of a fraction that is proposed as the ratio of a drive (chosen)."""
+
+DENOMINATORS = (1, 2, 3, 5, 7, 10, 14, 20, 30, 50, 70, 100, 140, MOST_TEETH)
+"""Limits of the denominator for which the nearest fraction is compared (chosen)."""
+
+CHANCE = 0.02
+"""Largest probability that some fraction with small numbers lies so near a ratio by chance
+(chosen)."""
+
+DEVIATIONS = 5.0
+"""Largest deviation of a correct ratio in standard errors (chosen)."""
+
+_ROUNDING = 1e-6
+"""Least relative standard error of a ratio in a comparison (chosen). A smaller one would compare
+rounding errors."""
+
+
+def likely_fraction(value: float, std: float) -> Fraction | None:
+    """Return the fraction that explains the ratio `value` better than any other number, or None.
+
+    A ratio q of whole numbers has the likelihood of `value` under a normal distribution around q,
+    divided by the number of fractions from 0 to 1 whose denominators are not larger. Another number
+    may lie anywhere, and the likelihood of `value` is then 1 per unit.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.logs.ratios import likely_fraction
+    >>> print(likely_fraction(0.99984, 8e-5), likely_fraction(0.7331, 2e-6))
+    1 None
+
+    ```
+    """
+    std = max(std, _ROUNDING * abs(value))
+    found, best = None, math.log(math.sqrt(2 * math.pi) * std)  # the weight of any other number
+    for limit in DENOMINATORS:
+        fraction = Fraction(value).limit_denominator(limit)
+        if not fraction:
+            continue
+        size = fraction.denominator
+        weight = -0.5 * ((float(fraction) - value) / std) ** 2 - math.log(max(0.3 * size**2, 1.0))
+        if weight > best:
+            best, found = weight, fraction
+    return found
+
+
+def ratio_option(value: float, std: float) -> str:
+    """Return a ratio of driven to driving speed as the option `--ratio`, from turns to turns.
+
+    It is a likely fraction, such as "64:23", or a decimal with two digits of the standard error.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.logs.ratios import ratio_option
+    >>> ratio_option(1 / 6, 1e-5), ratio_option(0.733123, 2e-5), ratio_option(0.0073312, 2e-7)
+    ('6:1', '1:0.733123', '136.4033:1')
+
+    ```
+    """
+    found = likely_fraction(value, std) if value < 1 else likely_fraction(1 / value, std / value**2)
+    if found is not None:
+        found = found if value < 1 else 1 / found
+        return f"{found.denominator}:{found.numerator}"
+    return decimal_option(value, std)
+
+
+def decimal_option(value: float, std: float) -> str:
+    """Return a ratio of driven to driving speed as the option `--ratio`, with a decimal number.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.logs.ratios import decimal_option
+    >>> decimal_option(1 / 6, 1e-5), decimal_option(0.99984, 8e-5)
+    ('6.00000:1', '1:0.999840')
+
+    ```
+    """
+    if value < 0.5:
+        return f"{_decimal(1 / value, std / value**2)}:1"
+    return f"1:{_decimal(value, std)}"
+
+
+def _decimal(value: float, std: float) -> str:
+    """Return a number with two digits of its standard error."""
+    places = 1 - math.floor(math.log10(max(std, 1e-9 * abs(value))))
+    return f"{value:.{max(places, 0)}f}"
+
+
+def better_fraction(given: Fraction, seen: float, std: float) -> Fraction | None:
+    """Return a simple fraction that fits the log if the given ratio does not, else None.
+
+    The given ratio must deviate from `seen` by more than five standard errors `std`, and the
+    fraction by at most three.
+    """
+    if not 0 < DEVIATIONS * std < abs(seen - float(given)):
+        return None
+    for limit in DENOMINATORS:
+        fraction = Fraction(seen).limit_denominator(limit)
+        # 3/π² q² fractions in [0, 1] have a denominator up to q
+        if max(0.3 * fraction.denominator**2, 1.0) * 6 * std > CHANCE:
+            return None
+        if fraction and abs(float(fraction) - seen) <= 3 * std:
+            return fraction
+    return None
+
+
+BLOCKS = 10  # number of blocks of the jackknife (chosen)
+
+MOST_ROWS = 20_000
+"""Largest number of rows of the regression with first orders; longer logs are thinned (chosen)."""
+
+LARGEST_ORDER = 0.02
+"""Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
+
+_EPSILON = float(np.finfo(np.float64).eps)
+
+
+def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return the slope of `driven` over `driving` (rad) and its standard error.
+
+    A periodic transmission error is not white noise. Therefore the standard error is the largest of
+    three: from the residual, with one independent value per driven turn; from a block jackknife;
+    and the change of the slope when first orders of both shafts are fitted as well, which is the
+    effect of an eccentricity over less than a turn.
+    """
+    blocks = _blocks(len(driving))
+    level, lift = driving.mean(), driven.mean()
+    sums = []
+    travel = 0.0
+    for block in blocks:
+        x, y = driving[block] - level, driven[block] - lift
+        sums.append((len(x), x.sum(), y.sum(), x @ x, x @ y))
+        travel += float(np.abs(np.diff(driven[block.start : block.stop + 1])).sum())
+    size, sx, sy, sxx, sxy = np.array(sums).T
+    value = float(sxy.sum() / sxx.sum())
+    square = 0.0
+    for block in blocks:
+        residual = driven[block] - lift - value * (driving[block] - level)
+        square += float(residual @ residual)
+    independent = min(float(len(driving)), max(1.0, travel / REV))
+    by_residual = math.sqrt(square / float(sxx.sum()) / independent)
+    by_orders = _change_by_orders(driving, driven, value)
+    return value, max(by_residual, _jackknife(size, sx, sy, sxx, sxy), by_orders)
+
+
+def _blocks(count: int) -> list[slice]:
+    """Divide `count` samples into the blocks of the jackknife."""
+    edges = np.linspace(0, count, min(BLOCKS, count // 2) + 1).astype(np.int64).tolist()
+    return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
+
+
+def _change_by_orders(
+    driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"], value: float
+) -> float:
+    """Return the change of the slope `value` when first orders of both shafts are fitted as well.
+
+    If their amplitude exceeds `LARGEST_ORDER`, the change is reduced in proportion.
+    """
+    thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
+    x, y = driving[thin], driven[thin]
+    middle = x - x.mean()
+    columns = np.stack([np.ones_like(x), middle, np.cos(x), np.sin(x), np.cos(y), np.sin(y)])
+    # The residual of `value` instead of y, because the change is as small as its last digits.
+    solution = least_squares(columns.T, y - y.mean() - value * middle, len(x) * _EPSILON)
+    amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
+    return abs(float(solution[1])) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
+
+
+def _jackknife(
+    size: Float[np.ndarray, " blocks"],
+    sx: Float[np.ndarray, " blocks"],
+    sy: Float[np.ndarray, " blocks"],
+    sxx: Float[np.ndarray, " blocks"],
+    sxy: Float[np.ndarray, " blocks"],
+) -> float:
+    """Return the delete-one-block jackknife standard error of the slope from sums of blocks."""
+    n, mx, my, mxx, mxy = (part.sum() - part for part in (size, sx, sy, sxx, sxy))
+    spread = n * mxx - mx * mx
+    usable = spread > 0
+    slopes = (n * mxy - mx * my)[usable] / spread[usable]
+    if len(slopes) < 2:
+        return 0.0
+    scatter = np.sum((slopes - slopes.mean()) ** 2)
+    return float(np.sqrt((len(slopes) - 1) / len(slopes) * scatter))
