@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from ...base.errors import InputError, LogError, UsageError
-from ...base.files.limits import MemoryBudget
+from ...base.files.limits import PART, MemoryBudget
 
-_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
 _CELL = 64  # bytes of a cell of a sheet as a Python object; chosen value
 
 _REPEATED = re.compile(rb"number-(?:rows|columns)-repeated\s*=\s*[\"'](\d+)")
@@ -68,7 +67,7 @@ def unpacked(data: bytes, where: str) -> bytes:
         if opener is None:
             return data
         file = opener(io.BytesIO(data))
-        while part := file.read(_PART):
+        while part := file.read(PART):
             budget.take(len(part))
             parts.append(part)
     except (InputError, UsageError, MemoryError):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ....base.errors import LogError
+from ..binary.matlab import DEEPEST
 from ..column_names import unit_in, with_units
 from ..delimited import TextTable, is_value, split
 from ..number_format import looks_like_number, to_number
@@ -23,12 +24,10 @@ from ..table import MOST_COLUMNS, Table
 from ..text import Lines, printable
 from ..times.stamps import looks_like_stamp, read_stamps
 from .cells import Found, Layout, Row, content, cut_at, numbers
-from .samples import read_long_rows, roles_of
+from .samples import SAMPLE, read_long_rows, roles_of
 
 _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 _LONGEST = 19  # digits of the largest int64
-_SAMPLE = 400  # records from which a long table is recognised (chosen)
-_DEEPEST = 16  # depth of objects in objects that are read (chosen)
 
 _KEY = re.compile(r"(?<![\w./\]-])\"?([^\W\d][\w./\[\]-]*+)\"?\s*+[=:](?!=)")
 _AMOUNT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,]\S*|)")
@@ -57,7 +56,7 @@ def _read_json(lines: list[str], source: str) -> Found:
     if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
         names = list(value[0])
         rows = ((k, [str(one.get(name)) for name in names]) for k, one in enumerate(value, 1))
-        first = list(islice(rows, _SAMPLE))
+        first = list(islice(rows, SAMPLE))
         if (roles := roles_of(names, [row for _, row in first])) is not None:
             return read_long_rows([*first, *rows], roles, source, notes)
     columns = dict(_json_columns("", value, source, 0))
@@ -95,7 +94,7 @@ def _json_columns(
     path: str, value: Any, source: str, depth: int
 ) -> Iterator[tuple[str, np.ndarray]]:
     """Yield path and values of every list of numbers or dates; objects in lists are transposed."""
-    if depth > _DEEPEST:
+    if depth > DEEPEST:
         return
     if isinstance(value, dict):
         for key, own in value.items():

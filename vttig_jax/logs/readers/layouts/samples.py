@@ -34,7 +34,7 @@ _MESSAGE = re.compile(r"\s*(?P<name>[^\s(]+)\((?P<signals>.*)\)\s*")
 _SIGNAL = re.compile(r"\s*(?P<name>[^\s:,]+):\s*(?P<value>[^\s,]+)(?:\s+(?P<unit>[^,]+?))?\s*")
 
 _DELIMITERS = ("\t", ";", ",")
-_SAMPLE = 400
+SAMPLE = 400
 """Number of rows from which a long table is recognised (chosen)."""
 
 _MOST_CHANNELS = 50
@@ -162,7 +162,7 @@ def _is_long(lines: Sequence[str]) -> bool:
 def _long_columns(lines: Sequence[str]) -> tuple[str, tuple[int, int, int]] | None:
     """Return the delimiter and the column indices of time, name and value, or None."""
     for mark in _DELIMITERS:
-        head, *rows = (split(line, mark) for line in lines[: _SAMPLE + 1])
+        head, *rows = (split(line, mark) for line in lines[: SAMPLE + 1])
         rows = [row for row in rows if row][:-1]
         roles = roles_of(head, rows) if len(set(map(len, rows))) == 1 else None
         if roles is not None:
