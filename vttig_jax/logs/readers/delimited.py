@@ -48,6 +48,7 @@ _COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
 _WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
 """Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
 
+_LONGEST = 10_000  # most characters of the name of a column (chosen)
 _FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
 _SHOWN = 40
 """Number of characters of a text below the table that its note shows (chosen)."""
@@ -521,6 +522,11 @@ def _check_width(
             f"the table lies on its side ({rows} rows of {width} columns); write one row for each"
             " instant and one column for each channel.",
             where=f"{source}: line {start + 1}",
+        )
+    if max(map(len, names)) > _LONGEST:
+        raise LogError(
+            "a name of a column here is a text of its own; write the names in one line.",
+            where=f"{source}: line {start}",
         )
     if width > len(names):
         cure = (

@@ -94,7 +94,7 @@ def numbers(cells: Sequence[Cell], decimal: str, place: str) -> Real[np.ndarray,
     texts = [text for _, text in cells]
     if texts and looks_like_stamp(texts[0]):
         return read_stamps(texts, place)[0] / 1e9
-    if all(text.lstrip("+-").isdigit() and len(text) < 19 for text in texts):
+    if texts and all(text.lstrip("+-").isdigit() and len(text) < 19 for text in texts):
         return np.array([int(text) for text in texts], np.int64)
     values = [to_number(text, decimal) for text in texts]
     if None in values:

@@ -64,7 +64,9 @@ def _read_twincat(lines: list[str], source: str) -> Found:
     described, start = _description(lines, mark)
     names = described["Name"]
     times = [k for k, name in enumerate(names) if name == "Name"]
-    rows, cut = rows_from(["" if line.strip() == END else line for line in lines], start, mark)
+    ends = (k for k, line in enumerate(lines[-3:], len(lines) - 3) if line.strip() == END)
+    end = max(next(ends, len(lines)), 0)
+    rows, cut = rows_from(lines if end == len(lines) else [*lines[:end], ""], start, mark)
     if not rows:
         raise LogError("the export has no rows of numbers; export it again.", where=source)
     decimal = decimal_of(rows, mark)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....base.errors import LogError
 from ..number_format import looks_like_number
-from ..table import Table
+from ..table import MOST_COLUMNS, Table
 from ..text import Lines
 from .cells import Found, Layout, Row, numbers
 
@@ -22,8 +22,8 @@ def _matches(lines: Lines) -> bool:
     """Return whether a line is `overrun` and the first other line contains only numbers."""
     if not lines.have(OVERRUN) or OVERRUN not in (line.strip() for line in lines):
         return False
-    first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "")
-    return bool(first) and all(map(looks_like_number, first.split()))
+    first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "").split()
+    return 0 < len(first) <= MOST_COLUMNS and all(map(looks_like_number, first))
 
 
 def _read(lines: list[str], source: str) -> Found:

@@ -60,9 +60,10 @@ def _read_json(lines: list[str], source: str) -> Found:
         if (roles := roles_of(names, [row for _, row in first])) is not None:
             return read_long_rows([*first, *rows], roles, source, notes)
     columns = dict(_json_columns("", value, source, 0))
-    if not columns:
+    if not 0 < len(columns) <= 4 * MOST_COLUMNS:
         raise LogError(
-            "the JSON text has no list of numbers; write a list of objects, or an object of lists.",
+            f"the JSON text has {len(columns) or 'no'} lists of numbers; write a list of objects,"
+            " or an object of lists.",
             where=source,
         )
     return Table(tuple(map(printable, columns)), tuple(columns.values()), source), (
