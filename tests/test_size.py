@@ -24,14 +24,14 @@ BOUNDS = {
     "pair": (655, 1),  # 560
     "kinematics": (1099, 17),  # 780
     "geometry": (4558, 62),  # 2800
-    "logs": (9877, 263),  # 7400
+    "logs": (9855, 262),  # 7400
     "rig": (326, 1),  # 260
     "model": (1952, 43),
     "identify": (3259, 24),  # 9000 together with posterior
     "posterior": (2975, 46),
     "control": (6843, 80),  # 3600
     "plotting": (1890, 52),  # 2000 together with the report
-    "runs": (1763, 2),  # 900
+    "runs": (1766, 2),  # 900
     "cli": (3861, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in

@@ -15,9 +15,9 @@ import numpy as np
 from ..base.units import DEG
 from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
+from ..logs.fractions import better_fraction
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
-from ..logs.ratios import better_fraction
 from ..model.components import NEEDED
 from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter

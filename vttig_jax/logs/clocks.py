@@ -28,7 +28,7 @@ from .readers.times.seconds import (
 )
 from .recognition.assign import Roles
 from .recognition.request import SHAFTS
-from .source import Source
+from .source import FEWEST_SAMPLES, Source
 
 CYCLE = 1.5
 """In a channel of which only changes are logged, the value was constant in an interval longer than
@@ -40,9 +40,6 @@ SAME = 1e-6
 FAR = 1e6
 """Stamps in text beyond this number are subtracted as whole numbers to keep all digits (chosen:
 float64 represents 1e6 s with a step of 0.1 ns)."""
-
-FEWEST = 4
-"""Least number of samples of a channel, and of the common time of all channels (chosen)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +195,7 @@ def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClo
     first = max(channel.time[0] for channel in channels.values())
     last = min(channel.time[-1] for channel in channels.values())
     inside = (stamps >= first) & (stamps <= last)
-    if np.count_nonzero(inside) < FEWEST:
+    if np.count_nonzero(inside) < FEWEST_SAMPLES:
         raise LogError(
             f"the channels of {' and '.join(channels)} have no common time: they cover"
             f" {_ranges(channels)}; export channels of one recording.",
@@ -230,9 +227,10 @@ def _check(role: str, channel: ClockedChannel, source: str) -> None:
             " export the log again.",
             where=source,
         )
-    if len(channel.time) < FEWEST:
+    if len(channel.time) < FEWEST_SAMPLES:
         raise LogError(
-            f"the {role} channel has only {len(channel.time)} samples; record at least {FEWEST}.",
+            f"the {role} channel has only {len(channel.time)} samples; record at least"
+            f" {FEWEST_SAMPLES}.",
             where=source,
         )
     backwards = np.flatnonzero(np.diff(channel.time) < 0)

@@ -255,23 +255,22 @@ class EncoderLog:
         given = driven is not None, transmission_error is not None
         check_arguments(*given, units, transmission_error_unit)
         time = as_column("time_s", time_s, None).astype(np.float64, copy=False)
-
-        def column(name: str, values: ArrayLike | None, size: float = 1.0):
-            return None if values is None else size * as_column(name, values, len(time))
-
         columns = {
-            "driving": as_column("driving", driving, len(time)),
-            "driven": None if driven is None else as_column("driven", driven, len(time)),
-            "transmission_error": column(
-                "transmission_error", transmission_error, ANGLE_UNITS[transmission_error_unit]
-            ),
-            "direction": column("direction", direction),
-            "axial_mm": column("axial_mm", axial_mm),
-            "torque": column("torque", torque),
-            "speed": column("speed", speed),
-            "acceleration": column("acceleration", acceleration),
+            "driving": driving,
+            "driven": driven,
+            "transmission_error": transmission_error,
+            "direction": direction,
+            "axial_mm": axial_mm,
+            "torque": torque,
+            "speed": speed,
+            "acceleration": acceleration,
         }
-        values = {role: one for role, one in columns.items() if one is not None}
+        sizes = {"transmission_error": ANGLE_UNITS[transmission_error_unit]}
+        values = {
+            role: as_column(role, one, len(time)) * (1 if role in SHAFTS else sizes.get(role, 1.0))
+            for role, one in columns.items()
+            if one is not None
+        }
         place = Source(source, {"time": "time_s"}, kind="argument")
         shafts = {"driving": units[0], "driven": units[1]}
         return cls._validated(OneClock(time, values), shafts, Statement.of(pair), place)

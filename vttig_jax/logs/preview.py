@@ -5,28 +5,29 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations, groupby
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 from jaxtyping import Real
 
 from ..base.errors import LogError
-from ..base.files.text_tables import key_values
-from ..base.shown_text import shown_name
+from ..base.files.text_tables import key_values, text_table
+from ..base.shown_text import one_line, shown_name
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
 from ..pair.schema import PairSpec, as_ratio
 from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
 from .checks.missing_cells import missing_notes
 from .checks.sampling import Sampling, sampling_of
-from .inspection import ColumnReport, bullets, column_table, sampling_rows
-from .ratios import likely_fraction, ratio_option, slope
+from .fractions import likely_fraction, ratio_option
 from .read import stated_table
 from .readers.column_names import ROW, ROW_INDEX, TIME_UNITS, listed, name_and_unit, units_of
 from .readers.times.seconds import seconds_of_numbers, seconds_of_stamps
 from .recognition.assign import Roles, Search
-from .recognition.candidates import Candidate, is_copy
+from .recognition.candidates import EQUAL, Candidate, is_copy
 from .recognition.request import SHAFTS, DriveRequest, Statement, fit_command, in_words
+from .slope import slope
 from .source import LEAST_RANGE, Source, check_time
 
 MOST_COLUMNS = 30
@@ -44,12 +45,29 @@ _ANSWER = (
 )
 
 
-_EQUAL = 1e-6
-"""Least relative deviation of a ratio from 1 for two shafts that follow each other exactly, as in a
-simulation; at a smaller one the columns are one reading in two units (chosen)."""
-
 _MOST_COLUMNS = 8
 """Among more columns that can be a shaft no pairs are compared, only listed (chosen)."""
+
+
+WIDTH = 100  # characters in a line of the report (chosen)
+
+
+@dataclass(frozen=True)
+class ColumnReport:
+    """Properties of one column of a log; `low` and `high` are the range of its values in `unit`.
+
+    `turns` and `resolution_arcsec` (encoder step) are None if the column is not an angle.
+    """
+
+    role: str | None
+    name: str
+    unit: str | None
+    low: float
+    high: float
+    resolution_arcsec: float | None = None
+    turns: float | None = None
+    modulus: int | float | None = None
+    wraps: int = 0
 
 
 @dataclass(frozen=True)
@@ -198,6 +216,58 @@ def preview_log(
         others=tuple(others),
         fit_command=command,
         proposals=proposed,
+    )
+
+
+def column_table(columns: "Sequence[ColumnReport]") -> str:
+    """Return a table with one row for each column of the log; constant columns are marked."""
+    rows = [
+        (
+            c.role or "",
+            c.name,
+            c.unit,
+            f"{c.low:.9g}",
+            f"{c.high:.9g}",
+            _turns(c),
+            None if c.resolution_arcsec is None else f"{c.resolution_arcsec:.3g}",
+            f"{c.wraps} at {c.modulus:.6g}" if c.modulus is not None else "no",
+        )
+        for c in columns
+    ]
+    heads = ["used as", "column", "unit", "lowest", "highest", "turns", ("step", "″"), "wraps"]
+    return text_table(rows, heads, align="lllrrrrr")
+
+
+def _turns(column: ColumnReport) -> str | None:
+    """Return the turns of a column as text, or that it never changes."""
+    if column.low == column.high:
+        return "constant"
+    return None if column.turns is None else f"{column.turns:.4g}"
+
+
+def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
+    """Return (name, text) of the properties of the time stamps of a log with `rows` samples."""
+    share = sampling.jitter_s * sampling.rate_hz
+    properties = [
+        ("samples", f"{rows} in {sampling.duration_s:.6g} s"),
+        ("rate", f"{sampling.rate_hz:.6g} Hz (every {1 / sampling.rate_hz:.4g} s)"),
+        ("jitter", f"{sampling.jitter_s:.2g} s rms, {share:.1%} of it" if share > 1e-6 else "none"),
+        (
+            "gaps",
+            f"{sampling.gaps}, the longest {sampling.longest_s:.4g} s" if sampling.gaps else "none",
+        ),
+    ]
+    if sampling.duplicates:
+        properties.append(("repeated stamps", str(sampling.duplicates)))
+    return properties
+
+
+def bullets(title: str, sentences: Sequence[str]) -> str:
+    """Return sentences as wrapped lines that each begin with "title:"."""
+    indent = " " * (len(title) + 2)
+    return "\n".join(
+        fill(f"{title}: {one_line(s)}", WIDTH, subsequent_indent=indent, break_long_words=False)
+        for s in sentences
     )
 
 
@@ -365,7 +435,7 @@ def proposals(
             drives = f"`{driving.name}` drives `{driven.name}`"
             command = fit_command(path, trial, complete.names, **keywords)
             commands.append(Proposal(f"{drives}: {in_words(trial.speed_ratio)}", command))
-        if is_copy(*pair) and all(abs(abs(seen[0]) - 1) < _EQUAL for seen, _ in known):
+        if is_copy(*pair) and all(abs(abs(seen[0]) - 1) < EQUAL for seen, _ in known):
             copies += commands
             continue
         unnamed = not any(one.reading.role for one in pair)

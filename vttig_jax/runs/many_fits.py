@@ -16,6 +16,7 @@ from ..base.errors import InputError, LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
 from ..base.files.limits import asked_bytes, free_bytes, most_memory
 from ..base.files.run_folder import data_sha256
+from ..base.files.standard_input import kept_bytes
 from ..base.shown_text import name_of_file
 from ..base.threads import usable_cores
 from ..control.sweeps.cluster import run_blocks
@@ -211,7 +212,9 @@ def fit_files(
     **Raises** `InputError` for a log that does not exist and for a folder that holds another table,
     `UsageError` for a folder that may not be written.
     """
-    header = {} if out is None else task.header()  # it needs the digests of all logs
+    if out is None and not any(log.exists() or kept_bytes(log) for log in task.logs):
+        _digests(task.logs)  # says why none can be read
+    header = {} if out is None else task.header()  # for it every log is read once more
     if resume and out is not None and (done := _finished(task, header, out)) is not None:
         progress(len(task.logs))
         return done

@@ -47,11 +47,3 @@ def test_blocks_end_with_lines(parts, size):
     blocks = list(lines.blocks(0, size))
     assert all(block.endswith("\n") for block in blocks[:-1])
     assert all(len(block) <= size or block.count("\n") <= 1 for block in blocks)
-
-
-@given(TEXTS)
-def test_empty_lines_at_the_end_are_left_out(parts):
-    expected = "\n".join(parts).split("\n")
-    end = next((k for k in range(len(expected), 0, -1) if expected[k - 1].strip()), len(expected))
-    expected[end:] = [""] if end < len(expected) else []
-    assert list(Lines("\n".join(parts)).without_empty_end(" ")) == expected

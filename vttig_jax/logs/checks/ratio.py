@@ -13,15 +13,15 @@ import numpy as np
 from ...base.errors import LogError
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
-from ..ratios import (
+from ..fractions import (
     DEVIATIONS,
     MOST_TEETH,
     better_fraction,
     decimal_option,
     likely_fraction,
     ratio_option,
-    slope,
 )
+from ..slope import slope
 from .lost_motion import FollowedMotion, without_lost_motion
 from .slope_cause import Cause, slope_gains
 

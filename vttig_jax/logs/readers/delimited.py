@@ -33,8 +33,8 @@ PREAMBLE = 1000
 
 COMMENTS = ("#", "%", "//")
 
-EMPTY = " \t\r;,|"
-"""Characters of a line without content, such as an empty row at the end of a spreadsheet."""
+EMPTY = " \t\r\n;,|"
+"""Characters of lines without content, such as empty rows at the end of a spreadsheet."""
 
 BLOCK = 1 << 20
 """Number of characters that are parsed at a time; several copies of them are in memory (chosen)."""
@@ -347,7 +347,11 @@ class TextTable(Table):
             except (pa.ArrowInvalid, pa.ArrowNotImplementedError, UnicodeEncodeError):
                 return None
             for array, name in zip(arrays, wanted, strict=True):
-                array[size : size + len(table)] = table.column(name).to_numpy()
+                place = size
+                for chunk in table.column(name).chunks:  # its `to_numpy` would import pandas
+                    values = np.frombuffer(chunk.buffers()[1], array.dtype)
+                    array[place : place + len(chunk)] = values[chunk.offset :][: len(chunk)]
+                    place += len(chunk)
             size += len(table)
         for array in arrays:
             array.resize(size + 1, refcheck=False)
@@ -397,7 +401,8 @@ def find_table(
     **Raises** `LogError` for text without header or without rows below it, and for a table on its
     side.
     """
-    lines = Lines(text).without_empty_end(EMPTY)
+    stop = next((k for k in range(len(text), 0, -1) if text[k - 1] not in EMPTY), len(text))
+    lines = Lines(text, text.find("\n", stop) + 1 or len(text))
     stated = _SEPARATOR.fullmatch(lines[0].strip())
     if stated is not None:
         lines = Lines(text[len(lines[0]) : lines.stop])

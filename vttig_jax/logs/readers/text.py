@@ -218,19 +218,6 @@ class Lines(Sequence[str]):
             stop = self.text.rfind("\n", 0, stop)
         return Lines(self.text, stop)
 
-    def without_empty_end(self, marks: str) -> "Lines":
-        """Return the lines up to the last line that has a character other than `marks`.
-
-        If lines are omitted, one empty line follows. A text without such a line is returned
-        unchanged.
-        """
-        stop = self.stop
-        for line in self.backwards():
-            if line.strip(marks):
-                return Lines(self.text, min(stop + 1, self.stop))
-            stop -= len(line) + 1
-        return self
-
     def start_of(self, index: int) -> int:
         """Return the character position in the text at which the line with index `index` starts."""
         place = 0

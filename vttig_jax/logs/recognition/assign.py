@@ -3,17 +3,19 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cache, cached_property
-from itertools import combinations
+from itertools import combinations, permutations
+from typing import Any
 
 import msgspec
 import numpy as np
-from jaxtyping import Real
+from jaxtyping import Float, Real
 
 from ...base.errors import LogError, VttigError
 from ...base.units import ANGLE_UNITS, REV
 from ...pair.schema import LogLayout, PairSpec, UnitTable
-from ..ratios import ratio_option, slope
+from ..fractions import ratio_option
 from ..readers.column_names import (
     ANGLES,
     ROLES,
@@ -27,8 +29,18 @@ from ..readers.column_names import (
 )
 from ..readers.table import Table
 from ..readers.times.epochs import epoch_unit
-from .candidates import APART, MOST_LISTED, Candidate, Scale, have_slope, is_copy, is_speed_of
-from .candidates import listed_facts as listed_facts
+from ..slope import MOST_ROWS, slope
+from .candidates import (
+    APART,
+    EQUAL,
+    MOST_LISTED,
+    Candidate,
+    have_slope,
+    is_copy,
+    is_speed_of,
+    listed_facts,
+    turns_of,
+)
 from .names import inputs_and_outputs, read_name
 from .questions import UNIT_TOO, Guess, Question, ask
 from .request import SHAFTS, Statement, in_words
@@ -167,11 +179,6 @@ class Search:
             dict(self.units),
         )
 
-    @property
-    def scale(self) -> Scale:
-        """Conversion of readings to revolutions."""
-        return Scale(self.per_turn, self.common)
-
     @contextmanager
     def _asking(self) -> Iterator[None]:
         """Collect a question that the body raises."""
@@ -249,12 +256,12 @@ class Search:
             named = [one for one in named if one.turns] or named
         if len(named) > 1:
             options = [f"--column {role}='{one.name}'" for one in named[:4]]
-            raise ask("several-columns", self.source, role=role, columns=named, options=options)
+            raise self._ask("several-columns", role=role, columns=named, options=options)
         if not named and role == "driven" and "driving" in self.roles:
             sides = [one for one in possible if one.reading.output_side and one.turns]
             return sides[0] if len(sides) == 1 and not sides[0].reading.setpoint else None
         if named and (setpoint := named[0].reading.setpoint):
-            raise ask("only-a-setpoint", self.source, role=role, columns=named, setpoint=setpoint)
+            raise self._ask("only-a-setpoint", role=role, columns=named, setpoint=setpoint)
         return named[0] if named else None
 
     def _find_time(self) -> None:
@@ -269,7 +276,7 @@ class Search:
         rising = [one for one in candidates if one.can_be_time]
         if len(named) > 1 and not _are_the_same(named):
             options = [f"--column time='{one.name}'" for one in named[:4]]
-            asked = ask("several-columns", self.source, role="time", columns=named, options=options)
+            asked = self._ask("several-columns", role="time", columns=named, options=options)
             raise self._with_units(asked)
         if len(named) > 1:
             self._take("time", named[0], "same-stamps", other=named[1].name)
@@ -280,7 +287,7 @@ class Search:
         else:
             growing = [one for one in candidates if one.rises]
             seen = f"; columns that only grow are {listed_facts(growing)}" if growing else ""
-            asked = ask("no-time", self.source, role="time", columns=growing, seen=seen)
+            asked = self._ask("no-time", role="time", columns=growing, seen=seen)
             raise self._with_units(asked)
 
     def _find_by_ratio(self, missing: list[str]) -> None:
@@ -292,7 +299,7 @@ class Search:
         free, ratio = self.free(), self.statement.ratio
         if "transmission_error" in self.roles:
             seen = f"; there are {listed_facts(free)}" if free else ""
-            raise ask("driving-open", self.source, role="driving", columns=free, seen=seen)
+            raise self._ask("driving-open", role="driving", columns=free, seen=seen)
         if ratio is None or (missing == ["driven"] and self.clocked):
             angles = [one for one in free if one.reading.is_angle]
             raise self._with_units(self._shafts_open(missing, angles, given=False))
@@ -304,7 +311,7 @@ class Search:
         possible += [o for o in turning if o.reading.role in fixed and not o.reading.setpoint]
         if len(possible) < len(missing):
             raise self._shafts_open(missing, listed, given=True)
-        pairs, signs, unknown = self.scale.fitting_pairs(fixed, possible, ratio)
+        pairs, signs, unknown = self.fitting_pairs(fixed, possible, ratio)
         if unknown:
             raise self._no_unit(*unknown[0])
         if not pairs:
@@ -316,15 +323,12 @@ class Search:
         if len(pairs) > 1:
             raise self._several_pairs(pairs)
         if signs[0] < 0:
-            raise ask(
+            raise self._ask(
                 "opposite-directions",
-                self.source,
                 columns=pairs[0],
                 options=["give --invert driven (or --invert driving)"]
                 if not self.statement.in_file
                 else ["set `sign = -1` for the encoder that does in the pair file"],
-                first=pairs[0][0].name,
-                second=pairs[0][1].name,
             )
         if self.statement.two_readings:
             text = self.statement.two_readings
@@ -344,16 +348,14 @@ class Search:
                 self._take(role, one, "by-ratio")
 
     def _several_pairs(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> Question:
-        (first, second), *_ = pairs
         columns = list({one.index: one for pair in pairs for one in pair}.values())
-        return ask(
+        return self._ask(
             "several-pairs",
-            self.source,
             columns=columns,
             number=len(pairs),
             pairs=", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4]),
-            first=first.name,
-            second=second.name,
+            first=pairs[0][0].name,
+            second=pairs[0][1].name,
         )
 
     def _shafts_open(
@@ -401,9 +403,8 @@ class Search:
         if others and (given is False or not turning):
             shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
             seen += f"; left out, as their names say another quantity: {shown}"
-        return ask(
+        return self._ask(
             "shafts-open",
-            self.source,
             role=missing[0],
             columns=moving,
             options=[options],
@@ -424,11 +425,11 @@ class Search:
             pairs = list(combinations(free, 2))
         seen = []
         for first, second in pairs:
-            found = None if is_copy(first, second) else self.slope(first, second)
+            found = self.slope(first, second)
             if found is not None and abs(found[0]) > 1 and not fixed:
                 first, second = second, first
                 found = self.slope(first, second)
-            if found is not None:
+            if found and not (abs(abs(found[0]) - 1) < EQUAL and is_copy(first, second)):
                 option = ratio_option(abs(found[0]), found[1])
                 seen.append(f"--ratio {option} where `{first.name}` drives `{second.name}`")
         return f"; the log shows {', or '.join(seen[:4])}" if seen else ""
@@ -442,7 +443,7 @@ class Search:
             sizes = [self.per_turn(one, r) for one, r in ((first, "driving"), (second, "driven"))]
         except VttigError:
             return None
-        both = self.scale.turns(first, second, sizes)
+        both = self.turns(first, second, sizes)
         if both is None:
             return None
         x, y = (REV * angle for angle in both)
@@ -476,9 +477,9 @@ class Search:
         if not self.statement.in_file:
             about = {"role": "time", "columns": [one], "options": [option]}
             if np.all(one.values == np.rint(one.values)):
-                raise ask("no-time-unit", self.source, **about)
+                raise self._ask("no-time-unit", **about)
             if _may_be_days(one):
-                raise ask("days-or-seconds", self.source, **about)
+                raise self._ask("days-or-seconds", **about)
         self.units["time"] = "s"
         self.guesses.append(Guess.of("seconds", "time", option))
 
@@ -512,27 +513,22 @@ class Search:
             one = named[role]
             for other in others:
                 if one.reading.unit is None and is_speed_of(one, other):
-                    raise ask("named-speed", self.source, role=role, columns=[one, other])
+                    raise self._ask("named-speed", role=role, columns=[one, other])
             twin = next((other for other in others if self._is_twin(one, other, role)), None)
             if twin is not None:
-                raise ask("twin-columns", self.source, role=role, columns=[one, twin])
-        ratio = self.statement.ratio
-        if ratio is not None and guessed and all(one.turns for one in named.values()):
-            fitting, _, unknown = self.scale.fitting_pairs(named, (), ratio)
-            measured = [one for one in others if not one.reading.setpoint]
-            if not fitting and not unknown and len(measured) > 1:
-                turning, _, _ = self.scale.fitting_pairs({}, measured, ratio)
-                if turning:
-                    (c, d), *_ = turning
-                    raise ask(
+                raise self._ask("twin-columns", role=role, columns=[one, twin])
+        ratio, measured = self.statement.ratio, [o for o in others if not o.reading.setpoint]
+        turn = ratio is not None and guessed and all(one.turns for one in named.values())
+        if ratio is not None and turn and len(measured) > 1:
+            fitting, _, unknown = self.fitting_pairs(named, (), ratio)
+            if not fitting and not unknown:
+                turning, _, _ = self.fitting_pairs({}, measured, ratio)
+                for c, d in turning:
+                    a, b = named.values()
+                    raise self._ask(
                         "names-against-ratio",
-                        self.source,
-                        columns=[*named.values(), c, d],
+                        columns=[a, b, c, d],
                         turns=in_words(ratio),
-                        a=named["driving"].name,
-                        b=named["driven"].name,
-                        c=c.name,
-                        d=d.name,
                     )
         self._refuse_two_clocks(named)
 
@@ -544,7 +540,7 @@ class Search:
             sizes = [self.per_turn(column, role) for column in (one, other)]
         except LogError:  # counts per revolution are missing
             return False
-        both = self.scale.turns(one, other, sizes)
+        both = self.turns(one, other, sizes)
         return both is not None and have_slope(*both, 1.0) > 0
 
     def _refuse_two_clocks(self, shafts: Mapping[str, Candidate]) -> None:
@@ -561,16 +557,7 @@ class Search:
         if first.rows == second.rows and first.values is not None and second.values is not None:
             apart = np.ptp(first.values.astype(np.float64) - second.values)
             if apart > _ONE_CLOCK * float(np.median(first.steps)):
-                raise ask(
-                    "two-clocks",
-                    self.source,
-                    role="time",
-                    columns=[first, a, second, b],
-                    a=first.name,
-                    b=a.name,
-                    c=second.name,
-                    d=b.name,
-                )
+                raise self._ask("two-clocks", role="time", columns=[first, a, second, b])
 
     def _check_units(self) -> None:
         """Set the unit "counts" if counts are stated; ask for missing units or counts."""
@@ -601,16 +588,14 @@ class Search:
             told = f"give the unit of its numbers with --unit {role}=mdeg (or mrad, deg, rad, …)"
             if in_file:
                 told = f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]'
-            return ask(
-                "scaled-unit", self.source, role=role, columns=[one], options=[told], scale=scale
-            )
+            return self._ask("scaled-unit", role=role, columns=[one], options=[told], scale=scale)
         told = f"give --unit deg (or {role}=deg, rad, rev), or {_COUNTS}"
         if in_file:
             told = f'end the name with _deg, _rad, … or write `{role} = "deg"` in [unit]'
-        return ask("no-unit", self.source, role=role, columns=[one], options=[told])
+        return self._ask("no-unit", role=role, columns=[one], options=[told])
 
     def _no_counts(self, role: str, one: Candidate) -> Question:
-        return ask("no-counts", self.source, role=role, columns=[one], options=[_COUNTS])
+        return self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
 
     def _with_units(self, asked: Question) -> Question:
         """Return a question that also asks for the unit of the angles if no name states it."""
@@ -641,6 +626,10 @@ class Search:
                     where=place,
                 )
         return columns
+
+    def _ask(self, slug: str, **about: Any) -> Question:
+        """Return a question about this table."""
+        return ask(slug, self.source, **about)
 
     def _take(self, role: str, one: Candidate, slug: str, **words: str) -> None:
         self.roles[role] = one.index
@@ -737,6 +726,56 @@ class Search:
             return first.values[inside], second.values[np.searchsorted(b, a[inside])]
         size = min(first.rows, second.rows)
         return first.values[:size], second.values[:size]
+
+    def turns(
+        self, first: Candidate, second: Candidate, sizes: Sequence[float | None]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
+        """Return two columns in revolutions, thinned; None without a common time or a unit.
+
+        `sizes` are their readings per revolution.
+        """
+        readings = self.common(first, second)
+        if len(readings[0]) < 2 or None in sizes:
+            return None
+        thin = slice(None, None, max(1, len(readings[0]) // MOST_ROWS))
+        x, y = (turns_of(one, size)[thin] for one, size in zip(readings, sizes, strict=True))
+        return x, y
+
+    def fitting_pairs(
+        self, fixed: dict[str, Candidate], free: Sequence[Candidate], ratio: Fraction
+    ) -> tuple[list[tuple[Candidate, Candidate]], list[int], list[tuple[str, Candidate]]]:
+        """Return the pairs (driving, driven) of columns that have a ratio, and their signs.
+
+        `fixed` is role → column of known shafts, `free` are the columns for the others. The third
+        result has a role and its column for every pair without a unit. If no pair has the ratio
+        within `TOLERANCE`, those have it whose slope is as uncertain as it is off, as over less
+        than a turn. At the ratio 1 a pair fits in both orders if it fits in one.
+        """
+        missing = [role for role in ("driving", "driven") if role not in fixed]
+        unknown: list[tuple[str, Candidate]] = []
+        moving: list[tuple[tuple[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]] = []
+        for chosen in permutations(free, len(missing)):
+            roles = {**fixed, **dict(zip(missing, chosen, strict=True))}
+            sizes = {role: self.per_turn(one, role) for role, one in roles.items()}
+            lacking = [role for role, size in sizes.items() if size is None]
+            if lacking:
+                unknown.append((lacking[0], roles[lacking[0]]))
+                continue
+            pair = roles["driving"], roles["driven"]
+            both = self.turns(*pair, [sizes["driving"], sizes["driven"]])
+            if both is not None:  # the two channels have a common time
+                moving.append((pair, both))
+        for surely in (True, False):
+            found = []
+            for pair, both in moving:
+                sign = have_slope(*both, float(ratio), surely=surely)
+                if not sign and ratio == 1:
+                    sign = have_slope(both[1], both[0], 1.0, surely=surely)
+                if sign:
+                    found.append((pair, sign))
+            if found:
+                break
+        return [pair for pair, _ in found], [sign for _, sign in found], unknown
 
 
 def _are_the_same(candidates: Sequence[Candidate]) -> bool:

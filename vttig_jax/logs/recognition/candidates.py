@@ -2,17 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from functools import cached_property
-from itertools import permutations
 
 import numpy as np
 from jaxtyping import Float, Real
 
 from ...base.units import REV
 from ..channel.unwrap import find_modulus, unwrap
-from ..ratios import DEVIATIONS, slope
+from ..fractions import DEVIATIONS
 from ..readers.column_names import ANGLES, TIME_UNITS
+from ..slope import slope
 from ..source import LEAST_RANGE
 from .names import NameReading
 
@@ -22,6 +21,9 @@ fraction of it (chosen)."""
 
 SHOWN = 3
 """Number of values of a column that an error message shows (chosen)."""
+
+HEAD = 1000
+"""Number of first rows that mostly tell that a column does not count the rows (chosen)."""
 
 JUMP = 5.0
 """A step from row to row is a jump if it exceeds the 90 % quantile of all steps by this factor, as
@@ -37,12 +39,13 @@ APART = 0.05
 """Largest rms deviation of the driven column from a straight line over the driving one, as a
 fraction of its travel (chosen)."""
 
-MOST_ROWS = 20_000
-"""Columns with more than about this number of rows are thinned for the slope (chosen)."""
-
 _COPY = 1e-9
 """Two columns are one reading in two units if they differ by at most this fraction of their largest
 value (chosen). The errors of real gears are larger."""
+
+EQUAL = 1e-6
+"""Least relative deviation of a ratio from 1 for two shafts that follow each other exactly, as in a
+simulation; at a smaller one the columns are one reading in two units (chosen)."""
 
 _STRETCHES = 200
 """Number of stretches of a log over which travel and mean speed are compared (chosen)."""
@@ -85,15 +88,18 @@ class Candidate:
     @cached_property
     def rises(self) -> bool:
         """Whether every value exceeds the previous value."""
-        return self.rows > 1 and bool(np.all(self.steps > 0))
+        values = self.values
+        return values is not None and self.rows > 1 and bool(np.all(values[1:] > values[:-1]))
 
     @cached_property
     def is_row_number(self) -> bool:
         """Whether the values count the rows in steps of 1, possibly with restarts at 0."""
-        if self.values is None or self.rows < 2:
-            return False
-        ones = self.steps == 1
-        return bool(np.all(ones | (self.values[1:] == 0)) and np.mean(ones) > 0.9)
+        for part in (slice(HEAD), slice(None)):  # most columns are told by their first rows
+            values = np.zeros(0) if self.values is None else self.values[part]
+            ones = np.diff(values) == 1
+            if len(values) < 2 or not np.all(ones | (values[1:] == 0)):
+                return False
+        return bool(np.mean(ones) > 0.9)
 
     @cached_property
     def turns(self) -> bool:
@@ -114,7 +120,7 @@ class Candidate:
         if reading.role == "time":  # repeated stamps are allowed
             if values is None or self.rows < 2 or not np.isfinite(values).all():
                 return False
-            return bool(np.all(self.steps >= 0) and values[-1] > values[0])
+            return bool(np.all(values[1:] >= values[:-1]) and values[-1] > values[0])
         only_unit = reading.unit in TIME_UNITS and reading.role is None and not reading.other
         return only_unit and self.rises
 
@@ -207,70 +213,7 @@ def is_speed_of(one: Candidate, other: Candidate) -> bool:
     return abs(float(np.corrcoef(travel, mean)[0, 1])) >= _SPEED
 
 
-@dataclass(frozen=True)
-class Scale:
-    """Functions that convert the readings of columns to revolutions at common instants.
-
-    `per_turn` returns the readings per revolution of a column in a role; it returns None if the
-    unit is unknown, and raises `LogError` if counts per revolution are missing. `common` returns
-    the readings of two columns at common instants.
-    """
-
-    per_turn: Callable[[Candidate, str], float | None]
-    common: Callable[[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]
-
-    def turns(
-        self, first: Candidate, second: Candidate, sizes: Sequence[float | None]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
-        """Return two columns in revolutions, thinned; None without a common time or a unit.
-
-        `sizes` are their readings per revolution.
-        """
-        readings = self.common(first, second)
-        if len(readings[0]) < 2 or None in sizes:
-            return None
-        thin = slice(None, None, max(1, len(readings[0]) // MOST_ROWS))
-        x, y = (_turns_of(one, size)[thin] for one, size in zip(readings, sizes, strict=True))
-        return x, y
-
-    def fitting_pairs(
-        self, fixed: dict[str, Candidate], free: Sequence[Candidate], ratio: Fraction
-    ) -> tuple[list[tuple[Candidate, Candidate]], list[int], list[tuple[str, Candidate]]]:
-        """Return the pairs (driving, driven) of columns that have a ratio, and their signs.
-
-        `fixed` is role → column of known shafts, `free` are the columns for the others. The third
-        result has a role and its column for every pair without a unit. If no pair has the ratio
-        within `TOLERANCE`, those have it whose slope is as uncertain as it is off, as over less
-        than a turn. At the ratio 1 a pair fits in both orders if it fits in one.
-        """
-        missing = [role for role in ("driving", "driven") if role not in fixed]
-        unknown: list[tuple[str, Candidate]] = []
-        moving: list[tuple[tuple[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]] = []
-        for chosen in permutations(free, len(missing)):
-            roles = {**fixed, **dict(zip(missing, chosen, strict=True))}
-            sizes = {role: self.per_turn(one, role) for role, one in roles.items()}
-            lacking = [role for role, size in sizes.items() if size is None]
-            if lacking:
-                unknown.append((lacking[0], roles[lacking[0]]))
-                continue
-            pair = roles["driving"], roles["driven"]
-            both = self.turns(*pair, [sizes["driving"], sizes["driven"]])
-            if both is not None:  # the two channels have a common time
-                moving.append((pair, both))
-        for surely in (True, False):
-            found = []
-            for pair, both in moving:
-                sign = have_slope(*both, float(ratio), surely=surely)
-                if not sign and ratio == 1:
-                    sign = have_slope(both[1], both[0], 1.0, surely=surely)
-                if sign:
-                    found.append((pair, sign))
-            if found:
-                break
-        return [pair for pair, _ in found], [sign for _, sign in found], unknown
-
-
-def _turns_of(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
+def turns_of(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
     """Return the readings in revolutions, unwrapped and minus the first one.
 
     `per_turn` is the number of readings per revolution, negative for an inverted encoder.

@@ -14,21 +14,21 @@ _UNIT_OR_COUNTS = "give --unit deg (or rad, rev), or --counts A,B with the count
 
 QUESTIONS = {
     "several-columns": "{count} columns can be {role}: {facts}; choose one with {options}.",
-    "only-a-setpoint": "the only column for {role} is `{name}`, and `{setpoint}` says a setpoint"
+    "only-a-setpoint": "the only column for {role} is `{a}`, and `{setpoint}` says a setpoint"
     " or a computed angle, which no encoder measured; name the measured column with --column"
-    " {role}=NAME, or this one with --column {role}='{name}'.",
+    " {role}=NAME, or this one with --column {role}='{a}'.",
     "shafts-open": "no column name says {roles}, {why}; give {options}{seen}.",
     "driving-open": "no column name says driving; give --column driving=NAME, or, where a clock"
     " turns the driving shaft, --driving-rpm RPM (--driving-rpm sidereal for the worm of a"
     " telescope mount){seen}.",
     "several-pairs": "{number} pairs of columns have the given ratio: {pairs}; the columns are"
     " {facts}; choose with, for example, --column driving='{first}' --column driven='{second}'.",
-    "named-speed": "the name `{name}` says {role}, but its values are the speed of `{other}`; name"
+    "named-speed": "the name `{a}` says {role}, but its values are the speed of `{b}`; name"
     " the angles with --column driving=NAME --column driven=NAME, such as --column"
-    " {role}='{other}'.",
-    "twin-columns": "`{name}` and `{other}` hold nearly the same angle, as a setpoint and a"
-    " measured angle do; name the measured one with --column {role}='{other}' or --column"
-    " {role}='{name}'.",
+    " {role}='{b}'.",
+    "twin-columns": "`{a}` and `{b}` hold nearly the same angle, as a setpoint and a"
+    " measured angle do; name the measured one with --column {role}='{b}' or --column"
+    " {role}='{a}'.",
     "names-against-ratio": "the names say that `{a}` drives `{b}`, but these columns do not turn"
     " as given ({turns}), and `{c}` and `{d}` do; if those are the measured angles, give --column"
     " driving='{c}' --column driven='{d}', otherwise correct the ratio or name the columns with"
@@ -36,13 +36,13 @@ QUESTIONS = {
     "ratio-of-two-readings": "--ratio {text} has two readings, and no column name tells the shafts"
     " apart: write --ratio {one} if {turns}, or --ratio {other_ratio} if {inverse}; or name both"
     " columns with --column driving=NAME --column driven=NAME.",
-    "opposite-directions": "`{first}` and `{second}` have the given ratio, but the readings of one"
+    "opposite-directions": "`{a}` and `{b}` have the given ratio, but the readings of one"
     " grow while those of the other fall: one encoder counts backwards; {options}.",
     "no-unit": "the column {facts} for {role} names no unit, and degrees, radians and counts look"
     " the same; {options}.",
     "scaled-unit": "the name of the column {facts} for {role} holds a scale, `{scale}`: {options},"
     " or convert the column.",
-    "no-counts": "the column `{name}` of {role} is in counts, and no log says how many make a"
+    "no-counts": "the column `{a}` of {role} is in counts, and no log says how many make a"
     " turn; give {options}.",
     "unused-counts": "--counts is given, but no column is in counts; leave it out.",
     "no-time": "no column is certainly the time; give --column time=NAME, or --sample-rate"
@@ -52,7 +52,7 @@ QUESTIONS = {
     " both as a long table of time, channel and value, which is brought onto one clock.",
     "no-time-unit": "the time stamps are whole numbers without a unit, {facts}, and seconds and"
     " milliseconds look the same; give --unit time=s, ms, us or ns.",
-    "unreadable-time": "the stamps of the time column `{name}` must be numbers, or dates such as"
+    "unreadable-time": "the stamps of the time column `{a}` must be numbers, or dates such as"
     " 2026-11-30T12:00:00.25, and here {fault}; remove this line if it is no row of the table,"
     " name another column with --column time=NAME, or give --sample-rate HZ.",
     "days-or-seconds": "the time stamps, {facts}, may be days, as Excel and MATLAB count them, or"
@@ -112,9 +112,8 @@ def ask(
         role=role,
         count=len(columns),
         facts=columns[0].facts if len(columns) == 1 else listed_facts(columns),
-        name=columns[0].name if columns else "",
-        other=columns[1].name if len(columns) > 1 else "",
         options=joined.join(options),
+        **dict(zip("abcd", (one.name for one in columns), strict=False)),
         **words,
     )
     asked = (UsageQuestion if usage else LogQuestion)(sentence, where=where)

@@ -345,36 +345,22 @@ def fit_command(
 
     ```
     """
-    words = ["vttig", "fit", _argument(path)]
-    if request.ratio is not None:
-        words += ["--ratio", request.ratio]
-    if request.teeth is not None:
-        words += ["--teeth", request.teeth]
-    if request.counts is not None:
-        words += ["--counts", ",".join(map(str, request.counts))]
-    for role, unit in request.units.items():
-        words += ["--unit", f"{role}={unit}"]
-    for shaft in request.inverted:
-        words += ["--invert", shaft]
-    if request.driving_rpm is not None:
-        words += ["--driving-rpm", request.driving_rpm]
-    for role, name in columns.items():
-        words += ["--column", f"{role}={name}"]
-    if decimal is not None:
-        words += ["--decimal", decimal]
-    if sample_rate_hz is not None:
-        words += ["--sample-rate", f"{sample_rate_hz:.12g}"]
-    return shlex.join(words)
-
-
-def _argument(path: str | Path) -> str:
-    """Return a path as text that is not taken for an option: `./-x.csv` for `-x.csv`.
-
-    Standard input is `-`.
-    """
-    if kept_bytes(path) is not None:
-        return str(STDIN)
-    return f"./{path}" if str(path).startswith("-") else str(path)
+    log = str(STDIN) if kept_bytes(path) is not None else str(path)
+    log = f"./{log}" if log.startswith("-") and log != str(STDIN) else log  # it is no option
+    rate = None if sample_rate_hz is None else f"{sample_rate_hz:.12g}"
+    options: list[tuple[str, str | None]] = [
+        ("--ratio", request.ratio),
+        ("--teeth", request.teeth),
+        ("--counts", request.counts and ",".join(map(str, request.counts))),
+        *(("--unit", f"{role}={unit}") for role, unit in request.units.items()),
+        *(("--invert", shaft) for shaft in request.inverted),
+        ("--driving-rpm", request.driving_rpm),
+        *(("--column", f"{role}={name}") for role, name in columns.items()),
+        ("--decimal", decimal),
+        ("--sample-rate", rate),
+    ]
+    words = [word for option in options if option[1] is not None for word in option]
+    return shlex.join(["vttig", "fit", log, *map(str, words)])
 
 
 MOST_TURNS = 10_000
