@@ -107,8 +107,8 @@ def test_nested_files_and_numbered_columns_need_no_pair(tmp_path, capsys):
     plain.write_text("".join(f"{k},{k / 2}\n" for k in range(40)))
     code, out, _ = run(capsys, plain, "--column", "driving=#1", "--column", "driven=#2")
     assert code == 0 and "driven   #2" in out
-    code, _, err = run(capsys, path, "--column", "driving=#1")
-    assert code == 3 and "give an array name such as" in err
+    code, _, err = run(capsys, path, "--column", "driving=#9")
+    assert code == 3 and "there is no column #9" in err
 
 
 def test_further_roles_are_read(files, capsys):

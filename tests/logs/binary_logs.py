@@ -1,11 +1,15 @@
 """A log of named arrays as the bytes of every binary format that is read from one file."""
 
+import gzip
 import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+
+from .workbooks import xlsx
 
 Arrays = dict[str, np.ndarray]
 
@@ -100,6 +104,20 @@ def _mdf(arrays: Arrays) -> bytes:
         return path.read_bytes()
 
 
+def _rows(arrays: Arrays) -> list[list[float]]:
+    return np.column_stack([v[: min(map(len, arrays.values()))] for v in arrays.values()]).tolist()
+
+
+def _csv_gz(arrays: Arrays) -> bytes:
+    rows = [",".join(map(str, row)) for row in [[*arrays], *_rows(arrays)]]
+    return gzip.compress("\n".join(rows).encode())
+
+
+def _jsonl(arrays: Arrays) -> bytes:
+    rows = [dict(zip(arrays, row, strict=True)) for row in _rows(arrays)]
+    return "\n".join(map(json.dumps, rows)).encode()
+
+
 WRITERS: dict[str, Callable[[Arrays], bytes]] = {
     ".npz": _npz,
     ".npy": _npy,
@@ -110,5 +128,9 @@ WRITERS: dict[str, Callable[[Arrays], bytes]] = {
     ".arrows": _stream,
     ".tdms": _tdms,
     ".mf4": _mdf,
+    ".xlsx": lambda arrays: xlsx({"log": [[*arrays], *_rows(arrays)]}),
+    ".csv.gz": _csv_gz,
+    ".jsonl": _jsonl,
+    ".json": lambda arrays: json.dumps({n: v.tolist() for n, v in arrays.items()}).encode(),
 }
 """File ending → function that returns the bytes of a file."""

@@ -9,7 +9,7 @@ import click
 from click.shell_completion import BashComplete, add_completion_class, shell_complete
 from click.shell_completion import CompletionItem as Item
 
-from ..logs.readers.column_roles import ROLES
+from ..logs.readers.column_names import ROLES
 
 MOST_BYTES = 1 << 26
 """Columns of a larger log are not completed, because reading it takes too long (chosen)."""
@@ -51,7 +51,7 @@ def _names(context: click.Context) -> list[str]:
         if path.is_dir() or path.stat().st_size <= MOST_BYTES:
             from ..logs.readers.open_table import open_table
 
-            names = list(open_table(path, headerless=True)[0].names)
+            names = list(open_table(path).names)
             return [
                 name if names.count(name) == 1 else f"#{number}"
                 for number, name in enumerate(names, 1)

@@ -19,7 +19,7 @@ from ..runs.stated_drive import write_pair
 from .output import Output
 
 if TYPE_CHECKING:
-    from ..logs.recognition.question import Guess
+    from ..logs.recognition.questions import Guess
     from ..pair.schema import PairSpec
     from ..runs.options import ReadingOptions
 
@@ -92,7 +92,7 @@ NAMES = (*STATED, "write_pair", "explain_columns")
 
 GROUPS = {
     "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
-    "The log": ("units", "columns", "explain_columns", "decimal", "sample_rate"),
+    "The log": ("units", "columns", "quadrature", "explain_columns", "decimal", "sample_rate"),
 }
 """Title in the help → parameters, for every verb that reads logs."""
 

@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from ..base.files.limits import most_memory
-from ..logs.readers.column_roles import ROLES
+from ..logs.readers.column_names import ROLES
 from ..runs.options import roles_of
 from .output import Narrator, Output
 from .program_cache import kept_programs
@@ -160,7 +160,17 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
 
 
 def log_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options `columns` (texts ROLE=NAME), `decimal` and `sample_rate` to a verb."""
+    """Add the options `columns` (texts ROLE=NAME), `decimal` and `sample_rate` to a verb.
+
+    `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`.
+    """
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, quadrature: tuple[str, ...], **options: Any) -> None:
+        counted = (one.partition("=") for one in quadrature)
+        columns = tuple(f"{role}=quadrature({channels})" for role, _, channels in counted)
+        function(*arguments, **{**options, "columns": (*options["columns"], *columns)})
+
     for option in reversed(
         [
             click.option(
@@ -173,6 +183,14 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
                 help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
                 " first column of a text file, #row the number 0, 1, 2, … of the row.",
             ),
+            click.option(
+                "--quadrature",
+                multiple=True,
+                metavar="ROLE=A,B",
+                callback=_checked,
+                help="Count the angle of a shaft from the levels of two channels, A and B or STEP"
+                " and DIR; may be repeated.",
+            ),
             click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark."),
             click.option(
                 "--sample-rate",
@@ -182,8 +200,8 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
             ),
         ]
     ):
-        function = option(function)
-    return function
+        wrapper = option(wrapper)
+    return wrapper
 
 
 def _columns_of_log(

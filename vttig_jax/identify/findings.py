@@ -12,10 +12,10 @@ from typing import Literal
 import msgspec
 
 from ..base.units import DEG
-from ..logs.checks.fractions import better_fraction
 from ..logs.checks.ratio import SeenRatio
 from ..logs.checks.slope import computed_text, exact_slope
 from ..logs.encoder_log import EncoderLog
+from ..logs.fractions import better_fraction
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
 from ..model.components import NEEDED

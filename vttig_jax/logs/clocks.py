@@ -1,4 +1,4 @@
-"""Interpolation of channels with separate time stamps to common time stamps.
+"""Readings of all roles at common instants: of rows, or of channels with separate time stamps.
 
 A channel with a sample at every common time stamp is not interpolated. A channel that is sampled
 cyclically is interpolated linearly between its samples. The error of the interpolation is at most
@@ -14,9 +14,21 @@ import numpy as np
 from jaxtyping import Float, Int, Real
 
 from ..base.errors import LogError
-from ..base.units import ARCSEC
+from ..base.shown_text import name_of_file
+from ..base.units import ANGLE_UNITS, ARCSEC, REV
 from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap
+from .readers.column_names import ROW_INDEX, TIME_UNITS, Column
+from .readers.table import Table
+from .readers.times.seconds import (
+    check_days,
+    exact_numbers,
+    seconds_of_numbers,
+    seconds_of_stamps,
+)
+from .recognition.assign import Roles
+from .recognition.request import SHAFTS
+from .source import FEWEST_SAMPLES, Source
 
 CYCLE = 1.5
 """In a channel of which only changes are logged, the value was constant in an interval longer than
@@ -25,8 +37,9 @@ this many median intervals (chosen)."""
 SAME = 1e-6
 """Stamps that differ by at most this fraction of the median interval are the same time (chosen)."""
 
-FEWEST = 4
-"""Least number of samples of a channel, and of the common time of all channels (chosen)."""
+FAR = 1e6
+"""Stamps in text beyond this number are subtracted as whole numbers to keep all digits (chosen:
+float64 represents 1e6 s with a step of 0.1 ns)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +73,111 @@ class OneClock:
     """
 
     time: Float[np.ndarray, " m"]
-    values: Mapping[str, Real[np.ndarray, " m"]]
+    values: dict[str, Real[np.ndarray, " m"]]
     notes: tuple[str, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
+
+
+def at_common_times(table: Table, roles: Roles) -> tuple["OneClock", Source]:
+    """Return the readings of the columns with a role at common instants, and their places.
+
+    The instants are those of the time column or of the sample rate, or, if channels have separate
+    stamps, those of the slowest channel. The table is closed.
+
+    **Raises** `LogError` for columns of different lengths, and for stamps that cannot be read.
+    """
+    columns, names = roles.columns, {r: column.name for r, column in roles.columns.items()}
+    if "time" not in columns and roles.statement.layout.sample_rate_hz is None and table.clocks:
+        place = Source(name_of_file(table.source), names)
+        channels = {role: _channel(table, one, roles, place) for role, one in columns.items()}
+        table.close()
+        return common_clock(channels, place.name), place
+    time = columns.get("time")
+    dated = time is not None and time.index != ROW_INDEX and table.is_dated(time.index)
+    used = [c.index for c in columns.values() if c.index != ROW_INDEX and not (dated and c is time)]
+    arrays, notes = dict(zip(used, table.columns(used), strict=True)), table.left_out(used)
+    place = Source(name_of_file(table.source), names, table.line_of)
+    size = _common_size(columns, arrays, place)
+    if time is not None and time.index != ROW_INDEX:
+        arrays[time.index], told = _seconds(table, time, arrays.get(time.index), size, place)
+        notes += told
+        _common_size(columns, arrays, place)
+    rows = np.arange(size, dtype=np.int64)
+    values = {role: arrays.pop(column.index, rows) for role, column in columns.items()}
+    rate, numbers = roles.statement.layout.sample_rate_hz, table.sample_numbers
+    if rate is None:
+        stamps = np.asarray(values["time"], np.float64)
+    else:
+        stamps = (rows if numbers is None else numbers) / rate
+    table.close()
+    return OneClock(stamps, values, notes), place
+
+
+def _common_size(
+    columns: Mapping[str, Column], arrays: Mapping[int, np.ndarray], place: Source
+) -> int:
+    """Return the number of rows; raise `LogError` if a column has another length than a shaft."""
+    role = next((r for r in (*SHAFTS, *columns) if r in columns and columns[r].index in arrays), "")
+    size = len(arrays[columns[role].index]) if role else 0
+    for other, column in columns.items():
+        if column.index in arrays and len(arrays[column.index]) != size:
+            raise LogError(
+                f"it has {len(arrays[column.index])} values, but `{columns[role].name}` has {size};"
+                " name columns of equal length.",
+                where=place.at(other),
+            )
+    return size
+
+
+def _seconds(
+    table: Table,
+    column: Column,
+    values: Real[np.ndarray, " n"] | None,
+    size: int,
+    place: Source,
+) -> tuple[Float[np.ndarray, " n"], tuple[str, ...]]:
+    """Return the time in s of `size` rows, and notes; `values` is None for dates.
+
+    **Raises** `LogError` for stamps that cannot be read or that do not resolve the sampling.
+    """
+    where = place.at("time")
+    if values is None:
+        seconds, note = seconds_of_stamps(table.texts(column.index)[: size or None], where)
+        return seconds, (note,)
+    far = values.dtype.kind == "f" and size > 0 and abs(values[0]) > FAR
+    if place.line_of is not None and (far or column.unit == "d"):
+        fields = table.texts(column.index)[:size]
+        exact = exact_numbers(fields)
+        if exact is not None:
+            seconds = exact * TIME_UNITS[column.unit]
+            if column.unit == "d":
+                check_days(fields, seconds, where)
+            return seconds, ()
+    return seconds_of_numbers(values, column.unit), ()
+
+
+def _channel(table: Table, column: Column, roles: Roles, place: Source) -> ClockedChannel:
+    """Return a column with its time stamps and, for a shaft, its scale and modulus."""
+    if column.index not in table.clocks:
+        raise LogError(
+            "this column has no time stamps, as the others have; give --sample-rate.",
+            where=place.at(column.role),
+        )
+    stamps, values = table.columns([table.clocks[column.index], column.index])
+    held = column.index in table.held
+    if column.role not in SHAFTS:
+        return ClockedChannel(stamps, values, held=held)
+    encoder = roles.statement.encoders[SHAFTS.index(column.role)]
+    counted = column.unit == "counts"
+    radians = REV / (encoder.counts_per_rev or 1) if counted else ANGLE_UNITS[column.unit]
+    return ClockedChannel(
+        time=stamps,
+        values=values,
+        radians=radians,
+        per_turn=encoder.counts_per_rev if counted else REV / radians,
+        held=held,
+        modulus=encoder.modulus if counted else None,
+    )
 
 
 def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClock":
@@ -80,7 +195,7 @@ def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClo
     first = max(channel.time[0] for channel in channels.values())
     last = min(channel.time[-1] for channel in channels.values())
     inside = (stamps >= first) & (stamps <= last)
-    if np.count_nonzero(inside) < FEWEST:
+    if np.count_nonzero(inside) < FEWEST_SAMPLES:
         raise LogError(
             f"the channels of {' and '.join(channels)} have no common time: they cover"
             f" {_ranges(channels)}; export channels of one recording.",
@@ -112,9 +227,10 @@ def _check(role: str, channel: ClockedChannel, source: str) -> None:
             " export the log again.",
             where=source,
         )
-    if len(channel.time) < FEWEST:
+    if len(channel.time) < FEWEST_SAMPLES:
         raise LogError(
-            f"the {role} channel has only {len(channel.time)} samples; record at least {FEWEST}.",
+            f"the {role} channel has only {len(channel.time)} samples; record at least"
+            f" {FEWEST_SAMPLES}.",
             where=source,
         )
     backwards = np.flatnonzero(np.diff(channel.time) < 0)

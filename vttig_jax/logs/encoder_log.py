@@ -15,14 +15,17 @@ from ..base.errors import LogError
 from ..base.files.text_tables import key_values
 from ..base.numerics.counting import pieces
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
-from ..pair.schema import PairSpec
-from .channel.channel import Channel, RawChannel, make_channel
+from ..pair.schema import PairSpec, as_fraction
+from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel
 from .channel.speed import Speed, smooth_speed
 from .channel.standstill import is_at_standstill
 from .channel.stuck import refuse_stuck
-from .magnitudes import check_time, refuse_turns, refuse_values
-from .protocols import TwoShafts
-from .source import Source
+from .clocks import OneClock, at_common_times
+from .readers.column_names import ACCELERATION_UNITS, LENGTH_UNITS, SPEED_UNITS
+from .readers.table import Table
+from .recognition.assign import Roles
+from .recognition.request import SHAFTS, Statement, TwoShafts
+from .source import Source, check_time, refuse_turns, refuse_values
 
 
 def as_column(name: str, values: ArrayLike, size: int | None) -> Real[np.ndarray, " n"]:
@@ -63,24 +66,6 @@ def check_arguments(
         )
 
 
-def check_finite(raw: "RawLog") -> None:
-    """Raise `LogError` at the first value of any column that is not finite or far too large."""
-    columns: dict[str, Any] = {
-        "time": raw.time,
-        "driving": raw.driving.values,
-        "driven": None if raw.driven is None else raw.driven.values,
-        "transmission_error": raw.error,
-        "direction": raw.direction,
-        "axial_mm": raw.axial_mm,
-        "torque": raw.torque,
-        "speed": raw.speed,
-        "acceleration": raw.acceleration,
-    }
-    for role, column in columns.items():
-        if column is not None:
-            refuse_values(role, column, raw.source)
-
-
 def check_direction(direction: Real[np.ndarray, " n"], source: Source) -> Int8[np.ndarray, " n"]:
     """Return the direction column as int8; raise `LogError` for values other than +1, 0 and −1."""
     invalid = ~np.isin(direction, (-1, 0, 1))
@@ -97,26 +82,13 @@ STANDSTILL = DEG
 """Least travel of the driving shaft in rad; with less travel the shaft stands still (chosen)."""
 
 
-@dataclass(frozen=True)
-class RawLog:
-    """Columns of a log before the counts are unwrapped; all have the same length.
-
-    `error` is the transmission error of a TE-curve log, in rad of the driven shaft. The fields are
-    those of `EncoderLog`, in the same units. A column that the log does not have is None.
-    """
-
-    time: Float[np.ndarray, " n"]
-    driving: RawChannel
-    driven: RawChannel | None
-    error: Float[np.ndarray, " n"] | None
-    direction: np.ndarray | None
-    axial_mm: Float[np.ndarray, " n"] | None
-    torque: Float[np.ndarray, " n"] | None
-    source: Source
-    sha256: str = ""
-    notes: tuple[str, ...] = ()
-    speed: Float[np.ndarray, " n"] | None = None
-    acceleration: Float[np.ndarray, " n"] | None = None
+UNITS = {
+    "transmission_error": ANGLE_UNITS,
+    "axial_mm": LENGTH_UNITS,
+    "speed": SPEED_UNITS,
+    "acceleration": ACCELERATION_UNITS,
+}
+"""Role → unit → factor to rad, mm, rad/s or rad/s². The channels of the shafts keep their units."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,90 +256,131 @@ class EncoderLog:
         given = driven is not None, transmission_error is not None
         check_arguments(*given, units, transmission_error_unit)
         time = as_column("time_s", time_s, None).astype(np.float64, copy=False)
-
-        def column(name: str, values: ArrayLike | None, size: float = 1.0):
-            return None if values is None else size * as_column(name, values, len(time))
-
-        second = None if driven is None else as_column("driven", driven, len(time))
-        raw = RawLog(
-            time=time,
-            driving=RawChannel(
-                as_column("driving", driving, len(time)), units[0], pair.log.driving_scale
-            ),
-            driven=None if second is None else RawChannel(second, units[1], pair.log.driven_scale),
-            error=column(
-                "transmission_error", transmission_error, ANGLE_UNITS[transmission_error_unit]
-            ),
-            direction=column("direction", direction),
-            axial_mm=column("axial_mm", axial_mm),
-            torque=column("torque", torque),
-            source=Source(source, {"time": "time_s"}, kind="argument"),
-            speed=column("speed", speed),
-            acceleration=column("acceleration", acceleration),
-        )
-        return cls.from_raw(raw, pair)
+        columns = {
+            "driving": driving,
+            "driven": driven,
+            "transmission_error": transmission_error,
+            "direction": direction,
+            "axial_mm": axial_mm,
+            "torque": torque,
+            "speed": speed,
+            "acceleration": acceleration,
+        }
+        sizes = {"transmission_error": ANGLE_UNITS[transmission_error_unit]}
+        values = {
+            role: as_column(role, one, len(time)) * (1 if role in SHAFTS else sizes.get(role, 1.0))
+            for role, one in columns.items()
+            if one is not None
+        }
+        place = Source(source, {"time": "time_s"}, kind="argument")
+        shafts = {"driving": units[0], "driven": units[1]}
+        return cls._validated(OneClock(time, values), shafts, Statement.of(pair), place)
 
     @classmethod
-    def from_raw(cls, raw: RawLog, pair: TwoShafts) -> "EncoderLog":
-        """Validate the columns, unwrap the channels, set the zero angle, and return the log."""
-        check_finite(raw)
-        notes = [*raw.notes, *check_time(raw.time, raw.source)]
-        zero = pair.log.zero
-        driving, channel_notes = make_channel(
-            "driving",
-            raw=raw.driving,
-            encoder=pair.driving.encoder,
-            time=raw.time,
-            zero=zero,
-            source=raw.source,
+    def of(cls, table: Table, roles: Roles) -> "EncoderLog":
+        """Create a log from the columns of a table, which is closed.
+
+        **Raises** `LogError` naming the line or column of invalid data and the cure.
+        """
+        sha256, notes, layout = table.digest, table.notes, roles.statement.layout
+        found, place = at_common_times(table, roles)
+        values, units = found.values, {role: one.unit for role, one in roles.columns.items()}
+        if "driving" not in values:
+            assert layout.driving_rpm is not None  # `assign` asks for the driving shaft
+            rpm = as_fraction(layout.driving_rpm, "log.driving_rpm")
+            values["driving"] = (found.time - found.time[0]) * float(rpm) / 60
+            units["driving"] = "rev"
+        for role in (role for role in SHAFTS if role in values):
+            if getattr(layout, f"{role}_increments"):
+                values[role] = np.cumsum(values[role])
+            if units[role] == "counts":
+                values[role] = _whole(values[role])
+        for role in UNITS.keys() & values.keys():
+            values[role] = UNITS[role][units[role]] * values[role]
+        found = replace(found, notes=(*notes, *found.notes))
+        return cls._validated(found, units, roles.statement, place, sha256=sha256)
+
+    @classmethod
+    def _validated(
+        cls,
+        found: OneClock,
+        units: Mapping[str, str],
+        statement: Statement,
+        place: Source,
+        *,
+        sha256: str = "",
+    ) -> "EncoderLog":
+        """Validate the columns, unwrap the channels, set the zero angle, and return the log.
+
+        `found` holds the shafts in `units`, other columns as in `EncoderLog`; the columns of the
+        shafts are taken out of it, so that their memory is free once they are unwrapped.
+        """
+        time, values, layout = found.time, found.values, statement.layout
+        refuse_values("time", time, place)
+        for role, column in values.items():
+            if role != "time":
+                refuse_values(role, column, place)
+        notes, channels = [*found.notes, *check_time(time, place)], {}
+        for role, encoder in zip(SHAFTS, statement.encoders, strict=True):
+            if role in values:
+                scale, step = getattr(layout, f"{role}_scale"), found.steps.get(role, 0.0)
+                raw = RawChannel(values.pop(role), units[role], scale, step)
+                channels[role], told = make_channel(role, raw, encoder, time, layout.zero, place)
+                notes += told
+        driving, driven, error = (
+            channels["driving"],
+            channels.get("driven"),
+            values.get("transmission_error"),
         )
-        notes += channel_notes
-        driven = None
-        if raw.driven is not None:
-            driven, channel_notes = make_channel(
-                "driven",
-                raw=raw.driven,
-                encoder=pair.driven.encoder,
-                time=raw.time,
-                zero=zero,
-                source=raw.source,
-            )
-            notes += channel_notes
-            clock = "time" in raw.source.columns
-            if is_at_standstill(driving.reading, raw.time, clock=clock):
-                driven = driven.following(float(pair.ratio) * driving.angle)
-        elif pair.log.driven_scale != 1:
+        assert statement.ratio is not None  # `assign` asks for columns without a ratio
+        if driven is None and layout.driven_scale != 1:
             raise LogError(
                 "the log has no driven channel; remove this scale.", where="log.driven_scale"
             )
-        elif raw.error is not None and np.ptp(raw.error) == 0:
+        if error is not None and np.ptp(error) == 0:
             raise LogError(
                 "the transmission error is constant; record a measured one.",
-                where=raw.source.at("transmission_error"),
+                where=place.at("transmission_error"),
             )
         if driving.turns * REV < STANDSTILL:
             raise LogError(
                 f"standstill: the driving shaft moves by only {driving.turns * 360:.3g}° in the"
                 " whole log; log a shaft that turns, or correct the unit or counts_per_rev.",
-                where=raw.source.at("driving"),
+                where=place.at("driving"),
             )
-        refuse_turns(driving.turns, len(raw.time), raw.source)
+        refuse_turns(driving.turns, len(time), place)
         if driven is not None:
-            refuse_stuck(driving, driven, pair.ratio, raw.time, raw.source)
+            refuse_stuck(driving, driven, statement.ratio, time, place)
+            if is_at_standstill(driving.reading, time, clock="time" in place.columns):
+                driven = driven.following(float(statement.ratio) * driving.angle)
+        direction = values.get("direction")
         return cls(
-            time=raw.time,
+            time=time,
             driving=driving,
             driven=driven,
-            error=raw.error,
-            direction=None if raw.direction is None else check_direction(raw.direction, raw.source),
-            axial_mm=raw.axial_mm,
-            torque=raw.torque,
-            ratio=pair.ratio,
-            zero=zero,
-            source=raw.source.name,
-            sha256=raw.sha256,
+            error=error,
+            direction=None if direction is None else check_direction(direction, place),
+            axial_mm=values.get("axial_mm"),
+            torque=values.get("torque"),
+            ratio=statement.ratio,
+            zero=layout.zero,
+            source=place.name,
+            sha256=sha256,
             notes=tuple(notes),
-            place=replace(raw.source, line_of=None),  # frees the memory of the whole text
-            speed=raw.speed,
-            acceleration=raw.acceleration,
+            place=replace(place, line_of=None),  # it may hold the text
+            speed=values.get("speed"),
+            acceleration=values.get("acceleration"),
         )
+
+
+def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
+    """Return readings that are whole numbers as int64, and other readings unchanged.
+
+    Therefore a log does not store the same counts in two types.
+    """
+    if readings.dtype.kind != "f" or not np.isfinite(readings).all():
+        return readings
+    largest = max(readings.max(initial=0.0), -readings.min(initial=0.0))
+    if largest >= EXACT_FLOAT or not np.all(readings == np.rint(readings)):
+        return readings
+    return readings.astype(np.int64)

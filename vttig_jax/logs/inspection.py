@@ -2,14 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from textwrap import fill
 from typing import Any
 
 import numpy as np
 
 from ..base.files.text_tables import key_values, text_table
 from ..base.results import TextResult
-from ..base.shown_text import one_line, shown_name
+from ..base.shown_text import shown_name
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, REV
 from ..pair.schema import HarmonicOrders
@@ -34,25 +33,8 @@ from .lines.search import Line
 from .motion.coverage import Support, support_of
 from .motion.flank_assignment import assigned_segments
 from .motion.segments import Segments
-from .protocols import TwoShafts
-
-
-@dataclass(frozen=True)
-class ColumnReport:
-    """Properties of one column of a log; `low` and `high` are the range of its values in `unit`.
-
-    `turns` and `resolution_arcsec` (encoder step) are None if the column is not an angle.
-    """
-
-    role: str | None
-    name: str
-    unit: str | None
-    low: float
-    high: float
-    resolution_arcsec: float | None = None
-    turns: float | None = None
-    modulus: int | float | None = None
-    wraps: int = 0
+from .preview import ColumnReport, bullets, column_table, sampling_rows
+from .recognition.request import TwoShafts
 
 
 @dataclass(frozen=True)
@@ -216,9 +198,8 @@ def _channel(role: str, name: str, channel: Channel) -> ColumnReport:
     )
 
 
-WIDTH = 100
 MOST_LINES = 12
-"""Line width of the report in characters, and largest number of rows of a table (chosen)."""
+"""Largest number of rows of a table of the report (chosen)."""
 
 
 def inspection_text(report: "Inspection") -> str:
@@ -250,58 +231,6 @@ def inspection_text(report: "Inspection") -> str:
         f"to fit it:\n  {report.fit_command}" if report.fit_command else "",
     ]
     return "\n\n".join(part.rstrip() for part in parts if part)
-
-
-def column_table(columns: "Sequence[ColumnReport]") -> str:
-    """Return a table with one row for each column of the log; constant columns are marked."""
-    rows = [
-        (
-            c.role or "",
-            c.name,
-            c.unit,
-            f"{c.low:.9g}",
-            f"{c.high:.9g}",
-            _turns(c),
-            None if c.resolution_arcsec is None else f"{c.resolution_arcsec:.3g}",
-            f"{c.wraps} at {c.modulus:.6g}" if c.modulus is not None else "no",
-        )
-        for c in columns
-    ]
-    heads = ["used as", "column", "unit", "lowest", "highest", "turns", ("step", "″"), "wraps"]
-    return text_table(rows, heads, align="lllrrrrr")
-
-
-def _turns(column: ColumnReport) -> str | None:
-    """Return the turns of a column as text, or that it never changes."""
-    if column.low == column.high:
-        return "constant"
-    return None if column.turns is None else f"{column.turns:.4g}"
-
-
-def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
-    """Return (name, text) of the properties of the time stamps of a log with `rows` samples."""
-    share = sampling.jitter_s * sampling.rate_hz
-    properties = [
-        ("samples", f"{rows} in {sampling.duration_s:.6g} s"),
-        ("rate", f"{sampling.rate_hz:.6g} Hz (every {1 / sampling.rate_hz:.4g} s)"),
-        ("jitter", f"{sampling.jitter_s:.2g} s rms, {share:.1%} of it" if share > 1e-6 else "none"),
-        (
-            "gaps",
-            f"{sampling.gaps}, the longest {sampling.longest_s:.4g} s" if sampling.gaps else "none",
-        ),
-    ]
-    if sampling.duplicates:
-        properties.append(("repeated stamps", str(sampling.duplicates)))
-    return properties
-
-
-def bullets(title: str, sentences: Sequence[str]) -> str:
-    """Return sentences as wrapped lines that each begin with "title:"."""
-    indent = " " * (len(title) + 2)
-    return "\n".join(
-        fill(f"{title}: {one_line(s)}", WIDTH, subsequent_indent=indent, break_long_words=False)
-        for s in sentences
-    )
 
 
 def _motion_table(report: "Inspection") -> str:

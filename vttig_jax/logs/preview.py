@@ -1,50 +1,34 @@
-"""Preview of a log without a pair file: columns, units from their names, rate, turns and ratio."""
+"""Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import groupby
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations, groupby
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 from jaxtyping import Real
 
 from ..base.errors import LogError
-from ..base.files.text_tables import key_values
-from ..base.files.toml_io import plain_table
-from ..base.shown_text import shown_name
+from ..base.files.text_tables import key_values, text_table
+from ..base.shown_text import one_line, shown_name
 from ..base.units import ANGLE_UNITS, ARCSEC, REV
 from ..pair.schema import PairSpec, as_ratio
 from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
-from .checks.fractions import likely_fraction, ratio_option
 from .checks.missing_cells import missing_notes
 from .checks.sampling import Sampling, sampling_of
-from .checks.slope import slope
-from .inspection import ColumnReport, bullets, column_table, sampling_rows
-from .magnitudes import LEAST_RANGE, check_time
-from .proposals import Proposal, proposals, with_ratio
-from .read import check_arguments
-from .readers.column_names import (
-    ROW,
-    TIME_UNITS,
-    listed,
-    name_and_unit,
-    units_of,
-)
-from .readers.column_roles import ROLES, ROW_INDEX
-from .readers.delimited import TextTable
-from .readers.nested import NestedTable
-from .readers.open_table import open_table
+from .fractions import likely_fraction, ratio_option
+from .read import stated_table
+from .readers.column_names import ROW, ROW_INDEX, TIME_UNITS, listed, name_and_unit, units_of
 from .readers.times.seconds import seconds_of_numbers, seconds_of_stamps
-from .recognition.command import fit_command
-from .recognition.recognise import Search
-from .recognition.request import DriveRequest, in_words
-from .source import Source
-
-SHAFTS = ("driving", "driven", "transmission_error")
-"""Roles whose column defines the length of the record; the first role with a column is used."""
+from .recognition.assign import Roles, Search
+from .recognition.candidates import EQUAL, Candidate, is_copy
+from .recognition.request import SHAFTS, DriveRequest, Statement, fit_command, in_words
+from .slope import slope
+from .source import LEAST_RANGE, Source, check_time
 
 MOST_COLUMNS = 30
 """A table of more columns than this shows the columns of one matrix in one row (chosen)."""
@@ -59,6 +43,39 @@ _NO_RATIO = (
 _ANSWER = (
     "the command for a fit is printed here once options of `vttig inspect` answer these questions"
 )
+
+
+_MOST_COLUMNS = 8
+"""Among more columns that can be a shaft no pairs are compared, only listed (chosen)."""
+
+
+WIDTH = 100  # characters in a line of the report (chosen)
+
+
+@dataclass(frozen=True)
+class ColumnReport:
+    """Properties of one column of a log; `low` and `high` are the range of its values in `unit`.
+
+    `turns` and `resolution_arcsec` (encoder step) are None if the column is not an angle.
+    """
+
+    role: str | None
+    name: str
+    unit: str | None
+    low: float
+    high: float
+    resolution_arcsec: float | None = None
+    turns: float | None = None
+    modulus: int | float | None = None
+    wraps: int = 0
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Command that fits the log if `condition` is true, such as "the motor drives the load"."""
+
+    condition: str
+    command: str
 
 
 @dataclass(frozen=True)
@@ -138,48 +155,59 @@ def preview_log(
 
     **Raises** `LogError` for files without a table, and for names that do not exist.
     """
-    columns = columns or {}
-    check_arguments(columns, decimal, sample_rate_hz)
-    table, digest, notes = open_table(
-        path, decimal=decimal, requested=columns.values(), headerless=True
-    )
-    table, cut = table.complete_rows(range(len(table.names)))
-    search = Search(table, str(path), request, _named(spec, columns))
-    search.take_stated(timed=sample_rate_hz is None)
-    questions = search.questions(timed=sample_rate_hz is None)
-    roles = {ROW_INDEX if k is None else k: role for role, k in search.roles.items()}
-    units = dict(search.units) if spec is None else plain_table(spec.unit)
-    arrays, broken = _readable(table, roles)
+    options: dict[str, Any] = {"columns": columns, "decimal": decimal}
+    options["sample_rate_hz"] = sample_rate_hz
+    statement = request.statement(**options) if spec is None else Statement.of(spec, **options)
+    table = stated_table(path, statement)
+    search = Search(table, statement)
+    found = search.result()
+    roles = {index: role for role, index in search.roles.items()}
+    arrays, unread = _readable(search)
     size = _size(arrays, roles)
     others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
-    names = dict(enumerate(table.names)) | {ROW_INDEX: ROW}
-    rows = {ROW_INDEX: np.arange(size)} if ROW_INDEX in roles else {}
-    arrays = {k: a for k, a in (arrays | rows).items() if len(a) == size}
-    source = Source(str(path), {r: names[k] for k, r in roles.items()}, table.line_of)
-    shown = [_report(names[k], roles.get(k), a, units, request) for k, a in arrays.items()]
+    if ROW_INDEX in roles:
+        arrays[ROW_INDEX] = np.arange(size)
+    arrays = {k: a for k, a in arrays.items() if len(a) == size}
+    names = {k: ROW if k == ROW_INDEX else table.names[k] for k in (*roles, *arrays)}
+    source = Source(table.source, {r: names[k] for k, r in roles.items()}, table.line_of)
+    shown = [_report(names[k], roles.get(k), a, found, request) for k, a in arrays.items()]
     reports = [report for report, _ in shown]
     angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
-    hints = [*notes, *cut, *broken, *missing_notes(table, arrays)]
-    hints += _unusable_roles(roles, arrays, dict(others), source, size)
-    time = _time(reports, arrays, size, sample_rate_hz)
+    hints = [*table.notes, *table.left_out(range(len(table.names))), *unread]
+    hints += missing_notes(table, arrays)
+    for role, name in source.columns.items():
+        if search.roles[role] not in arrays:
+            how = "differs in length" if name in dict(others) else "is not read"
+            told = f"cannot be the {role} of this record of {size} samples: it {how}"
+            hints.append(f"column `{name}` {told}")
+    time = None if sample_rate_hz is None else np.arange(size) / sample_rate_hz
+    for report, values in zip(reports, arrays.values(), strict=True):
+        if report.role == "time" and time is None:
+            time = seconds_of_numbers(values, report.unit or "s")
     hints += [] if time is None else check_time(time, source)
     ratio = _ratio(reports, angles)
     command, proposed = "", ()
-    keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
     if spec is None:
-        hints += map(str, search.guesses)
-        hints += _missing_input(reports)
-        hints += [f"a fit asks: {question.message}" for question in questions]
-        if not questions and ratio is not None and ratio[0] != 0:
-            shown = with_ratio(request, ratio)
-            command = fit_command(path, shown, search.column_names, **keywords)
-        elif questions and not request.names_a_drive:
-            proposed = proposals(search, path, **keywords)
+        hints += map(str, found.guesses)
+        if any(r.turns is None and r.unit == "counts" for r in reports if r.role in SHAFTS):
+            hints.append(
+                "turns need counts_per_rev: give --counts; the ratio takes counts as equal"
+            )
+        hints.append(
+            "this is a first look; --ratio A:B (or --pair PAIR.toml) adds flanks, speeds and the"
+            " orders"
+        )
+        hints += [f"a fit asks: {question.message}" for question in found.questions]
+        keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
+        if not found.questions and ratio is not None and ratio[0] != 0:
+            command = fit_command(path, with_ratio(request, ratio), found.names, **keywords)
+        elif found.questions and not request.names_a_drive:
+            proposed = proposals(search, request, path, **options)
         if not command and not proposed:
-            hints.append(_ANSWER if questions else _NO_RATIO)
+            hints.append(_ANSWER if found.questions else _NO_RATIO)
     return Preview(
         source=str(path),
-        sha256=digest,
+        sha256=table.digest,
         rows=size,
         columns=tuple(reports),
         sampling=None if time is None else sampling_of(time),
@@ -188,6 +216,58 @@ def preview_log(
         others=tuple(others),
         fit_command=command,
         proposals=proposed,
+    )
+
+
+def column_table(columns: "Sequence[ColumnReport]") -> str:
+    """Return a table with one row for each column of the log; constant columns are marked."""
+    rows = [
+        (
+            c.role or "",
+            c.name,
+            c.unit,
+            f"{c.low:.9g}",
+            f"{c.high:.9g}",
+            _turns(c),
+            None if c.resolution_arcsec is None else f"{c.resolution_arcsec:.3g}",
+            f"{c.wraps} at {c.modulus:.6g}" if c.modulus is not None else "no",
+        )
+        for c in columns
+    ]
+    heads = ["used as", "column", "unit", "lowest", "highest", "turns", ("step", "″"), "wraps"]
+    return text_table(rows, heads, align="lllrrrrr")
+
+
+def _turns(column: ColumnReport) -> str | None:
+    """Return the turns of a column as text, or that it never changes."""
+    if column.low == column.high:
+        return "constant"
+    return None if column.turns is None else f"{column.turns:.4g}"
+
+
+def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
+    """Return (name, text) of the properties of the time stamps of a log with `rows` samples."""
+    share = sampling.jitter_s * sampling.rate_hz
+    properties = [
+        ("samples", f"{rows} in {sampling.duration_s:.6g} s"),
+        ("rate", f"{sampling.rate_hz:.6g} Hz (every {1 / sampling.rate_hz:.4g} s)"),
+        ("jitter", f"{sampling.jitter_s:.2g} s rms, {share:.1%} of it" if share > 1e-6 else "none"),
+        (
+            "gaps",
+            f"{sampling.gaps}, the longest {sampling.longest_s:.4g} s" if sampling.gaps else "none",
+        ),
+    ]
+    if sampling.duplicates:
+        properties.append(("repeated stamps", str(sampling.duplicates)))
+    return properties
+
+
+def bullets(title: str, sentences: Sequence[str]) -> str:
+    """Return sentences as wrapped lines that each begin with "title:"."""
+    indent = " " * (len(title) + 2)
+    return "\n".join(
+        fill(f"{title}: {one_line(s)}", WIDTH, subsequent_indent=indent, break_long_words=False)
+        for s in sentences
     )
 
 
@@ -212,68 +292,38 @@ def _ratio(
     return slope(angles["driving"], angles["driven"])
 
 
-def _named(spec: PairSpec | None, columns: Mapping[str, str]) -> dict[str, str]:
-    """Return role → column name from a pair file and from the options, which have priority."""
-    stated = {} if spec is None else {role: getattr(spec.log, role) for role in ROLES}
-    return {role: name for role, name in stated.items() if name is not None} | dict(columns)
-
-
-def _readable(
-    table: TextTable | NestedTable, roles: Mapping[int, str]
-) -> tuple[dict[int, np.ndarray], list[str]]:
+def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
     """Return index → values of all numeric columns, and notes on the columns that are not read.
 
     A time column of dates is converted to seconds.
+
+    **Raises** `LogError` if no column is read.
     """
-    dated = [k for k in range(len(table.names)) if table.is_dated(k)]
-    indices = [k for k in range(len(table.names)) if k not in dated]
-    arrays, errors = {}, {}
-    for k in dated:
-        if roles.get(k) == "time" and isinstance(table, TextTable):
-            where = f"{table.source}: column `{table.names[k]}`"
-            arrays[k] = seconds_of_stamps(table.texts(k), where)[0]
-    try:
-        return arrays | dict(zip(indices, table.columns(indices), strict=True)), []
-    except LogError:
-        pass
-    for k in indices:
-        try:
-            arrays[k] = table.columns([k])[0]
-        except LogError as error:
-            errors[k] = error
+    table, arrays, errors = search.table, dict(search.numeric()), {}
+    for k, name in enumerate(table.names):
+        if table.is_dated(k):
+            if search.roles.get("time") == k:
+                size = max((len(values) for values in arrays.values()), default=None)
+                where = f"{table.source}: column `{name}`"
+                arrays[k] = seconds_of_stamps(table.texts(k)[:size], where)[0]
+        elif k not in arrays:
+            try:
+                (arrays[k],) = table.columns([k])
+            except LogError as error:
+                errors[name] = error
     if not arrays:
         raise next(iter(errors.values()))
-    notes = [
-        f"column `{table.names[k]}` is not read: {error.message}" for k, error in errors.items()
-    ]
-    return arrays, notes
+    notes = [f"column `{name}` is not read: {error.message}" for name, error in errors.items()]
+    return dict(sorted(arrays.items())), notes
 
 
 def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
-    """Return the length of the record: that of the first column in `SHAFTS` that is available.
-
-    Without such a column it is the most frequent length.
-    """
+    """Return the length of the record: that of a shaft, or the most frequent length."""
     lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
-    for role in SHAFTS:
+    for role in (*SHAFTS, "transmission_error"):
         if role in lengths:
             return lengths[role]
     return Counter(map(len, arrays.values())).most_common(1)[0][0]
-
-
-def _unusable_roles(
-    roles: Mapping[int, str],
-    arrays: Mapping[int, np.ndarray],
-    others: Collection[str],
-    source: Source,
-    size: int,
-) -> list[str]:
-    return [
-        f"column `{source.columns[role]}` cannot be the {role} of this record of {size} samples:"
-        f" it {'differs in length' if source.columns[role] in others else 'is not read'}"
-        for k, role in roles.items()
-        if k not in arrays
-    ]
 
 
 def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
@@ -312,79 +362,103 @@ def _report(
     name: str,
     role: str | None,
     values: Real[np.ndarray, " n"],
-    stated: Mapping[str, str],
+    found: Roles,
     request: DriveRequest,
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
     """Return a row of the column table, and the unwrapped readings if the column is a shaft.
 
     The readings are in rad, or in counts if `request` does not state the counts per revolution.
-    `stated` is role → unit for a name without a unit.
     """
     counts = request.counts
-    per_turn = counts[SHAFTS.index(role)] if counts and role in ("driving", "driven") else None
+    per_turn = counts[SHAFTS.index(role)] if counts and role in SHAFTS else None
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
-    unit = name_and_unit(name, units, name)[1] or stated.get(role or "")
+    unit = name_and_unit(name, units, name)[1] or found.units.get(role or "")
     plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))
-    shaft = role in ("driving", "driven") or (role is None and unit in ("counts", *ANGLE_UNITS))
+    shaft = role in SHAFTS or (role is None and unit in ("counts", *ANGLE_UNITS))
     if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) < LEAST_RANGE:
         return plain, None
     if unit == "counts" and np.all(values == np.rint(values)):
         values = values.astype(np.int64)
-    radians = ANGLE_UNITS.get(unit)
-    if unit == "counts" and per_turn is not None:
-        radians = REV / per_turn
+    radians = REV / per_turn if unit == "counts" and per_turn else ANGLE_UNITS.get(unit)
     modulus = find_modulus(values, None if radians is None else per_turn or REV / radians)
     wraps = 0
     if modulus is not None:
         wraps = int(np.count_nonzero(wrap_steps(values, modulus)))
         values = unwrap(values, modulus)
+    report = replace(plain, modulus=modulus, wraps=wraps)
     if radians is None:
-        report = ColumnReport(
-            role=role,
-            name=name,
-            unit=unit,
-            low=plain.low,
-            high=plain.high,
-            resolution_arcsec=None,
-            turns=None,
-            modulus=modulus,
-            wraps=wraps,
-        )
         return report, values.astype(np.float64)
-    report = ColumnReport(
-        role=role,
-        name=name,
-        unit=unit,
-        low=plain.low,
-        high=plain.high,
-        resolution_arcsec=step_of(values) * radians / ARCSEC or None,
-        turns=float(np.ptp(values)) * radians / REV,
-        modulus=modulus,
-        wraps=wraps,
-    )
-    return report, values * radians
+    step = step_of(values) * radians / ARCSEC or None
+    turns = float(np.ptp(values)) * radians / REV
+    return replace(report, resolution_arcsec=step, turns=turns), values * radians
 
 
-def _time(
-    reports: Sequence[ColumnReport],
-    arrays: Mapping[int, np.ndarray],
-    size: int,
-    sample_rate_hz: int | float | None,
-) -> np.ndarray | None:
-    if sample_rate_hz is not None:
-        return np.arange(size) / sample_rate_hz
-    for report, values in zip(reports, arrays.values(), strict=True):
-        if report.role == "time":
-            return seconds_of_numbers(values, report.unit or "s")
-    return None
+def with_ratio(request: DriveRequest, seen: tuple[float, float]) -> DriveRequest:
+    """Return `request` with the likeliest text of the ratio `seen` (value, standard error).
+
+    If the readings of the shafts have opposite directions, the driven encoder is inverted.
+    """
+    request = request if seen[0] > 0 else request.with_driven_inverted()
+    return replace(request, ratio=ratio_option(abs(seen[0]), seen[1]))
 
 
-def _missing_input(reports: Sequence[ColumnReport]) -> list[str]:
-    """Return notes on what a preview cannot say."""
-    hints = []
-    if any(r.turns is None and r.unit == "counts" for r in reports if r.role in SHAFTS[:2]):
-        hints.append("turns need counts_per_rev: give --counts; the ratio takes counts as equal")
-    hints.append(
-        "this is a first look; --ratio A:B (or --pair PAIR.toml) adds flanks, speeds and the orders"
-    )
-    return hints
+def proposals(
+    search: Search,
+    request: DriveRequest,
+    path: str | Path,
+    columns: Mapping[str, str] | None = None,
+    **keywords: Any,
+) -> tuple[Proposal, ...]:
+    """Return the commands for both readings of the pairs of columns that turn together.
+
+    The slope of two columns is the ratio of the shafts; which of them drives the other is known
+    only to the user. `search` is a finished search without a ratio. A command that would end in
+    another question, for example for the time, is left out. One reading in two units is no pair,
+    unless there is no other. Pairs of which a name tells a shaft come first, then those whose ratio
+    is known best; of the two readings of a pair, the one with the faster driving shaft.
+    """
+    found: list[tuple[tuple[bool, float], list[Proposal]]] = []
+    copies: list[Proposal] = []
+    for pair in _pairs(search):
+        slopes = [(search.slope(*order), order) for order in (pair, pair[::-1])]
+        known = [(seen, order) for seen, order in slopes if seen is not None and _fit(*order)]
+        commands: list[Proposal] = []
+        for seen, (driving, driven) in sorted(known, key=lambda one: abs(one[0][0])):
+            chosen = {"driving": driving, "driven": driven}
+            if any(search.roles.get(role, one.index) != one.index for role, one in chosen.items()):
+                continue  # an option or a name gives the role to another column
+            trial = with_ratio(request, seen)
+            named = {**(columns or {}), **{r: search.name_of(c.index) for r, c in chosen.items()}}
+            complete = search.assuming(trial.statement(named, **keywords)).result()
+            if complete.questions:
+                continue
+            drives = f"`{driving.name}` drives `{driven.name}`"
+            command = fit_command(path, trial, complete.names, **keywords)
+            commands.append(Proposal(f"{drives}: {in_words(trial.speed_ratio)}", command))
+        if is_copy(*pair) and all(abs(abs(seen[0]) - 1) < EQUAL for seen, _ in known):
+            copies += commands
+            continue
+        unnamed = not any(one.reading.role for one in pair)
+        share = min((std / abs(value) for (value, std), _ in known), default=0.0)
+        found.append(((unnamed, share), commands))
+    ordered = [one for _, own in sorted(found, key=lambda one: one[0]) for one in own]
+    return tuple(ordered or copies)
+
+
+def _fit(driving: Candidate, driven: Candidate) -> bool:
+    """Return whether the names of two columns allow these roles."""
+    return driving.reading.role != "driven" and driven.reading.role != "driving"
+
+
+def _pairs(search: Search) -> list[tuple[Candidate, Candidate]]:
+    """Return the pairs of columns that can be the two shafts; a shaft with a role stays in all.
+
+    There are none if more than `_MOST_COLUMNS` columns can be a shaft.
+    """
+    free = [one for one in search.free() if one.turns and one.reading.is_angle]
+    fixed = [search.candidate(search.roles[role]) for role in SHAFTS if role in search.roles]
+    if len(free) > _MOST_COLUMNS or "transmission_error" in search.roles:
+        return []
+    if len(fixed) == 1:
+        return [(fixed[0], one) for one in free] if fixed[0].turns else []
+    return list(combinations(free, 2))

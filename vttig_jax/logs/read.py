@@ -1,20 +1,26 @@
 """Reading of a log file into an `EncoderLog`."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..base.errors import UsageError
 from ..base.logger import LOGGER
+from ..pair.schema import PairSpec
 from .encoder_log import EncoderLog
-from .protocols import TwoShafts
-from .raw import read_raw
-from .readers.column_roles import ROLES
-from .recognition.recognise import Recognition, recognise
-from .recognition.request import DriveRequest, counts_of, units_of_options
+from .readers.column_names import ROLES
+from .readers.open_table import open_table
+from .readers.table import Table
+from .recognition.assign import Roles, assign
+from .recognition.request import (
+    DriveRequest,
+    Statement,
+    TwoShafts,
+    counts_of,
+    units_of_options,
+)
 
 
 def read_log(
@@ -74,76 +80,106 @@ def read_log(
 
     ```
     """
-    request = _request(ratio, teeth, counts, unit, (invert, driving_rpm))
-    found: Recognition | None = None
-    if pair is None:
-        found = recognise(
-            path,
-            request,
-            columns=columns or {},
-            decimal=decimal,
-            sample_rate_hz=sample_rate_hz,
-        )
-        pair = found.spec
-    elif request.states_something:
+    request = DriveRequest(
+        ratio=None if ratio is None else str(ratio),
+        teeth=teeth,
+        counts=counts if counts is None or isinstance(counts, tuple) else counts_of(str(counts)),
+        units=units_of_options(
+            tuple(f"{role}={name}" for role, name in unit.items())
+            if isinstance(unit, Mapping)
+            else ()
+            if unit is None
+            else (unit,)
+        ),
+        inverted=(invert,) if isinstance(invert, str) else tuple(invert),
+        driving_rpm=None if driving_rpm is None else str(driving_rpm),
+    )
+    if pair is not None and request.states_something:
         raise UsageError(
             "a pair is given, which states ratio, encoders and units; leave out the other keywords"
             " or the pair.",
             where=str(path),
         )
-    check_arguments(columns or {}, decimal, sample_rate_hz)
-    raw = read_raw(
-        path, pair, columns=columns or {}, decimal=decimal, sample_rate_hz=sample_rate_hz
+    if pair is None and not request.names_a_drive:
+        request.check()
+        raise UsageError(
+            "the ratio of the drive is missing; give a pair file, or the ratio as driving turns to"
+            ' driven turns, such as "64:23".',
+            where=str(path),
+        )
+    opened = open_log(
+        path,
+        request if pair is None else pair,
+        columns=columns,
+        decimal=decimal,
+        sample_rate_hz=sample_rate_hz,
     )
-    keywords: dict[str, Any] = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
-    log = EncoderLog.from_raw(raw, pair)
-    del raw
-    keywords["columns"] = dict(columns or {})
-    log = replace(log, keywords=keywords, path=Path(path).resolve())
-    if found is not None:
-        told = tuple(guess.fact for guess in found.guesses)
-        log = replace(log, spec=found.spec, notes=(*told, *log.notes))
+    log, guesses = opened.log, tuple(guess.fact for guess in opened.roles.guesses)
+    log = replace(log, spec=opened.roles.spec, notes=(*guesses, *log.notes))
     LOGGER.info("%s: %d samples", path, len(log))
     for note in log.notes:
         LOGGER.info("%s: %s", path, note)
     return log
 
 
-def _request(
-    ratio: str | int | float | None,
-    teeth: str | None,
-    counts: int | tuple[int, int] | str | None,
-    unit: str | Mapping[str, str] | None,
-    further: tuple[str | Sequence[str], str | float | None],
-) -> DriveRequest:
-    """Return the keywords of `read_log` as a request; `further` is (`invert`, `driving_rpm`)."""
-    invert, driving_rpm = further
-    if counts is not None and not isinstance(counts, tuple):
-        counts = counts_of(str(counts))
-    if isinstance(unit, Mapping):
-        texts = tuple(f"{role}={name}" for role, name in unit.items())
+@dataclass(frozen=True)
+class OpenLog:
+    """Log whose table is open, with the roles of its columns; its values are not checked yet.
+
+    - `options`: options for reading, as keyword arguments of `read_log`.
+    """
+
+    path: Path
+    table: Table
+    roles: Roles
+    options: Mapping[str, Any]
+
+    @property
+    def spec(self) -> PairSpec:
+        """Content of the pair file that says the same as the options and the columns."""
+        assert self.roles.spec is not None  # a pair file was given, and has this content
+        return self.roles.spec
+
+    @cached_property
+    def log(self) -> EncoderLog:
+        """The log with validated values; the table is then closed."""
+        log = EncoderLog.of(self.table, self.roles)
+        return replace(log, keywords=self.options, path=self.path.resolve())
+
+
+def open_log(
+    path: str | Path,
+    drive: DriveRequest | TwoShafts,
+    *,
+    columns: Mapping[str, str] | None = None,
+    decimal: str | None = None,
+    sample_rate_hz: int | float | None = None,
+) -> OpenLog:
+    """Open a log, and find the columns by the options of a user or by a pair file.
+
+    **Raises** `LogError` or `UsageError` if the log can be read in two ways; the message names the
+    option that decides.
+    """
+    options: dict[str, Any] = {
+        "columns": dict(columns or {}),
+        "decimal": decimal,
+        "sample_rate_hz": sample_rate_hz,
+    }
+    if isinstance(drive, DriveRequest):
+        statement = drive.statement(**options)
     else:
-        texts = () if unit is None else (unit,)
-    return DriveRequest(
-        ratio=None if ratio is None else str(ratio),
-        teeth=teeth,
-        counts=counts,
-        units=units_of_options(texts),
-        inverted=(invert,) if isinstance(invert, str) else tuple(invert),
-        driving_rpm=None if driving_rpm is None else str(driving_rpm),
+        statement = Statement.of(drive, **options)
+    table = stated_table(path, statement)
+    return OpenLog(Path(path), table, assign(table, statement).decided(), options)
+
+
+def stated_table(path: str | Path, statement: Statement) -> Table:
+    """Open the table of a file whose text has the form that a statement says."""
+    layout = statement.layout
+    return open_table(
+        path,
+        encoding=layout.encoding,
+        delimiter=layout.delimiter,
+        decimal=layout.decimal,
+        requested=[getattr(layout, role) for role in ROLES],
     )
-
-
-def check_arguments(
-    columns: Mapping[str, str], decimal: str | None, sample_rate_hz: int | float | None
-) -> None:
-    """Raise `UsageError` for invalid or contradictory keywords."""
-    for role in columns:
-        if role not in ROLES:
-            raise UsageError(f"`{role}` is no role of a column; roles are {', '.join(ROLES)}.")
-    if decimal not in (None, ".", ","):
-        raise UsageError(f'decimal must be "." or ",", but is {decimal!r}.')
-    if sample_rate_hz is not None and not 0 < sample_rate_hz < np.inf:
-        raise UsageError(f"the sample rate must be a positive number, but is {sample_rate_hz!r}.")
-    if sample_rate_hz is not None and "time" in columns:
-        raise UsageError("a sample rate and a time column are both given; keep the one of the log.")

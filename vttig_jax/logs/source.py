@@ -1,7 +1,16 @@
-"""Position of a value in a log for error messages: file, line and column, or array and sample."""
+"""Position of a value in a log for messages, and limits of plausible values and times.
+
+Beyond the limits a unit is wrong or a file is damaged. Without them, squares and quotients of such
+values exceed the range of floating-point numbers.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from ..base.errors import LogError
 
 
 @dataclass(frozen=True)
@@ -29,3 +38,106 @@ class Source:
         if role:
             parts.append(f"{self.kind} `{self.columns.get(role, role)}`")
         return ": ".join(filter(None, (self.name, ", ".join(parts))))
+
+
+LARGEST = 1e30
+"""Largest magnitude of a value in the units of the file (chosen: its square is far from
+overflow)."""
+
+LEAST_RANGE = 1e-30
+"""Range of the readings of a shaft, in the units of the file, below which the shaft stands still
+(chosen: its square is far from underflow)."""
+
+SHORTEST_S, LONGEST_S = 1e-6, 1e12
+"""Least duration of a log and largest time stamp, both in s. Chosen: in a microsecond no shaft
+makes a turn, and thirty thousand years are beyond any clock."""
+
+MOST_TURNS = 1000.0
+"""Largest mean number of turns between two samples (chosen: 60 000 rpm and one sample per second).
+A larger number comes from a wrong unit, and the memory of a fit grows with the turns."""
+
+
+FEWEST_SAMPLES = 4
+PAUSE = 5.0
+"""Least number of samples of a log; intervals longer than `PAUSE` median intervals are pauses
+(chosen)."""
+
+
+def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
+    """Return notes on the time stamps; raise `LogError` for too few or decreasing stamps."""
+    if len(time) < FEWEST_SAMPLES:
+        raise LogError(
+            f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
+            where=source.at("time"),
+        )
+    refuse_times(time, source)
+    interval = np.diff(time)
+    if np.any(interval < 0):
+        row = int(np.argmax(interval < 0)) + 1
+        raise LogError(
+            f"time runs backwards, from {time[row - 1]:.9g} s to {time[row]:.9g} s; sort the log"
+            " or cut it there.",
+            where=source.at("time", row),
+        )
+    repeated = int(np.count_nonzero(interval == 0))
+    if 2 * repeated > len(interval):
+        raise LogError(
+            f"{repeated} of {len(interval)} time steps are zero; write the time with more digits or"
+            " give --sample-rate.",
+            where=source.at("time"),
+        )
+    notes = [f"time: {repeated} stamps repeat the one before"] if repeated else []
+    long = interval > PAUSE * np.median(interval)
+    if long.any():
+        count = int(long.sum())
+        pauses = "pause" if count == 1 else "pauses"
+        notes.append(f"time: {count} {pauses}, the longest of {interval.max():.4g} s")
+    return notes
+
+
+def refuse_times(time: Float[np.ndarray, " n"], source: Source) -> None:
+    """Raise `LogError` for a time stamp or a duration that no log can have."""
+    late = np.flatnonzero(np.abs(time) > LONGEST_S)
+    if late.size:
+        raise LogError(
+            f"{time[late[0]]:g} s is no time stamp of a log; correct the unit of the time column or"
+            " the sample rate.",
+            where=source.at("time", int(late[0])),
+        )
+    duration = float(np.ptp(time))
+    if 0 < duration < SHORTEST_S:
+        raise LogError(
+            f"the log lasts only {duration:.3g} s; correct the unit of the time column or the"
+            " sample rate.",
+            where=source.at("time"),
+        )
+
+
+def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> None:
+    """Raise `LogError` at the first value of a column that is not finite or far too large."""
+    finite = np.isfinite(values)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise LogError(
+            f"{values[row]} is not a number; remove the line or correct the reading.",
+            where=source.at(role, row),
+        )
+    if values.dtype.kind == "f" and np.abs(values).max(initial=0.0) > LARGEST:
+        row = int(np.argmax(np.abs(values) > LARGEST))
+        raise LogError(
+            f"{values[row]:g} is too large for a reading; correct it, or the unit of its column.",
+            where=source.at(role, row),
+        )
+
+
+def refuse_turns(turns: float, samples: int, source: Source) -> None:
+    """Raise `LogError` if the driving shaft makes more than `MOST_TURNS` turns per sample.
+
+    `turns` are the turns in the whole log, `samples` is its number of samples.
+    """
+    if turns > MOST_TURNS * samples:
+        raise LogError(
+            f"the driving shaft makes {turns:.4g} turns in {samples} samples, more than any"
+            " shaft does; correct the unit, the decimal mark or counts_per_rev.",
+            where=source.at("driving"),
+        )

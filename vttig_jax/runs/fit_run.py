@@ -57,8 +57,8 @@ def resolve(
     if STDIN in (pair, readings):
         raise UsageError("only a LOG may come from stdin (-); give the other files by their paths.")
     options.check(len(logs), readings=readings is not None)
-    spec, guesses = stated_spec(logs, pair, drive, options.reading)
-    return RunRecord(logs, spec, options, readings=readings, guesses=guesses)
+    spec, opened = stated_spec(logs, pair, drive, options.reading)
+    return RunRecord(logs, spec, options, readings=readings, opened=opened)
 
 
 def readings_alone(
@@ -90,7 +90,9 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
 
     enable_x64()
     pair = pair_from_spec(record.spec)
-    logs = [read_log(path, pair, **record.options.reading.keywords()) for path in record.logs]
+    logs = [one.log for one in record.opened]
+    keywords = record.options.reading.keywords()
+    logs = logs or [read_log(path, pair, **keywords) for path in record.logs]
     readings = None
     if record.readings is not None:
         readings = read_backlash_readings(record.readings, decimal=record.options.reading.decimal)

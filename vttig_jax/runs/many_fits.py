@@ -16,6 +16,7 @@ from ..base.errors import InputError, LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
 from ..base.files.limits import asked_bytes, free_bytes, most_memory
 from ..base.files.run_folder import data_sha256
+from ..base.files.standard_input import kept_bytes
 from ..base.shown_text import name_of_file
 from ..base.threads import usable_cores
 from ..control.sweeps.cluster import run_blocks
@@ -25,8 +26,7 @@ from ..identify.fit_settings import FitSettings
 from ..identify.many.fit_many import Unread, fit_columns, settings_table
 from ..identify.many.table import Columns, FitTable
 from ..logs.encoder_log import EncoderLog
-from ..logs.read import read_log
-from ..logs.recognition.recognise import recognise
+from ..logs.read import open_log, read_log
 from ..logs.recognition.request import DriveRequest
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.load import pair_from_spec, spec_of
@@ -36,7 +36,7 @@ from .options import ReadingOptions
 from .stated_drive import spec_of_file
 
 if TYPE_CHECKING:
-    from ..logs.recognition.question import Guess
+    from ..logs.recognition.questions import Guess
 
 NAMES = FolderNames("table of fits", "fits.parquet", "fits.json")
 """Name of the result in messages, and names of the files that `vttig fit-many` writes."""
@@ -94,7 +94,7 @@ class ManyFits:
         failed: LogError | None = None
         for log in logs:
             try:
-                found = recognise(log, drive, **reading.keywords())
+                found = open_log(log, drive, **reading.keywords())
             except LogError as error:
                 failed = failed or error
                 continue
@@ -104,7 +104,7 @@ class ManyFits:
                 settings,
                 reading,
                 drive=drive,
-                guesses=found.guesses,
+                guesses=found.roles.guesses,
                 block=_BLOCK,
             )
         assert failed is not None  # click asks for at least one log
@@ -167,26 +167,24 @@ class ManyFits:
         pair = self.pair
         for path in paths:
             try:
-                self._require_same_columns(path)
-                log = read_log(path, pair, **self.reading.keywords())
+                log = self._read_one(path, pair)
             except VttigError as error:
                 yield Unread(str(path), error)
                 continue
             yield replace(log, source=name_of_file(path))
 
-    def _require_same_columns(self, path: Path) -> None:
-        """Raise `LogError` if the columns of a log are recognised unlike those of the first log.
-
-        With a pair file nothing is checked.
-        """
+    def _read_one(self, path: Path, pair: GearPair | Drive) -> EncoderLog:
+        """Read a log once; raise `LogError` if its columns are read unlike those of the first."""
         if not self.drive.names_a_drive:
-            return
-        if recognise(path, self.drive, **self.reading.keywords()).spec != self.spec:
+            return read_log(path, pair, **self.reading.keywords())
+        opened = open_log(path, self.drive, **self.reading.keywords())
+        if opened.spec != self.spec:
             raise LogError(
                 "its columns are read in another way than those of the first log; name them with"
                 " --column, or write a pair file.",
                 where=str(path),
             )
+        return opened.log
 
 
 def fit_files(
@@ -214,7 +212,9 @@ def fit_files(
     **Raises** `InputError` for a log that does not exist and for a folder that holds another table,
     `UsageError` for a folder that may not be written.
     """
-    header = task.header()
+    if out is None and not any(log.exists() or kept_bytes(log) for log in task.logs):
+        _digests(task.logs)  # says why none can be read
+    header = {} if out is None else task.header()  # for it every log is read once more
     if resume and out is not None and (done := _finished(task, header, out)) is not None:
         progress(len(task.logs))
         return done

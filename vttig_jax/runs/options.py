@@ -8,7 +8,7 @@ from msgspec import Meta
 
 from ..base.errors import UsageError
 from ..identify.fit_settings import REMOVED, FitSettings, Positive, fields
-from ..logs.readers.column_roles import ROLES
+from ..logs.readers.column_names import ROLES
 
 _OPTION = {field.name: field.option.split("/")[0] for field in fields()}
 

@@ -22,7 +22,8 @@ from ..pair.schema import PairSpec
 from .options import RunOptions, options_from
 
 if TYPE_CHECKING:
-    from ..logs.recognition.question import Guess
+    from ..logs.read import OpenLog
+    from ..logs.recognition.questions import Guess
 
 CHECKPOINT = "posterior.h5"
 
@@ -40,7 +41,7 @@ class RunRecord:
     - `options`: options of the fit.
     - `sha256`: SHA-256 of every log; empty before they are read.
     - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
-    - `guesses`: what was recognised in the logs to build `spec` without a pair file; not stored.
+    - `opened`: the logs, if they were opened to build `spec` without a pair file; not stored.
     - `flank_model`: class name of the flank model that a user gave in Python; "" without one.
     - `digest`: SHA-256 that identifies a stored run and is in all files of its fit; "" for a new
       run and for folders of older versions.
@@ -52,9 +53,14 @@ class RunRecord:
     sha256: tuple[str, ...] = ()
     readings: Path | None = None
     readings_sha256: str = ""
-    guesses: "tuple[Guess, ...]" = ()
+    opened: "tuple[OpenLog, ...]" = field(default=(), repr=False, compare=False)
     flank_model: str = ""
     digest: str = ""
+
+    @property
+    def guesses(self) -> "tuple[Guess, ...]":
+        """What was recognised in the first log to build `spec` without a pair file."""
+        return self.opened[0].roles.guesses if self.opened else ()
 
     def table(self, folder: Path) -> dict[str, Any]:
         """Return the content of `run.toml` with paths relative to the run folder `folder`."""

@@ -10,7 +10,7 @@ from ..pair.schema import PairSpec
 from .options import ReadingOptions
 
 if TYPE_CHECKING:
-    from ..logs.recognition.question import Guess
+    from ..logs.read import OpenLog
 
 _HEAD = (
     "Pair file of vttig, from the options and the log. Keys that are left out have their default."
@@ -19,29 +19,29 @@ _HEAD = (
 
 def stated_spec(
     logs: tuple[Path, ...], pair: Path | None, drive: DriveRequest, reading: ReadingOptions
-) -> "tuple[PairSpec, tuple[Guess, ...]]":
-    """Return the content of the pair file, and the guesses.
+) -> "tuple[PairSpec, tuple[OpenLog, ...]]":
+    """Return the content of the pair file, and the logs if they were opened for it.
 
     Without `pair`, the content is built from the options in `drive` and from the columns of the
-    logs; the guesses are then what was recognised in the first log. With `pair` there are none.
+    logs. With `pair` no log is opened.
 
     **Raises** `UsageError` without a ratio or with two, `LogError` for a log that can be read in
     two ways, and for logs whose columns differ.
     """
     if pair is not None:
         return spec_of_file(pair, drive), ()
-    from ..logs.recognition.recognise import recognise
+    from ..logs.read import open_log
 
     drive.spec()  # says that the ratio is missing
-    first, *others = [recognise(path, drive, **reading.keywords()) for path in logs]
-    for path, other in zip(logs[1:], others, strict=True):
-        if other.spec != first.spec:
+    opened = tuple(open_log(path, drive, **reading.keywords()) for path in logs)
+    for one in opened:
+        if one.spec != opened[0].spec:
             raise LogError(
                 f"its columns are read in another way than those of {logs[0]}; name them with"
                 " --column, or write a pair file.",
-                where=str(path),
+                where=str(one.path),
             )
-    return first.spec, first.guesses
+    return opened[0].spec, opened
 
 
 def spec_of_file(pair: Path, drive: DriveRequest) -> PairSpec:

@@ -6,7 +6,7 @@ from ..base.errors import InputError, NoAnswerError
 from ..base.files.run_folder import data_sha256
 from ..base.units import ANGLE_UNITS, REV
 from ..logs.readers.column_names import name_and_unit, units_of
-from ..logs.readers.column_roles import requested_names
+from ..logs.recognition.request import stated_layout
 from ..pair.encoder_reading import ShaftReading, shaft_reading
 from ..pair.schema import Encoder, as_fraction
 from .options import roles_of
@@ -60,7 +60,8 @@ def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
     """
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
-    name = requested_names(run.spec.log, roles_of(run.options.reading.columns))[shaft]
+    columns = roles_of(run.options.reading.columns)
+    name = getattr(stated_layout(run.spec.log, columns, None, None), shaft)
     written = name_and_unit(name, units_of(shaft), str(name))[1] if name else None
     return written or getattr(run.spec.unit, shaft) or _unit_of_log(run, fit, shaft)
 

@@ -5,7 +5,6 @@ import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.checks.fractions import better_fraction
 from vttig_jax.logs.checks.ratio import (
     APART,
     DEVIATIONS,
@@ -14,8 +13,9 @@ from vttig_jax.logs.checks.ratio import (
     check_ratio,
     seen_ratio,
 )
-from vttig_jax.logs.checks.slope import slope
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.fractions import better_fraction
+from vttig_jax.logs.slope import slope
 from vttig_jax.pair.pair_file import parse_pair_spec
 
 TIME, ANGLE, _ = trapezoid(rate=400.0, reversal=1800.0)

@@ -85,7 +85,7 @@ def test_a_doubtful_comma_is_settled_by_decimal(tmp_path):
 
 H = "driving_deg,backlash_deg\n"
 REFUSED = {
-    "no header": ("0,0.03\n90,0.02\n", "line 1", "write a line driving_deg,backlash_deg"),
+    "no header": ("0,0.03\n90,0.02\n", "", "write a line driving_deg,backlash_deg"),
     "no rows": (H, "line 1", "write a line driving_deg,backlash_deg"),
     "one column": ("backlash_deg\n0.03\n", "", "write a line driving_deg,backlash_deg"),
     "too many fields": (H + "0,5,0,03\n", "line 2", "semicolons between numbers"),

@@ -17,7 +17,7 @@ from vttig_jax.base.errors import InputError
 from vttig_jax.base.files.limits import LEAST_BYTES, MemoryBudget, most_memory
 from vttig_jax.logs.readers.binary.bag_sizes import take_bag
 from vttig_jax.logs.readers.binary.formats import format_of, read_binary
-from vttig_jax.logs.readers.nested import read_nested
+from vttig_jax.logs.readers.open_table import open_table
 
 ROWS = 200_000_000
 
@@ -34,7 +34,7 @@ def test_a_declared_size_is_refused_before_it_is_read(tmp_path):
         file.create_dataset("huge", (ROWS,), "f8", chunks=(1000,))
     assert path.stat().st_size < 20_000
     with pytest.raises(InputError, match="--most-memory") as caught:
-        read_nested(path)
+        open_table(path)
     assert caught.value.where == str(path)
 
 
@@ -44,8 +44,8 @@ def test_the_option_raises_the_limit(tmp_path):
         arrays(file)
         file.create_dataset("zeros", data=np.zeros(50_000), compression="gzip")
     with most_memory(300_000), pytest.raises(InputError, match="--most-memory"):
-        read_nested(path)
-    assert "zeros" in read_nested(path)[0].names
+        open_table(path)
+    assert "zeros" in open_table(path).names
 
 
 def test_a_group_that_is_linked_to_itself_ends(tmp_path):
@@ -55,7 +55,7 @@ def test_a_group_that_is_linked_to_itself_ends(tmp_path):
         arrays(group)
         for number in range(30):  # 30¹⁶ paths without memory of what was read
             group[f"again{number}"] = group
-    assert read_nested(path)[0].names == ("g/driving_deg", "g/time_s")
+    assert open_table(path).names == ("g/driving_deg", "g/time_s")
 
 
 def test_a_cell_that_holds_itself_ends(tmp_path):
@@ -67,7 +67,7 @@ def test_a_cell_that_holds_itself_ends(tmp_path):
         cell[:, 0] = [cell.ref] * 30
     head = b"MATLAB 7.3 MAT-file".ljust(512, b" ")
     path.write_bytes(head + path.read_bytes()[512:])
-    assert set(read_nested(path)[0].names) == {"driving_deg", "time_s"}
+    assert set(open_table(path).names) == {"driving_deg", "time_s"}
 
 
 def test_a_compressed_element_is_measured_before_it_is_unpacked(tmp_path):
@@ -82,7 +82,7 @@ def test_a_compressed_element_is_measured_before_it_is_unpacked(tmp_path):
     path.write_bytes(header + struct.pack("<II", 15, len(content)) + content)
     assert path.stat().st_size < 500_000
     with pytest.raises(InputError, match="--most-memory"):
-        read_nested(path)
+        open_table(path)
 
 
 def read(path):

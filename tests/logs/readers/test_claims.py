@@ -15,7 +15,7 @@ from tests.logs.binary_logs import WRITERS
 from vttig_jax.base.errors import InputError, LogError
 from vttig_jax.logs.readers.binary.formats import format_of, read_binary
 from vttig_jax.logs.readers.binary.mdf_links import check_links
-from vttig_jax.logs.readers.nested import read_nested
+from vttig_jax.logs.readers.open_table import open_table
 
 TIME = np.arange(20.0)
 CELL, STRUCT, CHAR, DOUBLE = 1, 2, 4, 6
@@ -64,7 +64,7 @@ def test_an_array_of_matlab_holds_what_it_claims(tmp_path, kind, pack):
     path.write_bytes(matlab(pack(NUMBERS), pack(TOO_MANY[kind])))
     assert path.stat().st_size < 1_000_000
     with pytest.raises(InputError, match=r"damaged|--most-memory"):
-        read_nested(path)
+        open_table(path)
 
 
 def test_arrays_that_hold_what_they_claim_are_read(tmp_path):
@@ -73,7 +73,7 @@ def test_arrays_that_hold_what_they_claim_are_read(tmp_path):
     text = array(CHAR, (1, 3), b"t", element(16, b"abc"))
     fields = array(STRUCT, (1, 1), b"s", *names(8, 1), NUMBERS)
     path.write_bytes(matlab(*map(packed, (cells, text, fields)), NUMBERS))
-    assert set(read_nested(path)[0].names) == {"c{1}", "c{2}", "s.a", "time_s"}
+    assert set(open_table(path).names) == {"c{1}", "c{2}", "s.a", "time_s"}
 
 
 @pytest.mark.parametrize("cut", [1, 30])
@@ -82,7 +82,7 @@ def test_a_packed_element_that_is_cut_off_is_damaged(tmp_path, cut):
     short = zlib.compress(NUMBERS)[:-cut]
     path.write_bytes(matlab(NUMBERS, struct.pack("<II", 15, len(short)) + short))
     with pytest.raises(LogError, match="damaged"):
-        read_nested(path)
+        open_table(path)
 
 
 def deflated_zeros(megabytes: int) -> bytes:
@@ -107,7 +107,7 @@ def test_a_chunk_of_hdf5_is_measured_before_it_is_unpacked(tmp_path, chunk, mega
         made.id.write_direct_chunk((0,), deflated_zeros(megabytes))
     assert path.stat().st_size < 600_000
     with pytest.raises(InputError, match=says):
-        read_nested(path)
+        open_table(path)
 
 
 def mdf_blocks(data: bytes) -> dict[str, int]:

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.readers.delimited import split
-from vttig_jax.logs.readers.table import find_table
+from vttig_jax.logs.readers import delimited
+from vttig_jax.logs.readers.delimited import find_table, split
 
 pytestmark = pytest.mark.smoke
 
@@ -16,9 +16,10 @@ def read(text, indices=(0, 1), **options):
 
 
 def cut(text, indices=(0, 1), **options):
-    """Values after the last line was looked at, and the notes on it."""
-    table, notes = find_table(text, "log.csv", **options).complete_rows(indices)
-    return [column.tolist() for column in table.columns(indices)], notes
+    """Values, and the notes on what is left out at the end."""
+    table = find_table(text, "log.csv", **options)
+    values = [column.tolist() for column in table.columns(indices)]
+    return values, (*table.notes, *table.left_out(indices))
 
 
 def test_large_counts_stay_integers():
@@ -173,3 +174,64 @@ def test_cut_anywhere_in_the_last_line(kept, rows):
     size = rows if kept > len("0.00,1000,") else rows - 1
     np.testing.assert_array_equal(values[:2], np.array(expected[:2])[:, :size])
     assert bool(notes) == (size < rows and kept > 0)
+
+
+NUMBERS = st.one_of(
+    st.floats(allow_nan=False).map(repr),
+    st.integers(-(2**62), 2**62).map(str),
+    st.integers(-9, 9).map(str),
+    st.sampled_from(
+        ["1.", ".5", "-0", "+3", "007", "1E-3", "4.9e-324", "1e400", "nan", "inf", " 7 "]
+    ),
+    st.integers(10**18, 10**21).map(str),
+)
+ODD = ["", "0x1F", "nan(1)", "1_0", '"2"', "1e", "3 # note", "1d5"]
+BY_FIELD = "# (a bracket is left to the slow way)"
+
+
+def bits(text: str, decimal: str) -> list[bytes] | str:
+    """The bits of two columns, or the sentence of the refusal."""
+    try:
+        found = find_table(text, "log.csv", decimal=decimal).columns([2, 0])
+    except LogError as error:
+        return str(error)
+    return [a.dtype.str.encode() + a.tobytes() for a in found]
+
+
+@given(
+    st.lists(st.lists(NUMBERS, min_size=3, max_size=3), min_size=1, max_size=30),
+    st.sampled_from([(",", "."), (";", ","), ("\t", ","), ("|", "."), ("\t", ".")]),
+    st.lists(st.sampled_from(["", "  ", "1;2", "# pause", "stop"]), max_size=1),
+    st.sampled_from(["", *ODD, *[""] * 8]),
+    st.sampled_from(["", "\n", "\n\n"]),
+)
+def test_pyarrow_reads_the_same_bits_as_the_slow_way(rows, marks, between, odd, end):
+    delimiter, decimal = marks
+    rows = [[field.replace(".", decimal) for field in row] for row in rows]
+    if odd:
+        rows[-1][0] = odd
+    lines = [delimiter.join(row) for row in rows]
+    lines[1:1] = between
+    head = delimiter.join("abc")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(delimited, "BLOCK", 64)
+        fast = bits("\n".join([head, "#", *lines]) + end, decimal)
+        slow = bits("\n".join([head, BY_FIELD, *lines]) + end, decimal)
+    assert fast == slow
+
+
+def test_a_table_on_its_side_is_named():
+    wide = "\n".join(",".join([name, *map(str, range(300))]) for name in ("t", "a", "b"))
+    with pytest.raises(LogError, match=r"lies on its side \(3 rows of 301 columns\)"):
+        find_table(wide, "log.csv", highest=1)
+    names = ",".join(f"c{k}" for k in range(300))
+    rows = "\n".join(",".join(map(str, range(300))) for _ in range(400))
+    assert len(find_table(f"{names}\n{rows}\n", "log.csv").names) == 300
+
+
+def test_one_long_line_is_refused_at_once():
+    """Nothing in a reader costs more than linear time."""
+    numbers = ", ".join(f"{k / 100}" for k in range(150_000))
+    for text in ('{"t": [' + numbers + "]}", '"' + "x" * 10**6, numbers, "a b " * 250_000):
+        with pytest.raises(LogError):
+            find_table(text, "log.txt", highest=1).columns([0])

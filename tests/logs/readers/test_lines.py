@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.logs.readers import lines as module
-from vttig_jax.logs.readers.lines import Lines
+from vttig_jax.logs.readers import text as module
+from vttig_jax.logs.readers.text import Lines
 
 TEXTS = st.lists(st.sampled_from(["", "a", " ", "1,2", "overrun", "µ 3"]), max_size=9)
 
@@ -20,7 +20,7 @@ def test_lines_are_those_of_split(parts, head, block):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "_HEAD", head)
         patch.setattr(module, "_BLOCK", block)
-        lines = Lines.of(text)
+        lines = Lines(text)
         assert list(lines) == expected and len(lines) == len(expected)
         assert list(lines.backwards()) == expected[::-1]
         for k in range(len(expected)):
@@ -43,15 +43,7 @@ def test_lines_are_those_of_split(parts, head, block):
 
 @given(TEXTS, st.integers(1, 12))
 def test_blocks_end_with_lines(parts, size):
-    lines = Lines.of("\n".join(parts))
+    lines = Lines("\n".join(parts))
     blocks = list(lines.blocks(0, size))
     assert all(block.endswith("\n") for block in blocks[:-1])
     assert all(len(block) <= size or block.count("\n") <= 1 for block in blocks)
-
-
-@given(TEXTS)
-def test_empty_lines_at_the_end_are_left_out(parts):
-    expected = "\n".join(parts).split("\n")
-    end = next((k for k in range(len(expected), 0, -1) if expected[k - 1].strip()), len(expected))
-    expected[end:] = [""] if end < len(expected) else []
-    assert list(Lines.of("\n".join(parts)).without_empty_end(" ")) == expected

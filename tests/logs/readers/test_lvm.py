@@ -1,5 +1,7 @@
 """LabVIEW measurement files: one column of time, one for each channel, or none."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -75,7 +77,7 @@ def test_channels_with_stamps_of_their_own_are_brought_onto_one_clock(read):
 @pytest.mark.parametrize("kept", [-4, -12])
 def test_a_last_row_that_was_not_written_to_its_end_is_left_out(read, kept):
     log = read(lvm("One", rows_of("One"))[:kept])
-    assert len(log) == len(T) - 1 and any("has no end" in note for note in log.notes)
+    assert len(log) == len(T) - 1 and any("left out" in note for note in log.notes)
 
 
 def test_a_unit_that_the_header_lacks_is_asked_for(read):
@@ -91,6 +93,8 @@ def test_a_unit_that_the_header_lacks_is_asked_for(read):
         (lambda text: text.replace("X_Dimension\tTime", "X_Dimension\tFrequency"), "Frequency"),
         (lambda text: text + "***End_of_Header***\n0\t1\t2\n", "2 segments"),
         (lambda text: text.replace("0.0200\t", "0.0x\t", 1), "`0.0x` is no number"),
+        (lambda text: text.replace("Separator\t.", "Separator\t.x"), "`.x`"),
+        (lambda text: re.sub(r"\t-?[\d.]+\n(?=0.0300)", "\t\n", text), "line 19: .* empty"),
     ],
 )
 def test_damaged_files(read, damage, words):

@@ -9,7 +9,7 @@ import pytest
 import vttig_jax
 from tests.logs.rig_log import GAP_DEG, angles_deg
 from vttig_jax.base.errors import LogError, UsageError
-from vttig_jax.logs.readers.nested import read_nested
+from vttig_jax.logs.readers.open_table import open_table
 
 matio = pytest.importorskip("matio")
 pandas = pytest.importorskip("pandas")
@@ -38,7 +38,7 @@ def durations(seconds):
 
 def test_a_table_with_durations(save):
     frame = pandas.DataFrame({"t": durations(SECONDS), **COLUMNS})
-    table, _ = read_nested(save(T=frame, rate=100.0))
+    table = open_table(save(T=frame, rate=100.0))
     assert table.names == ("T.t [s]", "T.motor", "T.load")
     time, motor, _ = table.columns([0, 1, 2])
     np.testing.assert_allclose(time, SECONDS, rtol=0, atol=1e-9)
@@ -49,14 +49,14 @@ def test_a_timetable_with_dates(save):
     """Dates of today in ns exceed float64; they are subtracted as whole numbers."""
     stamps = np.datetime64("2026-11-01T12:00:00", "ns") + np.rint(SECONDS * 1e9).astype(int)
     frame = pandas.DataFrame(COLUMNS, index=pandas.DatetimeIndex(stamps, name="When"))
-    table, _ = read_nested(save(TT=frame))
+    table = open_table(save(TT=frame))
     assert table.names == ("TT.When [s]", "TT.motor", "TT.load")
     # A double holds milliseconds since 1970 to 0.25 µs; the library keeps no finer part.
     np.testing.assert_allclose(table.columns([0])[0], SECONDS, rtol=0, atol=3e-7)
 
 
 def test_times_outside_of_tables_stand_beside_plain_arrays(save):
-    table, _ = read_nested(save(t=durations(SECONDS).to_numpy(), motor=COLUMNS["motor"]))
+    table = open_table(save(t=durations(SECONDS).to_numpy(), motor=COLUMNS["motor"]))
     assert set(table.names) == {"t [s]", "motor"}
 
 
@@ -85,9 +85,9 @@ def without_library(monkeypatch):
 def test_without_the_library(save, without_library, caplog):
     path = save(T=pandas.DataFrame({"t": durations(SECONDS), **COLUMNS}))
     with pytest.raises(UsageError, match=r'pip install "vttig-jax\[matlab\]".*table2struct'):
-        read_nested(path)
+        open_table(path)
     path = save(T=pandas.DataFrame(COLUMNS), motor=COLUMNS["motor"])
-    assert read_nested(path)[0].names == ("motor",)
+    assert open_table(path).names == ("motor",)
     assert "they are left out" in caplog.text and "matlab" in caplog.text
 
 
@@ -96,9 +96,9 @@ def test_a_table_cut_off(save, share):
     path = save(T=pandas.DataFrame({"t": durations(SECONDS), **COLUMNS}))
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     with pytest.raises(LogError, match=r"damaged|no numeric"):
-        read_nested(path)
+        open_table(path)
 
 
 def test_text_alone_is_no_log(save):
     with pytest.raises(LogError, match="no numeric array"):
-        read_nested(save(T=pandas.DataFrame({"mode": list("abc")})))
+        open_table(save(T=pandas.DataFrame({"mode": list("abc")})))

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.readers.matrix_columns import MOST_COLUMNS
-from vttig_jax.logs.readers.nested import NestedTable, read_nested
+from vttig_jax.logs.readers.open_table import open_table
+from vttig_jax.logs.readers.table import MOST_COLUMNS, Table
 
 
 def save(tmp_path, variables, name="log.mat", **options):
@@ -22,7 +22,7 @@ def save(tmp_path, variables, name="log.mat", **options):
 def test_names_of_vectors_and_of_the_rows_and_columns_of_matrices(tmp_path):
     wide, tall = np.arange(10.0).reshape(2, 5), np.arange(8.0).reshape(4, 2)
     path = save(tmp_path, {"rec": {"t": np.arange(4.0), "wide": wide, "tall": tall}})
-    table, digest = read_nested(path)
+    table = open_table(path)
     assert table.names == (
         "rec.t",
         "rec.wide(1,:)",
@@ -33,9 +33,9 @@ def test_names_of_vectors_and_of_the_rows_and_columns_of_matrices(tmp_path):
     found = table.columns(range(5))
     for values, expected in zip(found, [np.arange(4), *wide, *tall.T], strict=True):
         np.testing.assert_array_equal(values, expected)
-    assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert table.digest == hashlib.sha256(path.read_bytes()).hexdigest()
     assert table.source == str(path) and table.line_of is None
-    assert table.complete_rows([0]) == (table, ())
+    assert table.left_out([0]) == ()
 
 
 def test_what_is_no_column(tmp_path):
@@ -48,7 +48,7 @@ def test_what_is_no_column(tmp_path):
         "text": "abc",
         "signal": np.arange(5.0).reshape(1, 1, 5),
     }
-    table, _ = read_nested(save(tmp_path, variables))
+    table = open_table(save(tmp_path, variables))
     assert table.names == ("signal",)
 
 
@@ -63,7 +63,7 @@ def test_what_is_no_column(tmp_path):
     ],
 )
 def test_numbers_keep_their_digits(values, kind):
-    (found,) = NestedTable(("x",), (values,), "log.mat").columns([0])
+    (found,) = Table(("x",), (values,), "log.mat").columns([0])
     assert found.dtype.itemsize == 8 and found.dtype.kind == kind
     assert found[0] == values[0]
 
@@ -74,7 +74,7 @@ def test_numbers_keep_their_digits(values, kind):
 )
 def test_no_numbers(tmp_path, variables, words):
     with pytest.raises(LogError, match=words) as caught:
-        read_nested(save(tmp_path, variables))
+        open_table(save(tmp_path, variables))
     assert caught.value.where.endswith("log.mat")
 
 
@@ -84,22 +84,21 @@ def test_no_numbers(tmp_path, variables, words):
         ("log.mat", b"", "empty"),
         ("log.mat", b"time_s,driving_deg\n0,1\n", "damaged or not a MATLAB or HDF5 file"),
         ("log.mat", b"\0" * 600, "damaged|no numeric"),
-        ("log.csv", b"t,a\n0,1\n", "`.csv` files are not read"),
     ],
 )
 def test_refused(tmp_path, name, data, words):
     path = tmp_path / name
     path.write_bytes(data)
     with pytest.raises(LogError, match=words):
-        read_nested(path)
+        open_table(path)
 
 
 def test_missing_and_folder(tmp_path):
     with pytest.raises(LogError, match="no such file"):
-        read_nested(tmp_path / "log.mat")
+        open_table(tmp_path / "log.mat")
     (tmp_path / "folder.mat").mkdir()
     with pytest.raises(LogError, match="folder"):
-        read_nested(tmp_path / "folder.mat")
+        open_table(tmp_path / "folder.mat")
 
 
 @pytest.fixture(scope="module", params=[False, True])
@@ -119,7 +118,7 @@ def test_damage_is_one_sentence_or_still_a_table(tmp_path_factory, stored, data)
     path = tmp_path_factory.mktemp("damage") / "log.mat"
     path.write_bytes(bytes(spoiled))
     with contextlib.suppress(LogError):  # the one thing that may be raised
-        assert read_nested(path)[0].names
+        assert open_table(path).names
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
@@ -127,7 +126,7 @@ def test_a_file_cut_off(tmp_path, stored, share):
     path = tmp_path / "log.mat"
     path.write_bytes(stored[: int(share * len(stored))])
     with pytest.raises(LogError, match="damaged"):
-        read_nested(path)
+        open_table(path)
 
 
 def test_hdf5(tmp_path):
@@ -135,9 +134,9 @@ def test_hdf5(tmp_path):
     with h5py.File(path, "w") as root:
         root["rec/t"] = np.arange(5)
         root["rec/pos"] = np.arange(10.0).reshape(5, 2)
-    table, _ = read_nested(path)
+    table = open_table(path)
     assert table.names == ("rec/pos(:,1)", "rec/pos(:,2)", "rec/t")
     assert table.columns([1])[0].tolist() == [1.0, 3.0, 5.0, 7.0, 9.0]
     path.write_bytes(path.read_bytes()[:1500])
     with pytest.raises(LogError, match="damaged"):
-        read_nested(path)
+        open_table(path)

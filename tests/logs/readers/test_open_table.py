@@ -4,37 +4,42 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from vttig_jax.base.errors import LogError
-from vttig_jax.logs.readers.delimited import TextTable
-from vttig_jax.logs.readers.nested import NestedTable
 from vttig_jax.logs.readers.open_table import open_table
 
 
 def test_text(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes("t,φ\n0,1\n".encode("cp1253"))
-    table, digest, notes = open_table(path, encoding="cp1253")
-    assert isinstance(table, TextTable) and table.names == ("t", "φ") and notes == ()
-    assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert "cp1252" in open_table(path)[2][0]
-    assert open_table(path, delimiter=",", requested=["#1", None, "φ"])[0].names[0] == "t"
+    table = open_table(path, encoding="cp1253")
+    assert table.names == ("t", "φ") and table.notes == ()
+    assert table.digest == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert "cp1252" in open_table(path).notes[0]
+    assert open_table(path, delimiter=",", requested=["#1", None, "φ"]).names[0] == "t"
 
 
-def test_text_without_a_header(tmp_path):
+@pytest.mark.parametrize("requested", [[], ["#row", "name", None], [None, "#2", "#1"]])
+def test_text_without_a_header(tmp_path, requested):
     path = tmp_path / "log.txt"
     path.write_text("1;2,5\n3;4,5\n")
-    table, _, _ = open_table(path, decimal=",", requested=[None, "#2", "#1"])
+    table = open_table(path, decimal=",", requested=requested)
     assert table.names == ("#1", "#2") and table.columns([1])[0].tolist() == [2.5, 4.5]
-    for asked in ([], ["#row", "name", None]):
-        with pytest.raises(LogError, match="without a header"):
-            open_table(path, requested=asked)
 
 
 def test_matlab_by_its_ending(tmp_path):
     path = tmp_path / "log.MAT"
     savemat(path, {"t": np.arange(3.0)}, appendmat=False)
-    table, digest, notes = open_table(path, requested=["t", "#row"])
-    assert isinstance(table, NestedTable) and table.names == ("t",) and notes == ()
-    assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
-    with pytest.raises(LogError, match="no column #2; give an array name such as t"):
-        open_table(path, requested=["#2"])
+    table = open_table(path, requested=["t", "#row"])
+    assert table.names == ("t",) and table.notes == () and table.line_of is None
+    assert table.digest == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("comment", ["", "# pause\n"])
+def test_a_closed_table_still_tells_its_lines(tmp_path, comment):
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,a\n0,1\n{comment}1,2\n2,3\n")
+    table = open_table(path)
+    _, values = table.columns([0, 1])
+    line_of = table.line_of
+    table.close()
+    assert line_of is not None and [line_of(row) for row in range(3)][::2] == [2, 4 + bool(comment)]
+    assert values.tolist() == [1.0, 2.0, 3.0]

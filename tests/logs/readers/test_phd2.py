@@ -93,23 +93,24 @@ def test_the_error_without_pulses_and_dithers(save):
 
 def test_the_sum_of_pulses_matters(save):
     """Negative control: the distances alone show little of the worm."""
-    table, _, _ = open_table(save(session(moves=False)))
+    table = open_table(save(session(moves=False)))
     raw = [float(line.split(",")[5]) for line in session(moves=False).split("\n") if '"Mo' in line]
     assert np.ptp(table.columns([1])[0]) > 5 * np.ptp(np.array(raw)) * SCALE
 
 
 def test_the_rate_of_the_calibration_stands_in(save):
     unknown = FACTS | {"speed": "RA Guide Speed = Unknown, Dec Guide Speed = Unknown"}
-    table, _, notes = open_table(save(session(facts=unknown)))
+    table = open_table(save(session(facts=unknown)))
+    notes = table.notes
     rate = 3.072 * SCALE / np.cos(np.radians(DECLINATION))
     assert f"guide rate {rate:.4g}″/s from xRate" in notes[1]
-    known = open_table(save(session()))[0].columns([1])[0]
+    known = open_table(save(session())).columns([1])[0]
     assert np.abs(table.columns([1])[0] - known).max() < 0.002 * np.abs(known).max() + 0.02
 
 
 def test_rates_that_disagree_are_told(save):
     wrong = FACTS | {"speed": "RA Guide Speed = 15.0 a-s/s, Dec Guide Speed = 7.5 a-s/s"}
-    assert "(the calibration measured 7.5″/s)" in open_table(save(session(facts=wrong)))[2][1]
+    assert "(the calibration measured 7.5″/s)" in open_table(save(session(facts=wrong))).notes[1]
 
 
 def test_several_sessions_are_asked_for(save):
@@ -131,7 +132,7 @@ def test_the_clock_is_asked_for(save):
 
 def test_a_cut_last_row_is_left_out(save):
     text = session(90, moves=False).replace("Guiding Ends at 2026-10-01 21:31:00\n", "")
-    table = open_table(save(text + '91,182.100,"Mount",0.1,0.2,0.'))[0]
+    table = open_table(save(text + '91,182.100,"Mount",0.1,0.2,0.'))
     assert len(table.columns([0])[0]) == 89
 
 

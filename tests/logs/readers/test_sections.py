@@ -41,15 +41,16 @@ def test_the_only_section_with_both_shafts_is_taken(save, mark):
 
 
 def test_sections_are_told(save):
-    table, _, notes = open_table(save(report()))
+    table = open_table(save(report()))
+    notes = table.notes
     assert table.names == (
         *("1/Time", "1/Temp A", "1/Temp B"),
         *("2/Time", "2/Motor [deg]", "2/Load [deg]"),
     )
     first, second = notes
     assert first.startswith("section 1 `Warm-up begins at 10:00` at line 4: 50 rows;")
-    assert f"section 2 `Run begins at 10:05` at line 60: {len(T)} rows, left out: 1 with" in second
-    assert "no rows between them: 1, first line 90" in second
+    assert f"section 2 `Run begins at 10:05` at line 60: {len(T)} rows" in second
+    assert "2 lines between them are left out, the first is line 90" in second
     assert "--column driving=2/NAME" in second
 
 
@@ -80,12 +81,12 @@ def test_a_header_that_is_written_again_begins_a_section(save):
     ],
 )
 def test_a_damaged_row_begins_no_section(save, text):
-    table, _, _ = open_table(save(text))
+    table = open_table(save(text))
     assert table.names[0] == "Time"
 
 
 def test_text_in_a_column_of_a_section(save):
     wrong = report().replace(RUN.splitlines()[200], "2.0,much,5.0,ok")
-    with pytest.raises(LogError, match=r"`much` in line \d+ is no number") as caught:
+    with pytest.raises(LogError, match=r"line \d+: `much` is no number") as caught:
         open_table(save(wrong))
     assert "section 2, column `Motor [deg]`" in caught.value.where

@@ -8,7 +8,7 @@ from tests.logs.rig_log import csv
 from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.base.units import ANGLE_UNITS, DEG
 from vttig_jax.logs import read_log
-from vttig_jax.logs.recognition.name_words import read_name
+from vttig_jax.logs.recognition.names import read_name
 
 NAMES = (
     ("driving", "driven"),

@@ -8,9 +8,8 @@ import pytest
 from tests.logs.rig_log import angles_deg, csv
 from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.logs import read_log
-from vttig_jax.logs.recognition.candidates import Candidate
-from vttig_jax.logs.recognition.name_words import read_name
-from vttig_jax.logs.recognition.question import no_fit
+from vttig_jax.logs.recognition.questions import GUESSES, QUESTIONS, Question
+from vttig_jax.pair.pair_file import parse_pair_spec
 
 T, X, Y = angles_deg()
 DEFAULT: dict[str, Any] = {"ratio": "16:9"}
@@ -26,6 +25,20 @@ def ask(tmp_path):
         with pytest.raises((LogError, UsageError)) as caught:
             read_log(path, **DEFAULT | options)
         return str(caught.value)
+
+    return read
+
+
+@pytest.fixture
+def question(tmp_path):
+    """Write a log, read it, and return the question."""
+
+    def read(text: str, *pair, **options: Any) -> Question:
+        path = tmp_path / "log.csv"
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(Question) as caught:
+            read_log(path, *pair, **options)
+        return caught.value
 
     return read
 
@@ -67,10 +80,9 @@ def test_one_encoder_in_two_units_is_no_pair_of_shafts(ask):
     assert "`p [rad]` drives `q [rev]`" in only
 
 
-def test_columns_with_a_unit_of_angles_are_listed_first():
-    names = ("u", "p cmd [rad]", "q [rad]")
-    columns = [Candidate(k, name, read_name(name, ""), X) for k, name in enumerate(names)]
-    told = str(no_fit(("driving", "driven"), columns, None, "log.csv"))
+def test_columns_with_a_unit_of_angles_are_listed_first(ask):
+    told = ask(csv("t,u,p cmd [rad],q [rad]", T, X, X, X), ratio="7:5", unit="deg")
+    told = told[told.index("there are") :]
     assert told.index("`q [rad]`") < told.index("`p cmd [rad]`") < told.index("`u`")
 
 
@@ -327,3 +339,59 @@ def test_a_question_says_which_columns_do_not_change(ask):
     assert "left out, as they do not change: `q [deg]` (always 7.25)" in told
     several = ask(csv("t [s],motor a [deg],motor b [deg]", T, still, still), ratio="16:9")
     assert "`motor a [deg]` 7.25 in every row, a constant" in several
+
+
+@pytest.mark.parametrize("slug", [*QUESTIONS])
+def test_every_question_has_a_sentence_with_a_cure(slug):
+    cures = ("give ", "--", "{options}", "write ", "interpolate ", "leave it out")
+    assert any(cure in QUESTIONS[slug] for cure in cures)
+    assert QUESTIONS[slug].endswith(".")
+
+
+def test_every_guess_says_what_was_taken_and_why():
+    assert all(", " in words for words in GUESSES.values())
+
+
+def test_a_wrong_ratio_is_answered_with_that_of_the_columns(question):
+    asked = question(csv("t,p_deg,q_deg", T, X, X / 150), ratio="100:1")
+    assert asked.slug == "shafts-open" and asked.columns == ("p_deg", "q_deg")
+    assert "--ratio 150:1 where `p_deg` drives `q_deg`" in asked.message
+    known = question(csv("t,motor_deg,q_deg", T, X, X / 150), ratio="100:1")
+    assert "--ratio 150:1 where `motor_deg` drives `q_deg`" in known.message
+    assert "--ratio" not in question(csv("t,p_deg,q_deg", T, X, X**2), ratio="3:1").message
+
+
+@pytest.mark.parametrize("word", ["joint", "link", "arm", "axis", "output", "secondary", "load"])
+def test_words_for_the_side_of_the_output(columns, word):
+    assert columns(csv(f"t,motor_deg,{word}_deg", T, X, Y)).driven == f"{word}_deg"
+    assert columns(csv(f"t,{word} 1 motor_deg,x_deg", T, X, Y)).driven == "x_deg"
+
+
+def test_two_words_for_the_side_of_the_output_say_nothing(columns):
+    text = csv("t,motor_deg,axis 1_deg,axis 2_deg", T, X, 3 * X, Y)
+    assert columns(text).driven == "axis 2_deg"
+
+
+def test_equal_shafts_of_an_uncertain_slope(question, columns):
+    """Over half a turn an error of order 4 makes the slope 2 % wrong, one way or the other."""
+    x = 180 * np.abs((T / 4.6) % 2 - 1)
+    y = x + 7.5 * np.sin(np.radians(4 * x) + 2.2)
+    asked = question(csv("t_s,p_deg,q_deg", T, x, y), ratio="1:1")
+    assert asked.slug == "several-pairs" and set(asked.columns) == {"p_deg", "q_deg"}
+    assert "`p_deg` drives `q_deg`" in asked.message and "`q_deg` drives `p_deg`" in asked.message
+    assert columns(csv("t_s,motor_deg,q_deg", T, x, y), ratio="1:1").driven == "q_deg"
+
+
+PAIR = {"drive": {"ratio": "16:9"}}
+
+
+def test_a_pair_file_has_the_same_recognition(tmp_path, question):
+    path = tmp_path / "log.csv"
+    path.write_text(csv("zeit,motor_deg,x9,load_deg", T, X, T**2, Y))
+    log = read_log(path, parse_pair_spec(PAIR))
+    assert dict(log.place.columns) == {"time": "zeit", "driving": "motor_deg", "driven": "load_deg"}
+    assert log.spec is None and len(log.notes) >= 3
+    twins = csv("t_s,motor a_deg,motor b_deg,load_deg", T, X, X, Y)
+    assert question(twins, parse_pair_spec(PAIR)).slug == "several-columns"
+    asked = question(csv("t_s,motor,load", T, X, Y), parse_pair_spec(PAIR))
+    assert asked.slug == "no-unit" and "[unit]" in asked.message and "--unit" not in asked.message

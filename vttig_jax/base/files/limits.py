@@ -22,7 +22,7 @@ MULTIPLE, LEAST_BYTES = 64, 1 << 28
 """Memory per byte of the file, and memory that any file may take; chosen values. Logs of encoders
 compress by 2 to 20."""
 
-_PART = 1 << 24  # bytes that are read at a time from a stream of unknown length; chosen value
+PART = 1 << 20  # bytes that are read or unpacked at a time, where the length is unknown; chosen
 _FALLBACK_BYTES = 4 << 30  # free memory of a system that does not report it; chosen value
 _ASKED: ContextVar[int | None] = ContextVar("asked", default=None)
 
@@ -93,7 +93,7 @@ def read_at_most(file: BinaryIO | io.BufferedIOBase, limit: int, expected: int =
         return data
     parts = [data]
     while len(parts[-1]) and sum(map(len, parts)) <= limit:
-        parts.append(file.read(min(_PART, limit + 1)))
+        parts.append(file.read(min(PART, limit + 1)))
     return b"".join(parts)
 
 

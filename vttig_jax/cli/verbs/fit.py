@@ -9,7 +9,7 @@ import click
 from ...base.errors import NoAnswerError, UsageError
 from ...base.logger import LOGGER
 from ...identify.fit_settings import fields
-from ...logs.readers.stdin_log import with_standard_input
+from ...logs.readers.open_table import with_standard_input
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, readings_alone, resolve, save_fit
 from ...runs.options import options_of

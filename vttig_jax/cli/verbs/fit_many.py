@@ -9,7 +9,7 @@ from ...base.errors import NoAnswerError, UsageError
 from ...base.files.standard_input import STDIN
 from ...base.logger import LOGGER
 from ...identify.fit_settings import BATCH, FitSettings
-from ...logs.readers.stdin_log import with_standard_input
+from ...logs.readers.open_table import with_standard_input
 from ...runs.options import ReadingOptions, in_options
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import batch_options

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from ...base.errors import UsageError
-from ...logs.readers.column_roles import ROLES
-from ...logs.readers.stdin_log import with_standard_input
+from ...logs.readers.column_names import ROLES
+from ...logs.readers.open_table import with_standard_input
 from ..drive_options import GROUPS, DriveOptions, drive_options
 from ..options import log_options, verb
 from ..output import Output
@@ -72,15 +72,17 @@ def _inspected(
     from ...logs.inspection import inspect_log
     from ...logs.preview import preview_log
     from ...logs.read import read_log
-    from ...logs.recognition.command import fit_command
+    from ...logs.recognition.request import fit_command
     from ...runs.stated_drive import stated_spec
 
-    spec, guesses = stated_spec((log,), pair, drive.request, reading)
+    spec, opened = stated_spec((log,), pair, drive.request, reading)
+    guesses = [guess for one in opened for guess in one.roles.guesses]
     drive.tell(() if drive.explain_columns else guesses, spec, output)
     if drive.explain_columns:
         first = preview_log(log, spec=spec, **reading.keywords())
         return replace(first, notes=(*map(str, guesses), *first.notes))
-    report = inspect_log(read_log(log, spec, **reading.keywords()), spec)
+    found = opened[0].log if opened else read_log(log, spec, **reading.keywords())
+    report = inspect_log(found, spec)
     if pair is not None or report.ratio.verdict in ("swapped", "swapped_sign", "differs"):
         return report  # a fit would refuse the log; the notes name the remedies
     request = drive.request

@@ -13,7 +13,7 @@ from ...base.errors import InputError, NotConvergedError, UsageError
 from ...base.files.run_folder import data_sha256
 from ...base.logger import LOGGER
 from ...identify.fit_settings import fields
-from ...logs.readers.stdin_log import with_standard_input
+from ...logs.readers.open_table import with_standard_input
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.posterior_run import report_on, write_report

@@ -10,8 +10,7 @@ from ...base.errors import LogError
 from ...base.numerics.counting import pieces
 from ...base.units import ANGLE_UNITS, REV
 from ...pair.schema import Encoder, as_fraction
-from ..magnitudes import LEAST_RANGE
-from ..source import Source
+from ..source import LEAST_RANGE, Source
 from .continuous import GAP as GAP
 from .continuous import Continuous, Origin, make_continuous
 from .spikes import without_spikes

@@ -6,14 +6,12 @@ import numpy as np
 from jaxtyping import Real
 
 from ..readers.delimited import TextTable
-from ..readers.nested import NestedTable
+from ..readers.table import Table
 
 _CURE = "a fit refuses such a column; remove these rows, or the column if it is not needed"
 
 
-def missing_notes(
-    table: TextTable | NestedTable, arrays: Mapping[int, Real[np.ndarray, " _"]]
-) -> list[str]:
+def missing_notes(table: Table, arrays: Mapping[int, Real[np.ndarray, " _"]]) -> list[str]:
     """Return notes on the columns of a table in which rows hold no number.
 
     `arrays` is index → values of the columns that are read. Of other columns of a text the empty

@@ -13,7 +13,7 @@ import numpy as np
 from ...base.errors import LogError
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
-from .fractions import (
+from ..fractions import (
     DEVIATIONS,
     MOST_TEETH,
     better_fraction,
@@ -21,8 +21,8 @@ from .fractions import (
     likely_fraction,
     ratio_option,
 )
+from ..slope import slope
 from .lost_motion import FollowedMotion, without_lost_motion
-from .slope import slope
 from .slope_cause import Cause, slope_gains
 
 TOLERANCE = 0.005

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ...base.errors import LogError
 from ...base.files.text_tables import key_values
 from ...base.units import ANGLE_UNITS, DEG, REV
-from .column_roles import name_and_unit
-from .table import TextTable, find_table
+from .column_names import name_and_unit
+from .delimited import TextTable, find_table
 from .text import read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
@@ -131,7 +131,7 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     text, digest, _ = read_text(path, None)
     table = _find_table(text, source, decimal)
     columns = {role: _column(table, role) for role in UNITS}
-    values = table.columns([index for index, _ in columns.values()])
+    values = table.columns([index for index, _ in columns.values()], keep_last=True)
     driving, backlash = (np.asarray(column, np.float64) for column in values)
     lines = np.array([number for number, _ in table.rows()], np.int64)
     names = {role: table.names[index] for role, (index, _) in columns.items()}

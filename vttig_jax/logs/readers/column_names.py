@@ -1,11 +1,25 @@
-"""Units in column names, and the search for a column by its name."""
+"""Roles of columns, units in their names or in a row of units, and a column by its name."""
 
 import difflib
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 from ...base.errors import LogError
 from ...base.units import ANGLE_UNITS
+
+ROLES = (
+    "time",
+    "driving",
+    "driven",
+    "transmission_error",
+    "direction",
+    "axial_mm",
+    "torque",
+    "speed",
+    "acceleration",
+)
+"""Roles that the option `--column role=name` accepts."""
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 86400.0}
 """Seconds in one of each unit of time."""
@@ -75,6 +89,25 @@ ROW = "#row"
 """Name of the column with the row numbers 0, 1, 2, …."""
 
 
+ROW_INDEX = -1
+"""Index of the column `#row`, which is not in the table."""
+
+_SUFFIXES = {  # required for roles without a key in [unit]
+    "speed": "_rpm, _deg_per_s or _rad_per_s",
+    "acceleration": "_rad_per_s2 or _deg_per_s2",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """Column of the file with a role; `unit` is "" for a column without unit."""
+
+    role: str
+    index: int
+    name: str
+    unit: str
+
+
 def units_of(role: str) -> Sequence[str]:
     """Return the units that a column with the role `role` can have."""
     return _UNITS.get(role, ())
@@ -126,6 +159,45 @@ def unit_spelt(text: str) -> str:
     return _SPELLINGS.get(text, text)
 
 
+def unit_of(role: str, name: str, stated: str | None, where: str) -> str:
+    """Return the unit that the column name states, or that is `stated` beside it; "" without unit.
+
+    **Raises** `LogError` if both state different units, if a required unit is missing, or if the
+    role cannot have this unit.
+    """
+    written = name_and_unit(name, units_of(role), where)[1]
+    if role == "time" and stated is None:
+        return written or "s"
+    if role == "axial_mm":
+        return written or "mm"
+    if role in ("direction", "torque"):
+        return ""
+    if role in _SUFFIXES:
+        if written is None:
+            message = f"this column has no unit; end the name with {_SUFFIXES[role]}."
+            raise LogError(message, where=where)
+        return written
+    if stated is not None and written is not None and stated != written:
+        raise LogError(
+            f"the name has the unit {written}, but [unit] {role} has {stated}; correct one.",
+            where=where,
+        )
+    unit = written or stated
+    if unit is None:
+        raise LogError(
+            "this column has no unit; end the name with _deg, _rad, … or write"
+            f' `{role} = "deg"` in [unit].',
+            where=where,
+        )
+    if unit not in units_of(role):
+        raise LogError(
+            f"{unit} is no unit of a {role.replace('_', ' ')}; use one of"
+            f" {listed(units_of(role))}.",
+            where=where,
+        )
+    return unit
+
+
 def number_of(name: str | None) -> int:
     """Return the column number in a name, 3 for `#3` (the third column), or 0 for other names."""
     match = _NUMBER.fullmatch(name or "")
@@ -161,7 +233,14 @@ def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
             raise LogError(
                 f"{len(matches)} columns fit `{name}` ({listed(same)}); {cure}.", where=source
             )
-    raise missing(role, names, source, name)
+    close = difflib.get_close_matches(name, names, 1, 0.5)
+    hint = f" (closest: {close[0]})" if close else ""
+    rate = ", or give --sample-rate" if role == "time" else ""
+    raise LogError(
+        f"there is no column {name}; the log has {listed(names)}{hint}; name it with --column"
+        f" {role}=NAME or in [log]{rate}.",
+        where=source,
+    )
 
 
 def _index_of_number(number: int, name: str, names: Sequence[str], source: str) -> int:
@@ -202,20 +281,6 @@ def default_column(role: str, names: Sequence[str], source: str) -> int | None:
     return matches[0] if matches else None
 
 
-def missing(role: str, names: Sequence[str], source: str, name: str | None = None) -> LogError:
-    """Return the error for a missing column, which lists the names of the existing columns."""
-    patterns = {"time": "time_s", "driven": "driven_* or transmission_error_*"}
-    wanted = name or patterns.get(role, f"{role}_*")
-    close = difflib.get_close_matches(name or role, names, 1, 0.5)
-    hint = f" (closest: {close[0]})" if close else ""
-    rate = ", or give --sample-rate" if role == "time" else ""
-    return LogError(
-        f"there is no column {wanted}; the log has {listed(names)}{hint}; name it with --column"
-        f" {role}=NAME or in [log]{rate}.",
-        where=source,
-    )
-
-
 def listed(names: Iterable[str]) -> str:
     """Return the first twelve names as text; columns of one matrix are joined as `x(1…6,:)`."""
     groups: dict[str, list[str]] = {}
@@ -242,3 +307,53 @@ def _matrix_name(name: str) -> str:
 def _normalised(name: str) -> str:
     """Return a name in lower case without blanks and without the leading slash of a path."""
     return name.lower().replace(" ", "").removeprefix("/")
+
+
+_OTHER = """
+    nm n·m n*m mnm a ma ka v mv kv w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn mm
+    m cm um µm μm nm/a hz khz mhz rpm 1/min min-1 r/min u/min rev/min rad/s deg/s °/s rev/s
+    rad/s2 rad/s^2 rad/s² deg/s2 deg/s^2 deg/s² °/s2 °/s^2 °/s² m/s m/s2 m/s^2 m/s² mm/s g kg
+    ohm db lux ppm px pixel pixels bit bool °c/s deg_per_s rad_per_s deg_per_s2 rad_per_s2 min
+    h inch in lb lbf ft degf mil volt volts ampere amperes
+"""
+
+OTHER_UNITS = frozenset(_OTHER.split())
+"""Units of quantities other than angle and time, in lower case."""
+
+NO_UNITS = frozenset(("", "-", "–", "none", "(none)", "n/a", "1"))
+"""Fields in a row of units that mean "no unit"."""
+
+_BRACKETS = {"[": "]", "(": ")"}
+
+
+def unit_in(field: str) -> str | None:
+    """Return the unit in a field of a row of units.
+
+    It is "" for a field that means "no unit", and None for a field that is not a unit.
+    """
+    text = field.strip()
+    if text[:1] in _BRACKETS and text.endswith(_BRACKETS[text[0]]):
+        text = text[1:-1]
+    unit = unit_spelt(text)
+    if unit in NO_UNITS:
+        return ""
+    return unit if unit in OTHER_UNITS or unit in (*ANGLES, *TIME_UNITS) else None
+
+
+def is_units_row(fields: Sequence[str]) -> bool:
+    """Return whether every field is a unit or means "no unit", and at least one is a unit."""
+    units = []
+    for field in fields:
+        units.append(unit_in(field))
+        if units[-1] is None:
+            return False
+    return any(units)
+
+
+def with_units(names: Sequence[str], fields: Sequence[str]) -> list[str]:
+    """Return the names with the units in brackets; `fields` is the row of units below the names."""
+    padded = [*fields, *[""] * (len(names) - len(fields))]
+    return [
+        f"{name} [{field.strip().strip('[]()')}]" if unit_in(field) else name
+        for name, field in zip(names, padded, strict=False)
+    ]

@@ -1,25 +1,46 @@
-"""Table of delimited text, with its rows as fields and its columns as arrays.
+"""Table of delimited text: where it begins, its delimiter, its header, its rows and its columns.
 
-pyarrow reads the columns of a long text block by block. NumPy's C parser reads short texts and
-texts that pyarrow refuses. If both fail, the columns are read field by field; this either converts
-each field (quotes, thousands marks) or raises an error that names line and column.
+pyarrow parses the columns. What it refuses (thousands marks, rows of unequal length, damaged
+fields) is read field by field, which either converts a field or names its line and column.
 """
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from jaxtyping import Real
 
 from ...base.errors import LogError
 from ..channel.channel import EXACT_FLOAT
-from .blocks import read_in_blocks
-from .lines import Lines
-from .number_format import choose_decimal, looks_like_number, to_number
+from .column_names import is_units_row, with_units
+from .number_format import CURE, choose_decimal, looks_like_number, to_number
+from .table import MOST_COLUMNS, Table
+from .text import Lines
 from .times.stamps import looks_like_stamp
+
+DELIMITERS = ("\t", ";", ",", "|", None)
+"""Delimiters in the order in which they are tried; None means one or more blanks."""
+
+NAMED = {"tab": "\t", "\\t": "\t", "space": None, " ": None, "semicolon": ";", "comma": ","}
+
+PREAMBLE = 1000
+"""Number of lines in which the first row of numbers is searched (chosen)."""
+
+COMMENTS = ("#", "%", "//")
+
+EMPTY = " \t\r\n;,|"
+"""Characters of lines without content, such as empty rows at the end of a spreadsheet."""
+
+BLOCK = 1 << 20
+"""Number of characters that are parsed at a time; several copies of them are in memory (chosen)."""
+
+_SEPARATOR = re.compile(r'"?sep=(\\t|.)"?', re.IGNORECASE)
+"""Pattern of the first line of a file for Excel that names the delimiter."""
 
 _COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
 """Comment at the end of a line."""
@@ -27,125 +48,144 @@ _COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
 _WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
 """Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
 
+_LONGEST = 10_000  # most characters of the name of a column (chosen)
 _FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
 _SHOWN = 40
 """Number of characters of a text below the table that its note shows (chosen)."""
 
 
-@dataclass(frozen=True)
-class TextTable:
-    """Table in a text file.
+def split(line: str, delimiter: str | None, *, trim: bool = True) -> list[str]:
+    """Return the stripped fields of a line; `trim` removes empty fields at its end.
 
-    `lines` are all lines of the file. The rows start after the line with index `header`, which is
-    −1 for a file without header.
+    A `delimiter` of None means one or more blanks.
     """
+    if delimiter is None:
+        fields = line.split()
+    elif '"' in line and len(line) < csv.field_size_limit():
+        fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    else:
+        fields = line.split(delimiter)
+    fields = [field.strip() for field in fields]
+    while trim and fields and not fields[-1]:
+        fields.pop()
+    return fields
 
-    names: tuple[str, ...]
-    lines: Lines
-    header: int
-    delimiter: str | None
-    decimal: str | None
-    source: str
 
-    @property
-    def body(self) -> Iterator[str]:
-        """All lines below the header."""
-        return self.lines.starting_at(self.header + 1)
+def is_value(field: str) -> bool:
+    """Return whether a field is a number, a date with time, or a time of day."""
+    return looks_like_number(field) or looks_like_stamp(field)
 
-    def line_of(self, row: int) -> int:
-        """Return the line number of a row in the file, from 1."""
-        return next(n for k, (n, _) in enumerate(self.rows()) if k == row)
+
+class TextTable(Table):
+    """Table in a text. The rows start after the line `header`, −1 for a text without header."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        lines: Lines,
+        header: int,
+        delimiter: str | None,
+        *,
+        decimal: str | None,
+        source: str,
+    ):
+        super().__init__(tuple(names), (), source)
+        self.lines, self.header, self.delimiter, self.decimal = lines, header, delimiter, decimal
+        self._parsed: dict[tuple[int, str], np.ndarray] = {}
+        self._first = next((fields for _, fields in self.rows()), [])
+        self._leave_out_text_below()
+        self._last = list(islice(self._from_below(), 4))  # line index, text and fields, from below
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield the line number and fields of every row, without comments and empty rows."""
-        for number, line in enumerate(self.body, self.header + 2):
+        for number, line in enumerate(self.lines.starting_at(self.header + 1), self.header + 2):
             fields = self._fields(line)
             if fields:
                 yield number, fields
 
-    def texts(self, index: int) -> list[str]:
-        """Return the fields of a column as they are written.
+    def columns(
+        self, indices: Sequence[int], *, keep_last: bool = False
+    ) -> list[Real[np.ndarray, " n"]]:
+        """Return columns as float64, or as int64 where float64 cannot hold whole numbers.
 
-        **Raises** `LogError` naming the line of a row without this field.
+        `keep_last` is true if an incomplete last row is an error, and is not left out.
         """
-        found = []
-        for number, fields in self.rows():
-            if index >= len(fields) or not fields[index]:
-                where = f"{self.source}: line {number}, column `{self.names[index]}`"
-                raise LogError("the field is empty; write a value or remove the line.", where=where)
-            found.append(fields[index])
+        decimal = self._decimal(indices)
+        self._parse([k for k in indices if (k, decimal) not in self._parsed], decimal)
+        if not keep_last and self.left_out(indices):
+            return [self._parsed[k, decimal][:-1] for k in indices]
+        for k in indices:  # raises for a field that is not read
+            _ = self._value(self._last[0][0] + 1, self._last[0][2], k, decimal)
+        return [self._parsed[k, decimal] for k in indices]
+
+    def numeric(self) -> dict[int, Real[np.ndarray, " n"]]:
+        """Return index → values of all columns that hold only numbers."""
+        first = self._first[: len(self.names)]
+        indices = [k for k, field in enumerate(first) if looks_like_number(field)]
+        try:
+            return dict(zip(indices, self.columns(indices), strict=True))
+        except LogError:
+            pass
+        found: dict[int, np.ndarray] = {}
+        for k in indices:
+            with suppress(LogError):
+                (found[k],) = self.columns([k])
         return found
+
+    def texts(self, index: int) -> list[str]:
+        """Return the fields of a column as they are written, with those of the last row."""
+        return [self._field(number, fields, index) for number, fields in self.rows()]
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""
-        fields = next((fields for _, fields in self.rows()), [])
-        return index < len(fields) and looks_like_stamp(fields[index])
+        return index < len(self._first) and looks_like_stamp(self._first[index])
 
-    def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " n"]]:
-        """Return columns as float64, or as int64 if float64 cannot represent their whole numbers.
+    @property
+    def line_of(self) -> Callable[[int], int]:
+        """Function from row to line number; it keeps no text if each line below is a row."""
+        first = self.header + 2
+        if self._is_dense:
+            return lambda row: first + row
+        return lambda row: next(islice(self.rows(), row, None))[0]
 
-        **Raises** `LogError` naming the line and column of a field that is not a number.
+    @property
+    def _is_dense(self) -> bool:
+        """Whether the lines below the header are rows, without comments and empty lines."""
+        size = len(next(iter(self._parsed.values()), ()))
+        ends = not next(self.lines.backwards())  # an empty line after the last line end
+        return size == len(self.lines) - self.header - 1 - ends
+
+    def close(self) -> None:
+        """Free the memory of the columns, and that of the text if no line number needs it."""
+        if self._is_dense:
+            self.lines = Lines("")
+        self._parsed = {}
+
+    def left_out(self, indices: Sequence[int]) -> tuple[str, ...]:
+        """Return a note if the last row is incomplete; a single row is always kept.
+
+        It is incomplete if a field of `indices` is missing or unreadable, but readable in the row
+        above, or if no line end follows and fields are missing or the last number is cut off.
         """
-        commas, decimal = self._marks(indices)
-        if commas is None:
-            return _by_field(self, indices, decimal)
-
-        commented = self.lines.have("#", self.header + 1)
-
-        def body() -> Iterator[str]:
-            lines = map(self._content, self.body) if commented else self.body
-            return (line.replace(",", ".") for line in lines) if commas else lines
-
-        options = {"delimiter": self.delimiter, "comments": None, "quotechar": '"', "ndmin": 2}
-        columns = read_in_blocks(self.lines, self.header + 1, self.delimiter, decimal, indices)
-        if columns is None:
-            try:
-                array = np.loadtxt(body(), usecols=indices, **options)
-            except ValueError:
-                return _by_field(self, indices, decimal)
-            columns = list(np.ascontiguousarray(array.T))
-        for k, index in enumerate(indices):
-            if _largest(columns[k]) >= EXACT_FLOAT:
-                try:
-                    integers = np.loadtxt(body(), usecols=index, dtype=np.int64, **options)
-                except (ValueError, OverflowError):
-                    continue
-                columns[k] = integers[:, 0]
-        return columns
-
-    def complete_rows(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
-        """Return the table without text below it and an incomplete last line, and notes on them.
-
-        Text below the table is lines that start with a word where the rows start with a number. If
-        the rows start with a word too, such lines have no number in the columns `indices`.
-
-        The last line is incomplete if a field of `indices` is missing or unreadable, but readable
-        in the row above, or if no line end follows and fields are missing or the last number is cut
-        off. A single row is always kept.
-        """
-        table, notes = self._without_text_below(indices)
-        last = list(islice(table._from_below(), 4))
-        if len(last) < 2:
-            return table, notes
-        (row, line, fields), (_, line_above, above) = last[:2]
-        cut = any(_number_at(above, k) and not _number_at(fields, k) for k in indices)
-        if row == len(table.lines) - 1:  # no line end follows
+        if len(self._last) < 2:
+            return ()
+        (row, line, fields), (_, line_above, above) = self._last[:2]
+        cut = any(_value_at(above, k) and not _value_at(fields, k) for k in indices)
+        if row == len(self.lines) - 1:  # no line end follows
             counts = [
                 len(split(self._content(text), self.delimiter, trim=False))
                 for text in (line, line_above)
             ]
             cut = cut or counts[0] < min(len(self.names), counts[1])
-            cut = cut or self._ends_in_a_number([own for _, _, own in last], indices)
-        if not cut:
-            return table, notes
-        notes = (*notes, f"the last line ({row + 1}) is cut off and left out")
-        return replace(table, lines=table.lines.before(row)), notes
+            cut = cut or self._ends_in_a_number(indices)
+        return (f"the last line ({row + 1}) is cut off and left out",) if cut else ()
 
-    def _ends_in_a_number(self, last: Sequence[Sequence[str]], indices: Sequence[int]) -> bool:
+    def _ends_in_a_number(self, indices: Sequence[int]) -> bool:
         """Return whether the file ends inside the last number, which is then far from those above.
 
-        `last` holds the fields of the last four rows, the last one first.
+        The decision needs the last four rows.
         """
+        last = [fields for _, _, fields in self._last]
         place = len(last[0]) - 1
         if len(last) < 4 or place not in indices or any(len(row) <= place for row in last):
             return False
@@ -187,94 +227,407 @@ class TextTable:
             if fields:
                 yield k, line, fields
 
-    def _without_text_below(self, indices: Sequence[int]) -> "tuple[TextTable, tuple[str, ...]]":
-        """Return the table without text below its last row of numbers, and a note on the text."""
-        first = next((fields for _, fields in self.rows()), [])
-        numbered = _number_at(first, 0)
-        columns = indices or range(len(self.names))
-        found: list[tuple[int, str]] = []
-        for k, line, fields in self._from_below():
-            lacks = numbered or not any(_number_at(fields, index) for index in columns)
-            if not lacks or _number_at(fields, 0) or not _WORD.match(fields[0]):
-                break
-            found.append((k, line.strip()))
-        else:
-            return self, ()  # no row of numbers is above
-        if not found:
-            return self, ()
-        row, text = found[-1]
-        what = "line is" if len(found) == 1 else "lines are"
-        text = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
-        note = f"{len(found)} {what} text below the table and left out, from line {row + 1}: {text}"
-        return replace(self, lines=self.lines.before(row)), (note,)
+    def _leave_out_text_below(self) -> None:
+        """Leave out the lines of text below the last row of numbers, with a note.
 
-    def _marks(self, indices: Sequence[int]) -> tuple[bool | None, str]:
-        """Return whether the numbers have decimal commas, and the decimal mark.
-
-        The first value is None if a C parser cannot read the columns `indices`.
+        These are lines that start with a word where the rows start with a number. If the rows start
+        with a word too, such lines have no number where the first row has one.
         """
+        numbers = [k for k in range(len(self._first)) if _value_at(self._first, k)]
+        row, text, count = 0, "", 0
+        for k, line, fields in self._from_below():
+            lacks = 0 in numbers or not any(_value_at(fields, index) for index in numbers)
+            if not lacks or _value_at(fields, 0) or not _WORD.match(fields[0]):
+                break
+            row, text, count = k, line.strip(), count + 1
+        else:
+            return  # no row of numbers is above
+        if not count:
+            return
+        self.lines = self.lines.before(row)
+        what = "line is" if count == 1 else "lines are"
+        text = text if len(text) <= _SHOWN else text[:_SHOWN] + "…"
+        note = f"{count} {what} text below the table and left out, from line {row + 1}: {text}"
+        self.notes = (*self.notes, note)
+
+    def _decimal(self, indices: Sequence[int]) -> str:
+        """Return the decimal mark of the columns `indices`."""
         first = self.header + 1
-        if not self.lines.have('"' if self.delimiter == "," else ",", first) and (
-            self.decimal != ","
-        ):
-            return False, "."
-        decimal, points = self.decimal, self.lines.have(".", first)
-        if decimal is None and self.delimiter in (";", "\t") and not points:
-            # This is the result of `choose_decimal`, without a list of all fields.
-            rows = (row for _, row in self.rows())
-            commas = any("," in row[k] for row in rows for k in indices if k < len(row))
-            decimal = "," if commas else "."
-        if decimal is None:
-            fields = [row[k] for _, row in self.rows() for k in indices if k < len(row)]
-            decimal = choose_decimal(fields, self.delimiter, self.source)
-        if decimal == "," and self.delimiter != "," and not points:
-            return True, decimal
-        return None, decimal
+        if self.decimal is not None:
+            return self.decimal
+        if not self.lines.have('"' if self.delimiter == "," else ",", first):
+            return "."
+        fields = (row[k] for _, row in self.rows() for k in indices if k < len(row))
+        if self.delimiter in (";", "\t") and not self.lines.have(".", first):
+            return "," if any("," in field for field in fields) else "."
+        return choose_decimal(list(fields), self.delimiter, self.source)
+
+    def _parse(self, indices: Sequence[int], decimal: str) -> None:
+        """Parse columns of all rows; an unreadable field of the last row, which may be cut, is NaN.
+
+        **Raises** `LogError` for an unreadable field of another row.
+        """
+        found = dict(zip(indices, self._by_arrow(indices, decimal) or (), strict=False))
+        if len(indices) > 1 and not found:
+            alone = {k: self._by_arrow([k], decimal) for k in indices}
+            found = {k: one[0] for k, one in alone.items() if one is not None}
+        last, fields = self._last[0][0] + 1, self._last[0][2]
+        slow = [k for k in indices if k not in found]
+        rows = [
+            [self._value(number, row, k, decimal) for k in slow]
+            for number, row in (self.rows() if slow else ())
+            if number < last
+        ]
+        found |= {k: np.array([row[place] for row in rows] + [0.0]) for place, k in enumerate(slow)}
+        for k in indices:
+            try:
+                found[k][-1] = self._value(last, fields, k, decimal)
+            except LogError:
+                found[k][-1] = np.nan
+            self._parsed[k, decimal] = self._exact(k, found[k])
+
+    def _exact(self, index: int, values: np.ndarray) -> np.ndarray:
+        """Return a column as int64 if float64 cannot represent its whole numbers."""
+        if max(np.fmax.reduce(values), -np.fmin.reduce(values), 0.0) < EXACT_FLOAT:
+            return values
+        found = self._by_arrow([index], ".", whole=True)
+        try:
+            if found is None:
+                return np.array([int(text) for text in self.texts(index)], np.int64)
+            found[0][-1] = int(self._last[0][2][index])
+        except (ValueError, OverflowError, IndexError, LogError):
+            return values
+        return found[0]
+
+    def _by_arrow(
+        self, indices: Sequence[int], decimal: str, *, whole: bool = False
+    ) -> list[np.ndarray] | None:
+        """Return columns of all rows as pyarrow parses them, with room for the last row.
+
+        The result is None if it refuses a row or a field. `whole` is true for int64. Numbers such
+        as `nan(1)` are numbers only to pyarrow, so that a bracket is refused.
+        """
+        if not indices:
+            return None
+        import pyarrow as pa
+        from pyarrow import csv as arrow
+
+        delimiter, first, last = self.delimiter or "\t", self.header + 1, self._last[0][0]
+        row = next((line for line in self.lines.starting_at(first) if self._fields(line)), "")
+        names = [str(k) for k in range(len(split(self._content(row), self.delimiter, trim=False)))]
+        if decimal == delimiter or max(indices) >= len(names):
+            return None
+        wanted = [names[k] for k in indices]
+        kind = pa.int64() if whole else pa.float64()
+        read = arrow.ReadOptions(use_threads=False, column_names=names, block_size=2 * BLOCK)
+        convert = arrow.ConvertOptions(
+            column_types=dict.fromkeys(wanted, kind),
+            include_columns=wanted,
+            null_values=[],
+            decimal_point=decimal,
+        )
+        pool = pa.system_memory_pool()  # the default pool keeps the memory of all blocks
+        arrays = [np.empty(last - first + 1, np.int64 if whole else np.float64) for _ in indices]
+        size = 0
+        for block in self.lines.before(last).blocks(first, BLOCK) if last > first else ():
+            if "(" in block:
+                return None
+            if self.delimiter is None or "#" in block:
+                contents = map(self._content, block.split("\n"))
+                block = "\n".join(
+                    "\t".join(one.split()) if self.delimiter is None else one for one in contents
+                )
+            if not block.strip():
+                continue
+            quote = '"' if '"' in block else False
+            parse = arrow.ParseOptions(delimiter=delimiter, quote_char=quote)
+            try:
+                source = pa.BufferReader(block.encode())
+                table = arrow.read_csv(source, read, parse, convert, memory_pool=pool)
+            except (pa.ArrowInvalid, pa.ArrowNotImplementedError, UnicodeEncodeError):
+                return None
+            for array, name in zip(arrays, wanted, strict=True):
+                place = size
+                for chunk in table.column(name).chunks:  # its `to_numpy` would import pandas
+                    values = np.frombuffer(chunk.buffers()[1], array.dtype)
+                    array[place : place + len(chunk)] = values[chunk.offset :][: len(chunk)]
+                    place += len(chunk)
+            size += len(table)
+        for array in arrays:
+            array.resize(size + 1, refcheck=False)
+        return arrays
+
+    def _field(self, number: int, fields: Sequence[str], index: int) -> str:
+        """Return the field of a column; raise `LogError` if the row in line `number` lacks it."""
+        if index < len(fields) and fields[index]:
+            return fields[index]
+        raise LogError(
+            "the field is empty; write a value or remove the line.",
+            where=f"{self.source}: line {number}, column `{self.names[index]}`",
+        )
+
+    def _value(self, number: int, fields: Sequence[str], index: int, decimal: str) -> float:
+        """Return the number in a field of the row in line `number`, or raise `LogError`."""
+        text = self._field(number, fields, index)
+        value = to_number(text, decimal)
+        if value is None:
+            comma = "," in text or decimal == ","
+            cure = f'decimal is "{decimal}"; correct it or --decimal' if comma else "correct it"
+            raise LogError(
+                f"`{text}` is no number; {cure}.",
+                where=f"{self.source}: line {number}, column `{self.names[index]}`",
+            )
+        return value
 
 
-def split(line: str, delimiter: str | None, *, trim: bool = True) -> list[str]:
-    """Return the stripped fields of a line; `trim` removes empty fields at its end.
+def _value_at(fields: Sequence[str], index: int) -> bool:
+    return index < len(fields) and is_value(fields[index])
 
-    A `delimiter` of None means one or more blanks.
+
+def find_table(
+    text: str,
+    source: str,
+    *,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+    highest: int = 0,
+) -> TextTable:
+    """Find the header and delimiter of a delimited table; lines before the header are skipped.
+
+    The header is the last line before the first row of numbers with the same number of fields; it
+    may be a comment. `highest` is the highest requested column number (`#2`) or 0. With a number,
+    the table may have one column and no header; its columns are then named #1, #2, ….
+
+    **Raises** `LogError` for text without header or without rows below it, and for a table on its
+    side.
     """
-    if delimiter is None:
-        fields = line.split()
-    elif '"' in line:
-        fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-    else:
-        fields = line.split(delimiter)
-    fields = [field.strip() for field in fields]
-    while trim and fields and not fields[-1]:
-        fields.pop()
-    return fields
+    stop = next((k for k in range(len(text), 0, -1) if text[k - 1] not in EMPTY), len(text))
+    lines = Lines(text, text.find("\n", stop) + 1 or len(text))
+    stated = _SEPARATOR.fullmatch(lines[0].strip())
+    if stated is not None:
+        lines = Lines(text[len(lines[0]) : lines.stop])
+    candidates = DELIMITERS if stated is None else (stated[1].replace("\\t", "\t"),)
+    if delimiter is not None:
+        candidates = (NAMED.get(delimiter, delimiter),)
+        if candidates[0] is not None and len(candidates[0]) != 1:
+            raise LogError(
+                f"{delimiter!r} is no delimiter; write one character, tab or space.",
+                where="log.delimiter",
+            )
+    marks: dict[str, Any] = {"decimal": decimal, "source": source}
+    starts = {mark: _first_row(lines, mark) for mark in candidates}
+    for mark, start in starts.items():
+        header = None if start is None else _header_before(lines, start, mark)
+        if start is not None and header is not None:
+            names = _names_with_units(lines, header, mark)
+            _check_width(lines, start, names, mark, source)
+            return TextTable(names, lines, header, mark, **marks)
+    if highest:
+        table = _headerless(lines, starts, marks, highest, given=delimiter is not None)
+        if table is not None:
+            return table
+    raise _no_table(lines, source)
 
 
-def _number_at(fields: list[str], index: int) -> bool:
-    if index >= len(fields):
-        return False
-    return looks_like_number(fields[index]) or looks_like_stamp(fields[index])
+def _names(line: str, delimiter: str | None) -> list[str]:
+    text = line.strip()
+    for mark in COMMENTS:
+        text = text.removeprefix(mark)
+    if delimiter is None:  # keeps "time [s]" as one name
+        text = text.replace(" [", "[").replace(" (", "(")
+    return split(text, delimiter)
 
 
-def _largest(values: Real[np.ndarray, " n"]) -> float:
-    """Return the largest magnitude in a column, computed without a copy of the column."""
-    if not len(values):
-        return 0.0
-    ends = np.fmax.reduce(values), -np.fmin.reduce(values)
-    return float(np.nanmax([*ends, 0.0]))
+def _names_with_units(lines: Lines, header: int, delimiter: str | None) -> list[str]:
+    """Return the column names; a row of units as header line is added to the names above it."""
+    names = _names(lines[header], delimiter)
+    if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
+        return names
+    above = _names(lines[header - 1], delimiter)
+    if len(above) < len(names) or all(map(looks_like_number, above)):
+        return names
+    return with_units(above, split(lines[header], delimiter, trim=False))
 
 
-def _by_field(table: TextTable, indices: Sequence[int], decimal: str) -> list[np.ndarray]:
-    """Return the columns, read field by field; this is slow and only used if the C parser fails."""
-    values: list[list[float]] = [[] for _ in indices]
-    for number, fields in table.rows():
-        for column, index in zip(values, indices, strict=True):
-            where = f"{table.source}: line {number}, column `{table.names[index]}`"
-            if index >= len(fields) or not fields[index]:
-                raise LogError("the field is empty; write a value or remove the line.", where=where)
-            value = to_number(fields[index], decimal)
-            if value is None:
-                comma = "," in fields[index] or decimal == ","
-                cure = f'decimal is "{decimal}"; correct it or --decimal' if comma else "correct it"
-                raise LogError(f"`{fields[index]}` is no number; {cure}.", where=where)
-            column.append(value)
-    return [np.array(column) for column in values]
+def _first_row(lines: Lines, delimiter: str | None) -> int | None:
+    """Return the index of the first row of numbers of the table, or None.
+
+    A row of numbers has at least two fields, at least half of them numbers. A line such as
+    `Channels:;3` above the table is skipped, because the next line is not a row of numbers and the
+    rows of the table have another number of fields. Several such lines are skipped if at least
+    twice as many rows have another number of fields.
+    """
+    head = lines[: PREAMBLE + 1]
+    widths_of_lines = [_width_of_numbers(line, delimiter) for line in head[:PREAMBLE]]
+    for k, line in enumerate(head[1:]):
+        if widths_of_lines[k] and is_units_row(split(line, delimiter)):
+            widths_of_lines[k] = 0  # names such as `x-axis,1,2` are above units, not above numbers
+    found = [(k, width) for k, width in enumerate(widths_of_lines) if width]
+    if not found:
+        return None
+    first, width = found[0]
+    widths = Counter(width for _, width in found)
+    usual, times = widths.most_common(1)[0]
+    if times >= 2 * widths[width]:
+        return next(k for k, width in found if width == usual)
+
+    def below(row: int) -> int | None:
+        """Width of the first line after `row` with content that is no comment."""
+        for k in range(row + 1, len(widths_of_lines)):
+            if lines[k].strip() and not lines[k].lstrip().startswith(COMMENTS):
+                return widths_of_lines[k]
+        return None
+
+    if below(first) in (None, width):
+        return first
+    return next((k for k, other in found[1:] if width != other == below(k)), first)
+
+
+def _width_of_numbers(line: str, delimiter: str | None) -> int:
+    """Return the number of fields of a row of numbers, or 0 for any other line."""
+    if (delimiter or "") not in line or line.lstrip().startswith(COMMENTS):
+        return 0
+    fields = split(line, delimiter)
+    if len(fields) < 2:
+        return 0
+    seen = fields[:MOST_COLUMNS]
+    return len(fields) if 2 * sum(map(is_value, seen)) >= len(seen) else 0
+
+
+def _header_before(lines: Lines, start: int, delimiter: str | None) -> int | None:
+    """Return the index of the header of the table whose first row is `start`, or None.
+
+    If no line has the number of names, it is the nearest line of several names. Between blanks,
+    more names than columns are no header: a name has several words, or the line is a sentence. A
+    row of numbers with empty fields has another width than `start` and is no header.
+    """
+    width = len(split(lines[start], delimiter))
+    fallback = None
+    for k in range(start - 1, -1, -1):
+        names = _names(lines[k], delimiter)
+        if len(names) != width and _width_of_numbers(lines[k], delimiter):
+            continue
+        if len(names) == width:
+            return k
+        if delimiter is None and len(names) > width:
+            continue
+        if fallback is None and len(names) >= 2 and not lines[k].lstrip().startswith(COMMENTS):
+            fallback = k
+    return fallback
+
+
+def _check_width(
+    lines: Lines, start: int, names: list[str], delimiter: str | None, source: str
+) -> None:
+    """Raise `LogError` for a row with more fields than names, and for a table on its side."""
+    width = len(split(lines[start], delimiter))
+    if len(lines) - start < width > MOST_COLUMNS:
+        rows = sum(1 for line in lines.starting_at(start) if line.strip())
+        raise LogError(
+            f"the table lies on its side ({rows} rows of {width} columns); write one row for each"
+            " instant and one column for each channel.",
+            where=f"{source}: line {start + 1}",
+        )
+    if max(map(len, names)) > _LONGEST:
+        raise LogError(
+            "a name of a column here is a text of its own; write the names in one line.",
+            where=f"{source}: line {start}",
+        )
+    if width > len(names):
+        cure = (
+            "save it with semicolons if it has decimal commas."
+            if delimiter == ","
+            else "correct the header."
+        )
+        raise LogError(
+            f"this row has {width} fields, but the header has {len(names)}; {cure}",
+            where=f"{source}: line {start + 1}",
+        )
+
+
+def _headerless(
+    lines: Lines,
+    starts: dict[str | None, int | None],
+    marks: dict[str, Any],
+    highest: int,
+    *,
+    given: bool,
+) -> TextTable | None:
+    """Return the rows of numbers as a table with columns #1, #2, …, or None without rows.
+
+    `starts` is delimiter → index of the first row. `given` is true if the user stated the
+    delimiter; a comma between digits is then a delimiter.
+    """
+    decimal = marks["decimal"]
+    if decimal == "," and not given and not any('"' in line for line in lines[:PREAMBLE]):
+        starts = {mark: start for mark, start in starts.items() if mark != ","}
+    rows = {mark: split(lines[k], mark) for mark, k in starts.items() if k is not None}
+    numeric = [m for m, row in rows.items() if all(map(looks_like_number, row[:MOST_COLUMNS]))]
+    for delimiter in (*numeric, *rows):
+        start = starts[delimiter]
+        assert start is not None  # `rows` has no other delimiters
+        names = [f"#{k + 1}" for k in range(len(rows[delimiter]))]
+        _check_width(lines, start, names, delimiter, marks["source"])
+        table = TextTable(names, lines, start - 1, delimiter, **marks)
+        if delimiter == "," and decimal is None and not given:
+            _refuse_ambiguous_commas(table, highest)
+        return table
+    return _single_column(lines, tuple(starts), marks)
+
+
+def _refuse_ambiguous_commas(table: TextTable, highest: int) -> None:
+    """Raise `LogError` for rows such as `147,31`, which are two columns or one decimal number.
+
+    If `highest`, the highest requested column number, needs all columns, the comma delimits them.
+    """
+    width = len(table.names)
+    if width % 2 or 2 * highest > width:
+        return
+    rows = list(islice(table.rows(), 100))
+    for number, fields in rows:
+        decimals = fields[1::2]
+        integers = [field.lstrip("+-") for field in fields[::2]]
+        blank = " " in table.lines[number - 1].strip()
+        if blank or len(fields) != width or not all(map(str.isdigit, integers + decimals)):
+            return
+    numbers = "one number" if width == 2 else f"{width // 2} numbers"
+    line = table.lines[rows[0][0] - 1].strip()
+    raise LogError(
+        f"`{line}` means {width} columns, or {numbers} with a decimal comma; {CURE}.",
+        where=f"{table.source}: line {rows[0][0]}",
+    )
+
+
+def _single_column(
+    lines: Lines, candidates: Sequence[str | None], marks: dict[str, Any]
+) -> TextTable | None:
+    """Return a table of one column with or without a name, or None.
+
+    Each line may end with a delimiter.
+    """
+    for delimiter in candidates:
+        for k, line in enumerate(lines[:PREAMBLE]):
+            if not line.strip() or line.lstrip().startswith(COMMENTS):
+                continue
+            fields = split(line, delimiter)
+            if (delimiter is not None and delimiter not in line) or len(fields) != 1:
+                continue
+            if looks_like_number(fields[0]):
+                above = _names(lines[k - 1], delimiter) if k else []
+                names = above if len(above) == 1 else ["#1"]
+                return TextTable(names, lines, k - 1, delimiter, **marks)
+    return None
+
+
+def _no_table(lines: Lines, source: str) -> LogError:
+    content = [k for k, line in enumerate(lines) if line.strip()]
+    if len(content) == 1:
+        return LogError(
+            "the file has a header without a single line of numbers; export the log again.",
+            where=f"{source}: line {content[0] + 1}",
+        )
+    return LogError(
+        "the file has no table of numbers with at least two columns; a log is CSV, TSV or TXT with"
+        " one header line (read a single column of numbers with driving=#1 and driven=#row).",
+        where=source,
+    )

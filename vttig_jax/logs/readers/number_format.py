@@ -18,6 +18,7 @@ _GROUPED = {
 }
 _BLANKS = re.compile("['\u2019\u00a0\u2009\u202f]")
 _BLANK_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:{_BLANKS.pattern}\d{{3}})+(?!\d)")
+_OTHER = re.compile("[^\\d.,+\\-eE'\u2019\u00a0\u2009\u202f]")
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 CURE = 'give --decimal "." or --decimal ","'
@@ -25,12 +26,15 @@ CURE = 'give --decimal "." or --decimal ","'
 
 def looks_like_number(field: str) -> bool:
     """Return whether a field is a number with a decimal point or comma, or nan or inf."""
+    try:  # most fields of a table are plain numbers, and most others have other characters
+        float(field)
+        return "_" not in field
+    except ValueError:
+        if _OTHER.search(field.strip()):
+            return False
     text = _without_thousands_blanks(field)
-    return bool(
-        any(number.fullmatch(text) for number in _NUMBER.values())
-        or any(_thousands(text, mark) is not None for mark in ".,")
-        or _NOT_FINITE.fullmatch(text)
-    )
+    plain = any(number.fullmatch(text) for number in _NUMBER.values())
+    return plain or any(_thousands(text, mark) is not None for mark in ".,")
 
 
 def to_number(field: str, decimal: str) -> float | None:

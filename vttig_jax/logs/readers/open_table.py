@@ -1,16 +1,45 @@
-"""Reading of a table from a file of any format."""
+"""The table of a file of any format, or of standard input."""
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from ...base.errors import LogError
+import numpy as np
+
+from ...base.errors import InputError, LogError, UsageError
+from ...base.files.limits import MemoryBudget
+from ...base.files.standard_input import STDIN, keep, read_standard_input
+from ...base.logger import LOGGER
 from .binary.formats import format_of, read_binary
+from .binary.hdf5 import HDF5_SIGNATURE, hdf5_leaves
+from .binary.matlab import matlab_leaves
+from .binary.matlab_objects import check_objects, object_leaves
 from .column_names import number_of
-from .delimited import TextTable
+from .delimited import find_table
 from .layouts.recognised import read_layout
-from .nested import NestedTable, read_nested
-from .table import find_table
-from .text import NESTED, read_text
+from .quadrature import with_counts
+from .table import Table, matrix_columns
+from .text import NESTED, printable, read_bytes, read_text
+
+SIGNATURES = (
+    (b"MATLAB", ".mat"),
+    (HDF5_SIGNATURE, ".h5"),
+    (b"\x93NUMPY", ".npy"),
+    (b"PK\x03\x04", ".npz"),
+    (b"PAR1", ".parquet"),
+    (b"FEA1", ".feather"),
+    (b"ARROW1", ".arrow"),
+    (b"\xff\xff\xff\xff", ".arrows"),
+    (b"TDSm", ".tdms"),
+    (b"MDF ", ".mf4"),
+    (b"UnFinMF ", ".mf4"),
+    (b"\x89MCAP0", ".mcap"),
+    (b"#ROSBAG", ".bag"),
+    (b"SQLite format 3", ".db3"),
+)
+"""First bytes and file ending of each binary format; data with other first bytes are text."""
+
+_BY_PATH = (".mcap", ".bag", ".db3")  # their libraries open only files
 
 
 def open_table(
@@ -20,34 +49,126 @@ def open_table(
     delimiter: str | None = None,
     decimal: str | None = None,
     requested: Iterable[str | None] = (),
-    headerless: bool = False,
-) -> tuple[TextTable | NestedTable, str, tuple[str, ...]]:
-    """Return the table of a file, its SHA-256, and notes on assumptions.
+) -> Table:
+    """Return the table of a file; its columns are parsed when they are used.
 
-    A text needs no header if `headerless` is true or if one of the `requested` column names is a
-    number such as `#1`.
+    **Arguments**
+    - `encoding`, `delimiter`, `decimal`: of a text; None if they are not stated.
+    - `requested`: names of columns that the user states. A number such as `#4` among them says that
+      commas delimit at least four columns. `quadrature(A,B)` is counted from the levels of A and B.
 
     **Raises** `LogError` for a file without table, `UsageError` for a format whose package is
     missing.
+
+    **Example**
+    ```python
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from vttig_jax.logs.readers.open_table import open_table
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "log.csv"
+    ...     _ = path.write_text("t_s;angle [°]\\n0,0;1,5\\n0,1;2,5\\n")
+    ...     table = open_table(path)
+    >>> table.names, table.columns([1])[0].tolist(), table.line_of(1)
+    (('t_s', 'angle [°]'), [1.5, 2.5], 3)
+
+    ```
     """
-    numbered = [name for name in requested if number_of(name)]
+    requested = tuple(requested)
     binary = format_of(Path(path))
-    if binary is not None or Path(path).suffix.lower() in NESTED:
-        if binary is None:
-            nested, digest, notes = (*read_nested(path), ())
-        else:
-            nested, digest, notes = read_binary(Path(path), binary)
-        if numbered:
-            raise LogError(
-                f"there is no column {numbered[0]}; give an array name such as {nested.names[0]}.",
-                where=nested.source,
-            )
-        return nested, digest, notes
+    if binary is not None:
+        table, table.digest, table.notes = read_binary(Path(path), binary)
+        return with_counts(table, requested)
+    if Path(path).suffix.lower() in NESTED:
+        return with_counts(_read_nested(path), requested)
     text, digest, notes = read_text(path, encoding)
-    if delimiter is None:
-        found = read_layout(text, str(path))
-        if found is not None:
-            return found[0], digest, (*notes, *found[1])
-    highest = max(map(number_of, numbered), default=int(headerless))
-    table = find_table(text, str(path), delimiter=delimiter, decimal=decimal, highest=highest)
-    return table, digest, notes
+    found = None if delimiter is not None else read_layout(text, str(path))
+    if found is None:
+        highest = max([1, *map(number_of, requested)])
+        table = find_table(text, str(path), delimiter=delimiter, decimal=decimal, highest=highest)
+    else:
+        table, notes = found[0], (*notes, *found[1])
+    table.digest, table.notes = digest, (*notes, *table.notes)
+    return with_counts(table, requested)
+
+
+def _read_nested(path: str | Path) -> Table:
+    """Return the table of the arrays in a MATLAB or HDF5 file; MATLAB v7.3 files are HDF5.
+
+    No code in the file is executed, and no other file is read.
+
+    **Raises** `LogError` for a missing, damaged or unreadable file or one without numeric arrays,
+    `UsageError` for MATLAB tables without the package mat-io, unless the file has plain arrays.
+    """
+    data = read_bytes(path, NESTED)
+    source = str(path)
+    hdf5 = HDF5_SIGNATURE in (data[:8], data[512:520])
+    leaves = hdf5_leaves if hdf5 else matlab_leaves
+    columns: dict[str, np.ndarray] = {}
+    budget = MemoryBudget(source, len(data))
+    try:
+        for name, array in leaves(data, budget):
+            columns.update(matrix_columns(name, array))
+        if check_objects(data, hdf5=hdf5, budget=budget):
+            columns.update(_columns_of_objects(Path(path), needed=not columns))
+    except (UsageError, InputError, MemoryError):
+        raise
+    except Exception:  # damaged bytes raise various exceptions
+        raise LogError(
+            "the file is damaged or not a MATLAB or HDF5 file; save it again, or export the log as"
+            " CSV.",
+            where=source,
+        ) from None
+    if not columns:
+        raise LogError(
+            "the file has no numeric array; save arrays, structs or tables of numbers, or export"
+            " the log as CSV.",
+            where=source,
+        )
+    names = tuple(map(printable, columns))
+    digest = hashlib.sha256(data).hexdigest()
+    return Table(names, tuple(columns.values()), source, digest=digest)
+
+
+def _columns_of_objects(path: Path, *, needed: bool) -> dict[str, np.ndarray]:
+    """Return name → values of the columns of MATLAB tables.
+
+    Without the package mat-io they are omitted with a warning.
+    **Raises** `UsageError` without the package if the columns are `needed`, because the file has no
+    other columns.
+    """
+    columns: dict[str, np.ndarray] = {}
+    try:
+        for name, array in object_leaves(path):
+            columns.update(matrix_columns(name, array))
+    except UsageError as error:
+        if needed:
+            raise
+        LOGGER.warning("%s: they are left out: %s", path, error.message)
+    return columns
+
+
+def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:
+    """Read standard input if one of the paths `logs` is `-`, and replace this path by a name.
+
+    Return the paths. The readers find the bytes under the new name. For a file with the name `-`
+    the user gives the folder too.
+
+    **Raises** `UsageError` if `-` is given twice or stdin is a terminal, `LogError` for a format
+    that is only read from a path, and `InputError` as `read_standard_input`.
+    """
+    if STDIN not in logs:
+        return tuple(logs)
+    if list(logs).count(STDIN) > 1:
+        raise UsageError("stdin (-) is given twice, but it can be read only once.")
+    data = read_standard_input()
+    head = data[:16]
+    ending = next((end for start, end in SIGNATURES if head.startswith(start)), ".csv")
+    if ending in _BY_PATH:
+        raise LogError(
+            "ROS files are not read from stdin; save the file, and give its path.", where=str(STDIN)
+        )
+    if ending == ".npz" and b".npy" not in data[:1024]:
+        ending = ".xlsx"
+    name = keep(data, ending)
+    return tuple(name if log == STDIN else log for log in logs)

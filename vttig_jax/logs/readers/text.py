@@ -1,19 +1,25 @@
-"""Reading of the bytes and text of a file, with its encoding and digest."""
+"""Bytes and text of a file, with its encoding, its digest and its lines."""
 
 import codecs
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
 from ...base.errors import LogError
 from ...base.files.limits import read_regular
 from ...base.files.standard_input import kept_bytes
+from .packed import ending_of, unpacked
 
-ENDINGS = ("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn", ".out")
-"""File endings of delimited text."""
+ENDINGS = (
+    *("", ".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm", ".prn", ".out"),
+    *(".json", ".jsonl", ".ndjson", ".xlsx", ".xlsm", ".ods"),
+)
+"""File endings of delimited text, of JSON, and of workbooks, which are read as such a text."""
 
 NESTED = (".mat", ".h5", ".hdf5")
 """File endings of nested arrays."""
@@ -44,6 +50,7 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
     data = read_bytes(path, ENDINGS)
     digest = hashlib.sha256(data).hexdigest()
     where = str(path)
+    data = unpacked(data, where)
     codec = encoding or next((name for bom, name in BOMS if data.startswith(bom)), None)
     notes: tuple[str, ...] = ()
     if codec is None and b"\0" in data[:65536]:
@@ -116,7 +123,7 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
     try:
         if path.is_dir():
             raise LogError("this is a folder; name the log file in it.", where=where)
-        if path.suffix.lower() not in endings and path.exists():
+        if ending_of(path) not in endings and path.exists():
             raise _unknown_ending(path)
         kept = kept_bytes(path)
         data = read_regular(path) if kept is None else kept
@@ -137,8 +144,108 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
 
 def _unknown_ending(path: Path) -> LogError:
     return LogError(
-        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT), MATLAB (.mat), HDF5"
-        " (.h5, .hdf5), NumPy, Parquet, Feather, Arrow, TDMS, MDF and ROS files; export the log as"
-        " CSV.",
+        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT, JSON, also packed),"
+        " workbooks (.xlsx, .ods), MATLAB (.mat), HDF5 (.h5, .hdf5), NumPy, Parquet, Feather,"
+        " Arrow, TDMS, MDF and ROS files; export the log as CSV.",
         where=str(path),
     )
+
+
+_HEAD = 1024
+"""Number of first lines that are stored as a list, because the search for headers and layouts reads
+them often (chosen)."""
+
+_BLOCK = 1 << 20
+"""Number of characters that are split into lines at a time (chosen)."""
+
+
+class Lines(Sequence[str]):
+    """The lines of `text[:stop]`, as `text[:stop].split("\\n")` returns them.
+
+    They stay one string, because a list of lines would take three times the memory.
+    """
+
+    def __init__(self, text: str, stop: int | None = None):
+        self.text, self.stop = text, len(text) if stop is None else stop
+        self._length = text.count("\n", 0, self.stop) + 1
+        self._head = list(islice(self, _HEAD))
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __iter__(self) -> Iterator[str]:
+        for block in self.blocks(0, _BLOCK):
+            lines = block.split("\n")
+            yield from lines[:-1]
+            if not block.endswith("\n"):
+                yield lines[-1]
+        if not self.stop or self.text[self.stop - 1] == "\n":
+            yield ""
+
+    @overload
+    def __getitem__(self, index: int) -> str: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[str]: ...
+
+    def __getitem__(self, index: int | slice) -> str | list[str]:
+        if isinstance(index, slice):
+            start, stop, step = index.indices(len(self))
+            kept = self._head if max(start, stop) <= len(self._head) else list(self)
+            return kept[start:stop:step]
+        if 0 <= index < len(self._head):
+            return self._head[index]
+        if index >= len(self) or index < -len(self):
+            raise IndexError("this text has no such line")
+        return next(self.starting_at(index % len(self)))
+
+    def starting_at(self, index: int) -> Iterator[str]:
+        """Yield the lines from the line with index `index` (from 0) to the end."""
+        return islice(self, index, None)
+
+    def backwards(self) -> Iterator[str]:
+        """Yield the lines from the last one to the first one."""
+        stop = self.stop
+        while stop >= 0:
+            start = self.text.rfind("\n", 0, stop) + 1
+            yield self.text[start:stop]
+            stop = start - 1
+
+    def before(self, index: int) -> "Lines":
+        """Return the lines before the line with index `index` ≥ 1."""
+        stop = self.stop
+        for _ in range(len(self) - index):
+            stop = self.text.rfind("\n", 0, stop)
+        return Lines(self.text, stop)
+
+    def start_of(self, index: int) -> int:
+        """Return the character position in the text at which the line with index `index` starts."""
+        place = 0
+        for _ in range(index):
+            place = self.text.index("\n", place, self.stop) + 1
+        return place
+
+    def have(self, mark: str, first: int = 0) -> bool:
+        """Return whether `mark` occurs in the line with index `first` or a later line."""
+        return len(self) > first and self.text.find(mark, self.start_of(first), self.stop) >= 0
+
+    def match(self, pattern: re.Pattern[str], first: int) -> bool:
+        """Return whether a pattern (flag MULTILINE) matches from the line with index `first` on."""
+        if len(self) <= first:
+            return False
+        return pattern.search(self.text, self.start_of(first), self.stop) is not None
+
+    def blocks(self, first: int, size: int) -> Iterator[str]:
+        """Yield blocks of whole lines from the line with index `first` on.
+
+        A block has about `size` characters.
+        """
+        place = self.start_of(first) if len(self) > first else self.stop
+        while place < self.stop:
+            end = self.text.rfind("\n", place, min(place + size, self.stop)) + 1
+            if not end:
+                end = self.text.find("\n", place, self.stop) + 1
+            if not end or self.stop - place <= size:
+                end = self.stop
+            yield self.text[place:end]
+            place = end

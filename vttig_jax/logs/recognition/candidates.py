@@ -1,16 +1,19 @@
-"""Columns that may be time or the angle of a shaft, with the properties that decide."""
+"""Columns that may be time or the angle of a shaft, and what the values of two of them say."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Real
+from jaxtyping import Float, Real
 
-from ...base.errors import LogError
-from ..magnitudes import LEAST_RANGE
-from ..readers.delimited import TextTable
-from ..readers.nested import NestedTable
-from .name_words import NameReading
+from ...base.units import REV
+from ..channel.unwrap import find_modulus, unwrap
+from ..fractions import DEVIATIONS
+from ..readers.column_names import ANGLES, TIME_UNITS
+from ..slope import slope
+from ..source import LEAST_RANGE
+from .names import NameReading
 
 EVEN = 1e-3
 """Time stamps are evenly spaced if each time step deviates from the median step by at most this
@@ -19,6 +22,9 @@ fraction of it (chosen)."""
 SHOWN = 3
 """Number of values of a column that an error message shows (chosen)."""
 
+HEAD = 1000
+"""Number of first rows that mostly tell that a column does not count the rows (chosen)."""
+
 JUMP = 5.0
 """A step from row to row is a jump if it exceeds the 90 % quantile of all steps by this factor, as
 where an angle wraps. Jumps are not used for a slope (chosen)."""
@@ -26,66 +32,123 @@ where an angle wraps. Jumps are not used for a slope (chosen)."""
 MOST_LISTED = 8
 """Largest number of columns that an error message lists (chosen)."""
 
+TOLERANCE = 0.005
+"""Largest relative deviation of the slope of two columns from the given ratio (chosen)."""
+
+APART = 0.05
+"""Largest rms deviation of the driven column from a straight line over the driving one, as a
+fraction of its travel (chosen)."""
+
+_COPY = 1e-9
+"""Two columns are one reading in two units if they differ by at most this fraction of their largest
+value (chosen). The errors of real gears are larger."""
+
+EQUAL = 1e-6
+"""Least relative deviation of a ratio from 1 for two shafts that follow each other exactly, as in a
+simulation; at a smaller one the columns are one reading in two units (chosen)."""
+
+_STRETCHES = 200
+"""Number of stretches of a log over which travel and mean speed are compared (chosen)."""
+
+_SPEED = 0.999
+"""Least correlation of the travel of a column over each stretch with the mean of another column
+there, if the other one is its speed (chosen)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """Column of a log that may be the time or the angle of a shaft.
 
-    `index` is its position in the table, from 0. `reading` is the meaning of its name. `values` is
-    None if they are not numbers. `dated` is true for a column of dates or times of day.
+    `index` is its position in the table, from 0. `reading` is the meaning of its name. `read`
+    returns the values of a column by its index, or None if they are not numbers. `dated` is true
+    for a column of dates or times of day.
     """
 
     index: int
     name: str
     reading: NameReading
-    values: Real[np.ndarray, " n"] | None = field(repr=False, default=None)
+    read: Callable[[int], Real[np.ndarray, " n"] | None] = field(repr=False)
     dated: bool = False
 
-    @property
-    def rises(self) -> bool:
-        """Whether every value exceeds the previous value."""
-        return self.values is not None and len(self.values) > 1 and bool(np.all(self._steps > 0))
+    @cached_property
+    def values(self) -> Real[np.ndarray, " n"] | None:
+        """Values of the column; None if they are not numbers."""
+        return self.read(self.index)
 
     @property
+    def rows(self) -> int:
+        """Number of values, 0 for a column without numbers."""
+        return 0 if self.values is None else len(self.values)
+
+    @property
+    def steps(self) -> Real[np.ndarray, " steps"]:
+        """Differences of successive values; they are not kept, because a log may be long."""
+        return np.diff(self.values if self.values is not None else np.zeros(0))
+
+    @cached_property
+    def rises(self) -> bool:
+        """Whether every value exceeds the previous value."""
+        values = self.values
+        return values is not None and self.rows > 1 and bool(np.all(values[1:] > values[:-1]))
+
+    @cached_property
+    def is_row_number(self) -> bool:
+        """Whether the values count the rows in steps of 1, possibly with restarts at 0."""
+        for part in (slice(HEAD), slice(None)):  # most columns are told by their first rows
+            values = np.zeros(0) if self.values is None else self.values[part]
+            ones = np.diff(values) == 1
+            if len(values) < 2 or not np.all(ones | (values[1:] == 0)):
+                return False
+        return bool(np.mean(ones) > 0.9)
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether the values can be a shaft angle: numbers that change and are not row numbers."""
+        if self.values is None or self.rows < 2 or not np.isfinite(self.values).all():
+            return False
+        return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
+
+    @cached_property
+    def is_constant(self) -> bool:
+        """Whether all values are one number, so that the column shows no motion."""
+        return self.values is not None and self.rows > 1 and bool(np.ptp(self.values) == 0)
+
+    @cached_property
+    def says_time(self) -> bool:
+        """Whether the name means time, or contains only a unit of time, and the stamps grow."""
+        reading, values = self.reading, self.values
+        if reading.role == "time":  # repeated stamps are allowed
+            if values is None or self.rows < 2 or not np.isfinite(values).all():
+                return False
+            return bool(np.all(values[1:] >= values[:-1]) and values[-1] > values[0])
+        only_unit = reading.unit in TIME_UNITS and reading.role is None and not reading.other
+        return only_unit and self.rises
+
+    @cached_property
+    def can_be_time(self) -> bool:
+        """Whether the values grow without row numbers, and the name allows that they are time."""
+        reading = self.reading
+        free = reading.role is None and not reading.other and reading.unit not in ANGLES
+        return free and self.rises and not self.is_row_number
+
+    @cached_property
     def is_even(self) -> bool:
         """Whether the values are evenly spaced, with the tolerance `EVEN`."""
-        steps = self._steps
+        steps = self.steps
         usual = float(np.median(steps))
         return bool(np.abs(steps - usual).max() <= EVEN * abs(usual))
 
     @property
-    def is_row_number(self) -> bool:
-        """Whether the values count the rows in steps of 1, possibly with restarts at 0."""
-        if self.values is None or len(self.values) < 2:
-            return False
-        steps = self._steps
-        ones = steps == 1
-        starts = self.values[1:] == 0
-        return bool(np.all(ones | starts) and np.mean(ones) > 0.9)
-
-    @property
-    def turns(self) -> bool:
-        """Whether the values can be a shaft angle: numbers that change and are not row numbers."""
-        if self.values is None or len(self.values) < 2 or not np.isfinite(self.values).all():
-            return False
-        return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
-
-    @property
-    def is_constant(self) -> bool:
-        """Whether all values are one number, so that the column shows no motion."""
-        return self.values is not None and len(self.values) > 1 and bool(np.ptp(self.values) == 0)
-
-    @property
-    def _steps(self) -> np.ndarray:
-        assert self.values is not None
-        return np.diff(self.values)
+    def first(self) -> str:
+        """The first value as text."""
+        return "" if self.values is None else f"{self.values[0]:.6g}"
 
     @property
     def facts(self) -> str:
         """Text with name, first values and range for an error message."""
         if self.dated:
             return f"`{self.name}` with dates or times"
-        if self.values is None or not len(self.values):
+        if self.values is None or not self.rows:
             return f"`{self.name}` without numbers"
         if self.is_constant:
             return f"`{self.name}` {self.values[0]:.12g} in every row, a constant"
@@ -93,31 +156,7 @@ class Candidate:
         return f"`{self.name}` {first}, … ({self.values.min():.6g} … {self.values.max():.6g})"
 
 
-def read_values(table: TextTable | NestedTable, indices: list[int]) -> Mapping[int, np.ndarray]:
-    """Return index → values for those columns of `indices` that contain only numbers."""
-    try:
-        return dict(zip(indices, table.columns(indices), strict=True))
-    except LogError:
-        pass
-    found = {}
-    for index in indices:
-        try:
-            found[index] = table.columns([index])[0]
-        except LogError:
-            continue
-    return found
-
-
-def first_fault(table: TextTable | NestedTable, index: int) -> LogError:
-    """Return the error of a column that `read_values` left out."""
-    try:
-        table.columns([index])
-    except LogError as error:
-        return error
-    raise AssertionError(f"column {index} holds numbers only")
-
-
-def listed_facts(candidates: list[Candidate]) -> str:
+def listed_facts(candidates: Sequence[Candidate]) -> str:
     """Return a list of columns with first values, ranges and slopes as text for an error message.
 
     The slope is that of a regression over the first column that can be a shaft angle and does not
@@ -134,16 +173,72 @@ def _slope_in_words(one: Candidate, over: Candidate | None) -> str:
 
     `one` is the column, and `over` the column over which its slope is taken (the abscissa).
     """
-    if one.values is not None and one.rises:
-        return f", {float(np.median(np.diff(one.values))):.6g} from row to row"
-    if over is None or one is over or not one.turns:
+    if one.rises:
+        return f", {float(np.median(one.steps)):.6g} from row to row"
+    if over is None or one is over or not one.turns or one.rows != over.rows:
         return ""
-    assert one.values is not None and over.values is not None  # columns that turn have values
-    if len(one.values) != len(over.values):
-        return ""
-    steps = np.diff([over.values, one.values], axis=1).astype(np.float64)
+    steps = np.array([over.steps, one.steps], np.float64)
     size = np.abs(steps)
     steps[:, np.any(size > JUMP * np.quantile(size, 0.9, axis=1, keepdims=True), axis=0)] = 0.0
     path = np.cumsum(steps, axis=1)
     x, y = path - path.mean(axis=1, keepdims=True)
     return f", slope {float(x @ y / (x @ x)):.5g} over `{over.name}`" if x @ x > 0 else ""
+
+
+def is_copy(one: Candidate, other: Candidate) -> bool:
+    """Return whether two columns hold the same reading, in two units or with another zero."""
+    if one.values is None or other.values is None or one.rows != other.rows:
+        return False
+    x, y = (values - values.mean() for values in (one.values, other.values))
+    rest = y - float(x @ y / (x @ x)) * x
+    return float(np.abs(rest).max()) <= _COPY * float(np.abs(y).max())
+
+
+def is_speed_of(one: Candidate, other: Candidate) -> bool:
+    """Return whether a column is the speed of another column of the same, even rows.
+
+    The mean of a speed over a stretch of the log is proportional to the travel over it.
+    """
+    if not one.turns or not other.turns or one.rows != other.rows:
+        return False
+    assert one.values is not None and other.values is not None  # columns that turn have values
+    edges = np.unique(np.linspace(0, one.rows - 1, _STRETCHES + 1).astype(np.int64))
+    if len(edges) < 4:
+        return False
+    travel = np.diff(other.values[edges].astype(np.float64))
+    sums = np.concatenate([[0.0], np.cumsum(one.values, dtype=np.float64)])
+    mean = np.diff(sums[edges]) / np.diff(edges)
+    if np.ptp(travel) == 0 or np.ptp(mean) == 0:
+        return False
+    return abs(float(np.corrcoef(travel, mean)[0, 1])) >= _SPEED
+
+
+def turns_of(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " n"]:
+    """Return the readings in revolutions, unwrapped and minus the first one.
+
+    `per_turn` is the number of readings per revolution, negative for an inverted encoder.
+    """
+    assert per_turn is not None  # columns without a unit are asked for before
+    if np.issubdtype(values.dtype, np.floating) and np.all(values == np.rint(values)):
+        values = values.astype(np.int64)
+    modulus = find_modulus(values, abs(per_turn))
+    if modulus is not None:
+        values = unwrap(values, modulus)
+    return (values - values[0]) / per_turn
+
+
+def have_slope(
+    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], ratio: float, *, surely: bool = True
+) -> int:
+    """Return the sign of the slope of `y` over `x` if its magnitude is `ratio`, else 0.
+
+    `x` and `y` are angles in revolutions; the tolerances are `TOLERANCE` and `APART`, or, if not
+    `surely`, `DEVIATIONS` standard errors of the slope in place of the first.
+    """
+    x, y = x - x.mean(), y - y.mean()
+    value = float(x @ y / (x @ x))
+    off = abs(abs(value) - ratio)
+    apart = float(np.std(y - value * x)) > APART * float(np.ptp(y))
+    if apart or off > (TOLERANCE * ratio if surely else DEVIATIONS * slope(REV * x, REV * y)[1]):
+        return 0
+    return 1 if value > 0 else -1

@@ -1,13 +1,30 @@
-"""Statements of a user on a drive and its log that replace a pair file: ratio, counts, units."""
+"""Statements of a user on a drive and its log: by options, by a pair file, or by both."""
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import msgspec
+import numpy as np
 
 from ...base.errors import PairError, UsageError
+from ...base.files.standard_input import STDIN, kept_bytes
 from ...base.units import ANGLE_UNITS
-from ...pair.schema import DriveTable, Encoder, GearTable, PairSpec, as_fraction, as_ratio
-from ..readers.column_names import ANGLES, TIME_UNITS, unit_spelt
+from ...pair.schema import (
+    DriveTable,
+    Encoder,
+    GearTable,
+    HarmonicOrders,
+    LogLayout,
+    PairSpec,
+    UnitTable,
+    as_fraction,
+    as_ratio,
+)
+from ..readers.column_names import ANGLES, ROLES, TIME_UNITS, unit_spelt
 
 SHAFTS = ("driving", "driven")
 UNITS = {
@@ -23,6 +40,40 @@ SIDEREAL = "sidereal"
 
 SIDEREAL_DAY_S = 86164.0905
 """Mean sidereal day in s, in which a telescope that follows the stars turns once."""
+
+
+@runtime_checkable
+class Shaft(Protocol):
+    """Shaft with its encoder and the tooth count of its gear, or None without a gear."""
+
+    @property
+    def teeth(self) -> int | None: ...  # noqa: D102
+
+    @property
+    def encoder(self) -> Encoder: ...  # noqa: D102
+
+
+@runtime_checkable
+class TwoShafts(Protocol):
+    """Pair file, `GearPair` or `Drive`: ratio, shafts, and the layout and units of a log."""
+
+    @property
+    def ratio(self) -> Fraction: ...  # noqa: D102
+
+    @property
+    def driving(self) -> Shaft: ...  # noqa: D102
+
+    @property
+    def driven(self) -> Shaft: ...  # noqa: D102
+
+    @property
+    def log(self) -> LogLayout: ...  # noqa: D102
+
+    @property
+    def unit(self) -> UnitTable: ...  # noqa: D102
+
+    @property
+    def fit(self) -> HarmonicOrders: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -79,6 +130,15 @@ class DriveRequest:
         return f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
 
     @property
+    def encoders(self) -> tuple[Encoder, ...]:
+        """Encoders of the driving and of the driven shaft."""
+        counts = self.counts or (None, None)
+        return tuple(
+            Encoder(counts_per_rev=count, sign=-1 if shaft in self.inverted else 1)
+            for shaft, count in zip(SHAFTS, counts, strict=True)
+        )
+
+    @property
     def says_which_shaft(self) -> bool:
         """Whether each number of the ratio belongs to a known shaft.
 
@@ -100,17 +160,31 @@ class DriveRequest:
                 " if the column names or --column say which shaft is which."
             )
         ratio = self.teeth if self.ratio is None else self.ratio
-        gears = [
-            GearTable(
-                encoder=Encoder(
-                    counts_per_rev=None if self.counts is None else self.counts[k],
-                    sign=-1 if shaft in self.inverted else 1,
-                )
-            )
-            for k, shaft in enumerate(SHAFTS)
-        ]
+        gears = [GearTable(encoder=encoder) for encoder in self.encoders]
         drive = DriveTable(ratio=str(ratio).replace(" ", ""))
         return PairSpec(drive=drive, driving=gears[0], driven=gears[1])
+
+    def statement(
+        self,
+        columns: Mapping[str, str] | None = None,
+        decimal: str | None = None,
+        sample_rate_hz: int | float | None = None,
+    ) -> "Statement":
+        """Return what these statements and the options for reading a log say about it.
+
+        **Raises** `UsageError` for what `check` refuses and for contradictory options.
+        """
+        self.check()
+        layout = LogLayout(driving_rpm=self.rpm if self.names_a_drive else self.driving_rpm)
+        named = self.names_a_drive
+        return Statement(
+            layout=stated_layout(layout, columns or {}, decimal, sample_rate_hz),
+            unit=msgspec.structs.replace(UnitTable(), **self.units),
+            encoders=self.encoders,
+            ratio=self.speed_ratio if named else None,
+            two_readings=str(self.ratio) if named and not self.says_which_shaft else "",
+            drive=self.spec() if named else None,
+        )
 
     def with_driven_inverted(self) -> "DriveRequest":
         """Return the request with the direction of the driven encoder reversed."""
@@ -131,6 +205,89 @@ class DriveRequest:
                 as_fraction(str(self.driving_rpm), "")
             except PairError as error:
                 raise UsageError(f"--driving-rpm {error.message}") from None
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What a user states about a log; options and a pair file state the same things.
+
+    **Arguments**
+    - `layout`: names of the columns, format of the text, zero, scales, and speed of a clock.
+    - `unit`: units of columns whose names contain no unit.
+    - `encoders`: encoders of the driving and of the driven shaft.
+    - `ratio`: ratio i of driven to driving speed, or None.
+    - `two_readings`: the ratio as it is written if it has two readings, such as "9/16", else "".
+    - `drive`: content of the equivalent pair file without log layout; None if a pair file states
+      the drive, whose words are then in the cures of questions, or if nothing does.
+    - `in_file`: whether a pair file makes these statements.
+    """
+
+    layout: LogLayout
+    unit: UnitTable
+    encoders: tuple[Encoder, ...]
+    ratio: Fraction | None = None
+    two_readings: str = ""
+    drive: PairSpec | None = None
+    in_file: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        pair: TwoShafts,
+        columns: Mapping[str, str] | None = None,
+        decimal: str | None = None,
+        sample_rate_hz: int | float | None = None,
+    ) -> "Statement":
+        """Return what a pair file and the options for reading a log say; options have priority.
+
+        **Raises** `UsageError` for contradictory options.
+        """
+        return cls(
+            layout=stated_layout(pair.log, columns or {}, decimal, sample_rate_hz),
+            unit=pair.unit,
+            encoders=(pair.driving.encoder, pair.driven.encoder),
+            ratio=pair.ratio,
+            in_file=True,
+        )
+
+    @property
+    def counted(self) -> bool:
+        """Whether options state counts, so that columns without a unit are in counts."""
+        return not self.in_file and self.encoders[0].counts_per_rev is not None
+
+
+def stated_layout(
+    layout: LogLayout,
+    columns: Mapping[str, str],
+    decimal: str | None,
+    sample_rate_hz: int | float | None,
+) -> LogLayout:
+    """Return a table [log] in which the options for reading a log have replaced its own keys.
+
+    A column `driven` replaces a `transmission_error`, and vice versa; a rate replaces the time.
+
+    **Raises** `UsageError` for invalid or contradictory options.
+    """
+    for role in columns:
+        if role not in ROLES:
+            raise UsageError(f"`{role}` is no role of a column; roles are {', '.join(ROLES)}.")
+    if decimal not in (None, ".", ","):
+        raise UsageError(f'decimal must be "." or ",", but is {decimal!r}.')
+    if sample_rate_hz is not None and not 0 < sample_rate_hz < np.inf:
+        raise UsageError(f"the sample rate must be a positive number, but is {sample_rate_hz!r}.")
+    if sample_rate_hz is not None and "time" in columns:
+        raise UsageError("a sample rate and a time column are both given; keep the one of the log.")
+    changes: dict[str, object] = dict(columns)
+    for role, other in (("driven", "transmission_error"), ("transmission_error", "driven")):
+        if role in columns:
+            changes.setdefault(other, None)
+    if decimal is not None:
+        changes["decimal"] = decimal
+    if "time" in columns:
+        changes["sample_rate_hz"] = None
+    if sample_rate_hz is not None:
+        changes["sample_rate_hz"] = sample_rate_hz
+    return msgspec.structs.replace(layout, **changes)
 
 
 def counts_of(text: str) -> tuple[int, int]:
@@ -166,6 +323,44 @@ def units_of_options(texts: tuple[str, ...]) -> dict[str, str]:
             if units.setdefault(one, unit) != unit:
                 raise UsageError(f"--unit states {units[one]} and {unit} for {one}; give one.")
     return units
+
+
+def fit_command(
+    path: str | Path,
+    request: DriveRequest,
+    columns: Mapping[str, str],
+    *,
+    decimal: str | None = None,
+    sample_rate_hz: int | float | None = None,
+) -> str:
+    """Return a command that the user can copy and that names every column.
+
+    `path` is the log, and `columns` is role → name of its column.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.logs.recognition.request import DriveRequest, fit_command
+    >>> print(fit_command("log.csv", DriveRequest(ratio="16:9"), {"driving": "motor angle"}))
+    vttig fit log.csv --ratio 16:9 --column 'driving=motor angle'
+
+    ```
+    """
+    log = str(STDIN) if kept_bytes(path) is not None else str(path)
+    log = f"./{log}" if log.startswith("-") and log != str(STDIN) else log  # it is no option
+    rate = None if sample_rate_hz is None else f"{sample_rate_hz:.12g}"
+    options: list[tuple[str, str | None]] = [
+        ("--ratio", request.ratio),
+        ("--teeth", request.teeth),
+        ("--counts", request.counts and ",".join(map(str, request.counts))),
+        *(("--unit", f"{role}={unit}") for role, unit in request.units.items()),
+        *(("--invert", shaft) for shaft in request.inverted),
+        ("--driving-rpm", request.driving_rpm),
+        *(("--column", f"{role}={name}") for role, name in columns.items()),
+        ("--decimal", decimal),
+        ("--sample-rate", rate),
+    ]
+    words = [word for option in options if option[1] is not None for word in option]
+    return shlex.join(["vttig", "fit", log, *map(str, words)])
 
 
 MOST_TURNS = 10_000

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ....base.files.limits import MemoryBudget
+from ..times.seconds import since_first
 from .declared_sizes import take_arrow
 
 PARQUET = (".parquet", ".pq")
@@ -61,11 +62,8 @@ def _table(pa: Any, path: Path, data: bytes) -> Any:
 
 
 def _seconds(pa: Any, column: Any) -> np.ndarray:
-    """Return stamps in s since the first stamp, subtracted as integers; a missing stamp is NaN."""
-    unit = column.type.unit
-    wide = pa.int32() if column.type.bit_width == 32 else pa.int64()
-    whole = column.cast(wide)
-    numbers = whole.fill_null(0).to_numpy().astype(np.int64)
-    scale = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
-    seconds = (numbers - numbers[:1]) * scale
-    return np.where(whole.is_null().to_numpy(zero_copy_only=False), np.nan, seconds)
+    """Return stamps in s since the first stamp; a missing stamp is NaN."""
+    whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
+    stamps = whole.fill_null(0).to_numpy().astype(f"timedelta64[{column.type.unit}]")
+    missing = whole.is_null().to_numpy(zero_copy_only=False)
+    return since_first(np.where(missing, np.timedelta64("NaT"), stamps))

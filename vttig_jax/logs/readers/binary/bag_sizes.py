@@ -12,9 +12,8 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from ....base.files.limits import MemoryBudget, read_regular
+from ....base.files.limits import PART, MemoryBudget, read_regular
 
-_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
 _MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the signature, opcode of a chunk (MCAP specification)
 _ROS1_MAGIC, _ROS1_CHUNK = b"#ROSBAG V2.0\n", 5  # first line, and opcode of a chunk (bag format 2)
 _ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame (RFC 8878); no plain message begins with them
@@ -104,7 +103,7 @@ def _check_chunk(kind: bytes, packed: bytes, declared: int) -> None:
     unpacked = 0
     with suppress(OSError, RuntimeError, EOFError, _zstd().ZstdError):  # the reader reports damage
         while not unpacker.eof and (packed or not unpacker.needs_input):
-            unpacked += len(unpacker.decompress(packed, _PART))
+            unpacked += len(unpacker.decompress(packed, PART))
             packed = b""
             if unpacked > declared:
                 break
@@ -152,7 +151,7 @@ def take_frame(data: bytes, budget: MemoryBudget) -> None:
     unpacker, packed = zstd.ZstdDecompressor(), data
     with suppress(zstd.ZstdError):  # the reader of the bag reports the damage
         while not unpacker.eof:
-            part = unpacker.decompress(packed, _PART)
+            part = unpacker.decompress(packed, PART)
             packed = b""
             budget.take(len(part))
             if not part and unpacker.needs_input:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Real
 
-from ..nested import NestedTable
+from ..table import Table
 from ..text import printable
 
 
@@ -19,28 +19,42 @@ class ClockedColumn:
     time: Float[np.ndarray, " n"] | None = None
 
 
-def table_of(columns: Iterable[ClockedColumn], source: str) -> NestedTable:
+def table_of(
+    columns: Iterable[ClockedColumn],
+    source: str,
+    *,
+    held: bool = False,
+    start: float | None = None,
+) -> Table:
     """Return the table of all columns; channels with equal stamps share one column of time.
 
-    All stamps are counted from the earliest stamp of all channels.
+    Stamps are counted from `start`, by default from the earliest first stamp of all channels.
+    `held` says that only changes of the channels are logged.
     """
     found = list(columns)
-    starts = [one.time[0] for one in found if one.time is not None and len(one.time)]
-    start = min(starts, default=0.0)
+    if start is None:
+        starts = [one.time[0] for one in found if one.time is not None and len(one.time)]
+        start = min(starts, default=0.0)
     names: list[str] = []
     arrays: list[np.ndarray] = []
     clocks: dict[int, int] = {}
     stamps: list[int] = []
     for one in found:
         if one.time is not None:
-            shared = (k for k in stamps if np.array_equal(arrays[k], one.time - start))
-            clock = next(shared, None)
+            time = one.time - start
+            clock = next((k for k in stamps if np.array_equal(arrays[k], time)), None)
             if clock is None:
                 clock = len(names)
                 stamps.append(clock)
                 names.append(f"time {len(stamps)} [s]")
-                arrays.append(one.time - start)
+                arrays.append(time)
             clocks[len(names)] = clock
         names.append(printable(one.name))
         arrays.append(one.values)
-    return NestedTable(tuple(names), tuple(arrays), source, clocks=clocks)
+    return Table(
+        tuple(names),
+        tuple(arrays),
+        source,
+        clocks=clocks,
+        held=frozenset(clocks) if held else frozenset(),
+    )

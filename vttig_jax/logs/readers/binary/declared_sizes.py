@@ -4,10 +4,9 @@ import struct
 import zlib
 from typing import Any
 
-from ....base.files.limits import MemoryBudget
+from ....base.files.limits import PART, MemoryBudget
 
 _DICTIONARY, _BATCH = 2, 3  # kinds of messages in Arrow's `Message.fbs`
-_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
 _DZ, _DZ_HEAD = b"##DZ", 24  # block of packed data and length of its header (ASAM MDF 4.1)
 
 
@@ -51,7 +50,7 @@ def take_mdf(data: bytes, budget: MemoryBudget) -> None:
             unpacker, packed = zlib.decompressobj(), data[start : start + min(size, len(data))]
             try:
                 while packed and not unpacker.eof:
-                    budget.take(len(unpacker.decompress(packed, _PART)))
+                    budget.take(len(unpacker.decompress(packed, PART)))
                     packed = unpacker.unconsumed_tail
             except zlib.error:  # ##DZ occurs in other data, or the reader reports the damage
                 pass

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ....base.errors import InputError, LogError, UsageError
-from ..nested import NestedTable
+from ..table import Table
 from ..text import read_bytes
 from .clocked import ClockedColumn, table_of
 
@@ -34,38 +34,16 @@ class Format:
     note: str = ""
 
 
+_ARROW = (".parquet", ".pq", ".feather", ".arrow", ".arrows", ".ipc")
+_TDMS = "TDMS: the time of a waveform is its increment times the number of the sample"
+_MDF = "MDF: every group of channels has its own time stamps"
+_ROS = "ROS: stamps are those in the headers of the messages, else those of the recording"
 FORMATS = (
     Format("NumPy", (".npy", ".npz"), "numpy_files:numpy_columns", "numpy"),
-    Format(
-        "Arrow",
-        (".parquet", ".pq", ".feather", ".arrow", ".arrows", ".ipc"),
-        "arrow_files:arrow_columns",
-        "pyarrow",
-    ),
-    Format(
-        "TDMS",
-        (".tdms",),
-        "tdms:tdms_columns",
-        needs="nptdms",
-        extra="tdms",
-        note="TDMS: the time of a waveform is its increment times the number of the sample",
-    ),
-    Format(
-        "MDF",
-        (".mf4", ".mdf", ".mf3"),
-        "mdf:mdf_columns",
-        needs="asammdf",
-        extra="mdf",
-        note="MDF: every group of channels has its own time stamps",
-    ),
-    Format(
-        "ROS",
-        (".mcap", ".bag", ".db3"),
-        "rosbag:rosbag_columns",
-        needs="rosbags",
-        extra="ros",
-        note="ROS: stamps are those in the headers of the messages, else those of the recording",
-    ),
+    Format("Arrow", _ARROW, "arrow_files:arrow_columns", "pyarrow"),
+    Format("TDMS", (".tdms",), "tdms:tdms_columns", "nptdms", "tdms", _TDMS),
+    Format("MDF", (".mf4", ".mdf", ".mf3"), "mdf:mdf_columns", "asammdf", "mdf", _MDF),
+    Format("ROS", (".mcap", ".bag", ".db3"), "rosbag:rosbag_columns", "rosbags", "ros", _ROS),
 )
 """Binary formats other than MATLAB and HDF5."""
 
@@ -81,7 +59,7 @@ def format_of(path: Path) -> Format | None:
     return next((one for one in FORMATS if ending in one.endings), None)
 
 
-def read_binary(path: Path, form: Format) -> tuple[NestedTable, str, tuple[str, ...]]:
+def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
     """Return the columns of a file, the SHA-256 of its bytes, and notes.
 
     **Raises** `UsageError` without the library of the format; `LogError` for a missing, damaged or
@@ -129,7 +107,7 @@ def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
     return getattr(import_module(f".{module}", __package__), function)
 
 
-def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> NestedTable:
+def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> Table:
     """Return the table of named arrays or of channels with separate time stamps."""
     return table_of(
         (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in columns), source

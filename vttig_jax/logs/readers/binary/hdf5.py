@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ....base.files.limits import LEAST_BYTES, MemoryBudget
+from ....base.files.limits import LEAST_BYTES, PART, MemoryBudget
 from .matlab import DEEPEST, MOST_CELLS
 
 _DEFLATE, _CHECKSUM = 1, 3  # numbers of the filters gzip and fletcher32 of HDF5
-_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
 _HARMLESS = LEAST_BYTES // 1032  # packed size without a check: deflate packs at most 1032 to 1
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -61,9 +60,9 @@ def take_dataset(item: Any, budget: MemoryBudget) -> None:
         mask, packed = item.id.read_direct_chunk(about.chunk_offset)
         unpacker, unpacked = zlib.decompressobj(), 0
         while packed and not unpacker.eof and not mask:
-            unpacked += len(unpacker.decompress(packed, _PART))
+            unpacked += len(unpacker.decompress(packed, PART))
             packed = unpacker.unconsumed_tail
-            if unpacked > room + _PART:
+            if unpacked > room + PART:
                 raise ValueError(f"a chunk of {room} bytes unpacks to more than {unpacked}")
 
     item.id.chunk_iter(check)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ....base.files.limits import MemoryBudget
+from ....base.files.limits import PART, MemoryBudget
 
 MATRIX, COMPRESSED = 14, 15
 FLAGS, SIZE, NAME = {6}, {5, 6}, {1, 16}
@@ -26,7 +26,6 @@ NUMBERS = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13))
 TEXT = frozenset((16, 17, 18))
 FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
 
-_PART = 1 << 20  # bytes that are unpacked at a time; chosen value
 _ITEM, _FIELD, _LETTER = 128, 1024, 4  # rounded memory of a cell, a field and a letter in bytes
 
 Leaves = Iterable[tuple[str, np.ndarray]] | None
@@ -59,12 +58,12 @@ def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
 def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
     """Check the array in a compressed element; for an array of numbers only its start is stored."""
     unpacker = zlib.decompressobj()
-    kept = [unpacker.decompress(packed, _PART)]
+    kept = [unpacker.decompress(packed, PART)]
     size = len(kept[0])
     budget.take(size)
     plain = _holds_numbers(kept[0], order)
     while not unpacker.eof:
-        part = unpacker.decompress(unpacker.unconsumed_tail, _PART)
+        part = unpacker.decompress(unpacker.unconsumed_tail, PART)
         if not part and not unpacker.eof:
             raise ValueError("a compressed element is cut off")
         budget.take(len(part))

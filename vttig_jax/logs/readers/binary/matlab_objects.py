@@ -14,6 +14,7 @@ import numpy as np
 
 from ....base.errors import UsageError
 from ....base.files.limits import MemoryBudget
+from ..times.seconds import since_first
 from .hdf5 import take_dataset
 from .matlab import HEADER, Leaves, check_tags, leaves
 
@@ -25,9 +26,6 @@ SUBSYSTEM = "#subsystem#"
 
 UNIT_KEYS = ("varUnits", "VariableUnits")
 """Names of the attributes with the units of the columns, for a timetable and for a table."""
-
-_TO_S = 1e-9
-"""Factor from nanoseconds to seconds."""
 
 
 def check_objects(data: bytes, *, hdf5: bool, budget: MemoryBudget) -> bool:
@@ -101,7 +99,7 @@ def _objects(path: str, value: Any) -> Leaves:
         return _table(path, value)
     if not isinstance(value, np.ndarray):
         return ()
-    return [(f"{path} [s]", _seconds(value))] if value.dtype.kind in "mM" else None
+    return [(f"{path} [s]", since_first(value))] if value.dtype.kind in "mM" else None
 
 
 def _table(path: str, table: Any) -> Iterator[tuple[str, np.ndarray]]:
@@ -110,26 +108,12 @@ def _table(path: str, table: Any) -> Iterator[tuple[str, np.ndarray]]:
     `table` is a DataFrame.
     """
     if table.index.dtype.kind in "mM":
-        yield f"{path}.{table.index.name or 'Time'} [s]", _seconds(table.index.to_numpy())
+        yield f"{path}.{table.index.name or 'Time'} [s]", since_first(table.index.to_numpy())
     stated = max((np.ravel(table.attrs.get(key, ())) for key in UNIT_KEYS), key=len)
     for k, column in enumerate(table.columns):
         values = table[column].to_numpy()
         unit = str(stated[k]) if len(stated) == len(table.columns) else ""
         if values.dtype.kind in "mM":
-            yield f"{path}.{column} [s]", _seconds(values)
+            yield f"{path}.{column} [s]", since_first(values)
         elif values.dtype.kind in "biuf":
             yield f"{path}.{column} [{unit}]" if unit else f"{path}.{column}", values
-
-
-def _seconds(stamps: np.ndarray) -> np.ndarray:
-    """Return the seconds since the first valid stamp; NaN for missing stamps.
-
-    The subtraction is exact, in whole nanoseconds.
-    """
-    kind = "datetime64[ns]" if stamps.dtype.kind == "M" else "timedelta64[ns]"
-    whole = stamps.astype(kind).ravel()
-    known = ~np.isnat(whole)
-    if not known.any():
-        return np.full(len(whole), np.nan)
-    counted = whole.astype(np.int64)
-    return np.where(known, (counted - counted[known][0]) * _TO_S, np.nan)

@@ -10,7 +10,8 @@ import numpy as np
 
 from ....base.errors import LogError
 from ....base.files.limits import MemoryBudget
-from ..matrix_columns import matrix_columns
+from ..table import matrix_columns
+from ..times.seconds import since_first
 
 
 def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
@@ -50,15 +51,9 @@ def _columns(name: str, data: bytes, size: int, source: str) -> Iterator[tuple[s
 
 def _plain(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     if array.dtype.kind == "M":
-        yield f"{name} [s]", _seconds(array)
+        yield f"{name} [s]", since_first(array)
     elif array.dtype.kind in "biuf":
         yield from matrix_columns(name, array)
-
-
-def _seconds(stamps: np.ndarray) -> np.ndarray:
-    """Return datetime64 stamps in s since the first stamp, subtracted as integers."""
-    whole = stamps.ravel().astype("datetime64[ns]").astype(np.int64)
-    return (whole - whole[0]) / 1e9 if len(whole) else whole.astype(np.float64)
 
 
 def _check_header(head: bytes, size: int, where: str) -> None:

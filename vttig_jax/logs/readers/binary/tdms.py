@@ -8,6 +8,7 @@ import numpy as np
 
 from ....base.errors import LogError
 from ....base.files.limits import MemoryBudget
+from ..times.seconds import since_first
 from .clocked import ClockedColumn
 from .silence import silent
 
@@ -45,8 +46,7 @@ def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
                 continue
             name = f"{group.name}/{channel.name}"
             if values.dtype.kind == "M":
-                whole = values.astype("datetime64[ns]").astype(np.int64)
-                yield ClockedColumn(f"{name} [s]", (whole - whole[0]) / 1e9)
+                yield ClockedColumn(f"{name} [s]", since_first(values))
                 continue
             if values.dtype.kind not in "biuf":
                 continue

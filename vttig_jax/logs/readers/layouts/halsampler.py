@@ -7,9 +7,10 @@ number of the sample. An output without a line `overrun` is read like any table 
 import numpy as np
 
 from ....base.errors import LogError
-from ..lines import Lines
-from ..nested import NestedTable
 from ..number_format import looks_like_number
+from ..table import MOST_COLUMNS, Table
+from ..text import Lines
+from .cells import Found, Layout, Row, numbers
 
 OVERRUN = "overrun"
 LOST = 10
@@ -17,59 +18,41 @@ LOST = 10
 so that all later steps treat the gap as a pause."""
 
 
-def matches(lines: Lines) -> bool:
-    """Return whether a file is an output of halsampler with lost samples.
-
-    This is the case if at least one line consists of the word `overrun`, and if the first line that
-    is neither empty nor `overrun` contains only numbers.
-    """
+def _matches(lines: Lines) -> bool:
+    """Return whether a line is `overrun` and the first other line contains only numbers."""
     if not lines.have(OVERRUN) or OVERRUN not in (line.strip() for line in lines):
         return False
-    first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "")
-    return bool(first) and all(map(looks_like_number, first.split()))
+    first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "").split()
+    return 0 < len(first) <= MOST_COLUMNS and all(map(looks_like_number, first))
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
-    """Return the columns #1, #2, … with the number of each sample, and notes on the gaps.
-
-    **Raises** `LogError` for a row of another width or a field that is no number.
-    """
-    rows: list[list[str]] = []
+def _read(lines: list[str], source: str) -> Found:
+    rows: list[Row] = []
     gaps: list[int] = []
     for number, line in enumerate(lines, 1):
         fields = line.split()
         if fields == [OVERRUN]:
             gaps.append(len(rows))
         elif fields:
-            if rows and len(fields) != len(rows[0]):
+            if rows and len(fields) != len(rows[0][1]):
                 if not any(rest.strip() for rest in lines[number:]):
                     break  # the last line is cut off
                 raise LogError(
-                    f"this row has {len(fields)} fields, but the first one has {len(rows[0])};"
+                    f"this row has {len(fields)} fields, but the first one has {len(rows[0][1])};"
                     " correct it or remove the line.",
                     where=f"{source}: line {number}",
                 )
-            rows.append(fields)
-    arrays = [_column([row[k] for row in rows], source, k) for k in range(len(rows[0]))]
-    size = len(rows)
-    inner = [gap for gap in gaps if 0 < gap < size]
-    numbers, counted = _sample_numbers(arrays[0], inner)
+            rows.append((number, fields))
+    names = tuple(f"#{k + 1}" for k in range(len(rows[0][1])))
+    arrays = tuple(
+        numbers([(number, row[k]) for number, row in rows], ".", f"{source}: column {name}")
+        for k, name in enumerate(names)
+    )
+    inner = [gap for gap in gaps if 0 < gap < len(rows)]
+    counts, counted = _sample_numbers(arrays[0], inner)
     how = "as the sample numbers say" if counted else f"each taken as {LOST} samples"
     note = f"halsampler: {len(inner)} gaps where samples were lost, {how}"
-    names = tuple(f"#{k + 1}" for k in range(len(arrays)))
-    return NestedTable(names, tuple(arrays), source, sample_numbers=numbers), (note,)
-
-
-def _column(fields: list[str], source: str, k: int) -> np.ndarray:
-    try:
-        if all(field.lstrip("+-").isdigit() for field in fields):
-            return np.array([int(field) for field in fields], np.int64)
-        return np.array([float(field) for field in fields])
-    except (ValueError, OverflowError):
-        raise LogError(
-            "a field is no number; correct it or remove the line.",
-            where=f"{source}: column #{k + 1}",
-        ) from None
+    return Table(names, arrays, source, sample_numbers=counts), (note,)
 
 
 def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, bool]:
@@ -91,3 +74,6 @@ def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, boo
     for gap in gaps:
         numbers[gap:] += LOST
     return numbers, False
+
+
+HALSAMPLER = Layout(_matches, _read)

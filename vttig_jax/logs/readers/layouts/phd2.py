@@ -8,7 +8,7 @@ new lock position move the zero of the distances; these moves are removed. Rows 
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,11 +17,10 @@ from jaxtyping import Float
 from ....base.errors import LogError
 from ....base.units import DEG
 from ..delimited import split
-from ..lines import Lines
-from ..nested import NestedTable
 from ..number_format import to_number
-from ..text import printable
-from .channels import SPARE
+from ..table import Table
+from ..text import Lines, printable
+from .cells import SPARE, Found, Layout
 
 NAMES = ("time_s", "transmission_error_arcsec")
 """Names of the two columns of a session."""
@@ -139,14 +138,12 @@ class Session:
         if kind == "AO":
             self.unusable = "an adaptive optics unit was guided, not the mount"
             return
-        wanted = "Time", "RARawDistance", "RADuration"
-        numbers = [to_number(row.get(name) or "0", ".") for name in wanted[2:]]
-        numbers = [to_number(row.get(name, ""), ".") for name in wanted[:2]] + numbers
-        if None in numbers or len(fields) < len(self._names) - 1:
+        texts = row.get("Time", ""), row.get("RARawDistance", ""), row.get("RADuration") or "0"
+        time, raw, duration = (to_number(text, ".") for text in texts)
+        if time is None or raw is None or duration is None or len(fields) < len(self._names) - 1:
             raise LogError(
                 "this row is no row of a guide log (Frame, Time, mount, …); remove it.", where=place
             )
-        time, raw, duration = (float(number or 0.0) for number in numbers)
         self.time.append(time)
         self.distance.append(raw + self._moved)
         self.pulses.append(self._pulsed)
@@ -197,40 +194,35 @@ class Session:
         return text
 
 
-def matches(lines: Lines) -> bool:
+def _matches(lines: Lines) -> bool:
     """Return whether the first lines and a line of column names are those of a guide log."""
     first = any(map(_FIRST.match, lines[:SPARE]))
     return first and any(line.startswith(HEADER) for line in lines)
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
+def _read(lines: list[str], source: str) -> Found:
     """Return time and transmission error of every session, and notes on the sessions.
 
     **Raises** `LogError` if no session can be used; an incomplete last row is left out.
     """
     sessions = dict(enumerate(_sessions(lines, source), 1))
     kept = {number: one for number, one in sessions.items() if not one.reason}
+    reasons = [f"session {n}, {one.reason}" for n, one in sessions.items() if one.reason]
+    left_out = "; ".join(reasons)
     if not kept:
-        raise LogError(f"no session of guiding can be used: {_left_out(sessions)}.", where=source)
-    names: list[str] = []
-    arrays: list[np.ndarray] = []
+        raise LogError(f"no session of guiding can be used: {left_out}.", where=source)
+    columns: dict[str, np.ndarray] = {}
     notes = [
         "PHD2 guide log: transmission error = RARawDistance × pixel scale / cos(declination) + sum"
         " of the pulses × guide rate, positive where the mount lags"
     ]
     for number, one in kept.items():
-        prefix = f"{number}/" if len(kept) > 1 else ""
-        names += [prefix + name for name in NAMES]
-        arrays += [np.array(one.time), one.error_arcsec]
+        names = [f"{number}/{name}" if len(kept) > 1 else name for name in NAMES]
+        columns |= dict(zip(names, (np.array(one.time), one.error_arcsec), strict=True))
         notes.append(f"session {number}, {printable(one.start)}: {one.note}")
-    left_out = {number: one for number, one in sessions.items() if one.reason}
     if left_out:
-        notes.append(f"left out: {_left_out(left_out)}")
-    return NestedTable(tuple(names), tuple(arrays), source), tuple(notes)
-
-
-def _left_out(sessions: Mapping[int, Session]) -> str:
-    return "; ".join(f"session {number}, {one.reason}" for number, one in sessions.items())
+        notes.append(f"left out: {left_out}")
+    return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
 
 
 def _sessions(lines: Sequence[str], source: str) -> Iterator[Session]:
@@ -252,3 +244,6 @@ def _sessions(lines: Sequence[str], source: str) -> Iterator[Session]:
                     raise
     if current is not None:
         yield current
+
+
+PHD2 = Layout(_matches, _read)

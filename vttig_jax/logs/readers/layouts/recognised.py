@@ -1,28 +1,26 @@
 """Text layouts that are recognised, in the order in which they are tested."""
 
-from ..lines import Lines
-from ..nested import NestedTable
-from . import camonitor, cantools, halsampler, long_table, lvm, phd2, sections, twincat
-from .channels import Layout
+from ..text import Lines
+from .cells import Found
+from .groups import LABVIEW, OSCILLOSCOPE, TWINCAT
+from .halsampler import HALSAMPLER
+from .phd2 import PHD2
+from .records import BRACKETS, JSON, PAIRS, SIDE
+from .samples import CAMONITOR, CANTOOLS, LONG_TABLE
+from .sections import SECTIONS
 
 LAYOUTS = (
-    Layout("TwinCAT Scope", twincat.matches, twincat.read),
-    Layout("LabVIEW measurement", lvm.matches, lvm.read),
-    Layout("cantools decode", cantools.matches, cantools.read),
-    Layout("EPICS camonitor", camonitor.matches, camonitor.read),
-    Layout("LinuxCNC halsampler", halsampler.matches, halsampler.read),
-    Layout("PHD2 guide log", phd2.matches, phd2.read),
-    Layout("long table", long_table.matches, long_table.read),
-    Layout("file in sections", sections.matches, sections.read),
+    *(JSON, TWINCAT, LABVIEW, OSCILLOSCOPE, CANTOOLS, CAMONITOR, HALSAMPLER, PHD2),
+    *(LONG_TABLE, SIDE, PAIRS, BRACKETS, SECTIONS),
 )
 """Layouts other than a table with one row for each instant."""
 
 
-def read_layout(text: str, source: str) -> tuple[NestedTable, tuple[str, ...]] | None:
+def read_layout(text: str, source: str) -> Found | None:
     """Return the table and notes of a text in one of the layouts, or None for another text.
 
     **Raises** `LogError` for a text that is damaged in its layout.
     """
-    lines = Lines.of(text)
+    lines = Lines(text)
     layout = next((one for one in LAYOUTS if one.matches(lines)), None)
     return None if layout is None else layout.read(list(lines), source)

@@ -1,7 +1,8 @@
 """Files in sections: several tables in one text, each with a header and perhaps a heading.
 
-Guide logs and reports of test stands are such files. A section begins with a line of names above a
-row of numbers with as many fields. Its columns are named `2/motor` for column `motor` of section 2.
+Guide logs, reports of test stands and the sheets of a workbook are such files. A section begins
+with a line of names, perhaps a row of units, and a row of numbers with as many fields. Its columns
+are named `2/motor` for column `motor` of section 2.
 """
 
 import re
@@ -10,13 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ....base.errors import LogError
-from ..delimited import split
-from ..lines import Lines
-from ..nested import NestedTable
-from ..number_format import looks_like_number, to_number
-from ..text import printable
-from ..times.stamps import looks_like_stamp, read_stamps
+from ..column_names import is_units_row, with_units
+from ..delimited import is_value, split
+from ..number_format import looks_like_number
+from ..table import Table
+from ..text import Lines, printable
+from .cells import Found, Layout, Row, decimal_of, numbers
 
 DELIMITERS = (",", ";", "\t")
 """Delimiters in the order in which they are tried."""
@@ -27,7 +27,8 @@ FEWEST_ROWS = 3
 _BELOW_FIRST = 2
 """Number of lines of the first header and the first row; no second section can begin in them."""
 
-_WORD = re.compile(r"""^\s*["']?[^\W\d_]""", re.MULTILINE)
+_DIGIT = re.compile(r"\d")
+_WORD = re.compile(r"""^[^\S\n]*["']?[^\W\d_]""", re.MULTILINE)
 """Pattern of the beginning of a line of names."""
 
 
@@ -38,52 +39,61 @@ class Section:
     **Arguments**
     - `heading`: first line of the text above the names, "" without one.
     - `names`: names of its columns. - `line`: number of the line of names.
-    - `rows`: line number and fields of every row.
+    - `units`: row of units below the names, or None. - `rows`: its rows.
     - `others`: numbers of the lines between the rows that are not rows.
     """
 
     heading: str
     names: list[str]
     line: int
-    rows: list[tuple[int, list[str]]] = field(default_factory=list)
+    units: list[str] | None = None
+    rows: list[Row] = field(default_factory=list)
     others: list[int] = field(default_factory=list)
 
+    def columns(self, number: int, mark: str, source: str) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield the columns whose first row is a number or a date, of rows in which none lacks."""
+        named = with_units(self.names, self.units or [])
+        first = self.rows[0][1]
+        chosen = [k for k, text in enumerate(first) if is_value(text)]
+        self.others += [line for line, row in self.rows if not all(row[k] for k in chosen)]
+        self.rows = [row for row in self.rows if all(row[1][k] for k in chosen)]
+        for k in chosen:
+            name = printable(named[k])
+            place = f"{source}: section {number}, column `{name}`"
+            cells = [(line, row[k]) for line, row in self.rows]
+            yield f"{number}/{name}", numbers(cells, decimal_of(self.rows, mark), place)
 
-def matches(lines: Lines) -> bool:
+
+def _matches(lines: Lines) -> bool:
     """Return whether the text has at least two tables, each with a line of names."""
     return lines.match(_WORD, _BELOW_FIRST) and len(_sections(list(lines))[0]) > 1
 
 
-def read(lines: list[str], source: str) -> tuple[NestedTable, tuple[str, ...]]:
-    """Return the columns of all sections, and notes that describe the sections.
-
-    **Raises** `LogError` for text in a column of numbers.
-    """
-    found, delimiter = _sections(lines)
-    decimal = _decimal(found, delimiter)
-    names: list[str] = []
-    arrays: list[np.ndarray] = []
+def _read(lines: list[str], source: str) -> Found:
+    found, mark = _sections(lines)
+    columns: dict[str, np.ndarray] = {}
     notes = []
     for number, section in enumerate(found, 1):
-        rows = [row for row in section.rows if all(row[1][k] for k in _numeric(section))]
-        for k in _numeric(section):
-            names.append(printable(f"{number}/{section.names[k]}"))
-            place = f"{source}: section {number}, column `{printable(section.names[k])}`"
-            arrays.append(_values([(line, row[k]) for line, row in rows], decimal, place))
-        notes.append(_note(number, section, len(rows)))
-    return NestedTable(tuple(names), tuple(arrays), source), tuple(notes)
+        columns.update(section.columns(number, mark, source))
+        heading = f" `{printable(section.heading[:40])}`" if section.heading else ""
+        note = f"section {number}{heading} at line {section.line}: {len(section.rows)} rows"
+        if section.others:
+            note += f"; {len(section.others)} lines between them are left out, the first is line"
+            note += f" {min(section.others)}"
+        notes.append(f"{note}; `--column driving={number}/NAME` chooses it")
+    return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
 
 
 def _sections(lines: Sequence[str]) -> tuple[list[Section], str]:
     """Return the sections of a text and its delimiter; no sections if there are fewer than two."""
-    for delimiter in DELIMITERS:
-        found = [one for one in _walk(lines, delimiter) if len(one.rows) >= FEWEST_ROWS]
+    for mark in (mark for mark in DELIMITERS if any(mark in line for line in lines)):
+        found = [one for one in _walk(lines, mark) if len(one.rows) >= FEWEST_ROWS]
         if len(found) > 1:
-            return found, delimiter
+            return found, mark
     return [], DELIMITERS[0]
 
 
-def _walk(lines: Sequence[str], delimiter: str) -> Iterator[Section]:
+def _walk(lines: Sequence[str], mark: str) -> Iterator[Section]:
     """Yield the tables of a text in their order."""
     current: Section | None = None
     heading, between, parted = "", [], True
@@ -91,11 +101,11 @@ def _walk(lines: Sequence[str], delimiter: str) -> Iterator[Section]:
         if not line.strip():
             heading, parted = "", True
             continue
-        fields = split(line, delimiter)
+        fields = split(line, mark)
         # A line of text between two rows is a damaged row, unless it repeats the names.
         begins = parted or (current is not None and fields == current.names)
         parted = False
-        if begins and _WORD.match(line) and _is_header(fields, lines, number, delimiter):
+        if begins and _WORD.match(line) and _is_header(fields, lines, number, mark):
             if current is not None:
                 yield current
             current = Section(heading, fields, number)
@@ -104,6 +114,8 @@ def _walk(lines: Sequence[str], delimiter: str) -> Iterator[Section]:
             current.others += between
             current.rows.append((number, fields))
             between = []
+        elif current is not None and not current.rows and is_units_row(fields):
+            current.units = fields
         else:
             heading, parted = heading or line.strip(), True
             between.append(number)
@@ -111,59 +123,22 @@ def _walk(lines: Sequence[str], delimiter: str) -> Iterator[Section]:
         yield current
 
 
-def _is_header(fields: list[str], lines: Sequence[str], number: int, delimiter: str) -> bool:
+def _is_header(fields: list[str], lines: Sequence[str], number: int, mark: str) -> bool:
     """Return whether `fields`, from the line `number`, are names above a row of numbers."""
-    if len(fields) < 2 or any(map(looks_like_number, fields)) or not all(fields):
+    if len(fields) < 2 or not all(fields) or any(map(looks_like_number, fields)):
         return False
-    below = next((line for line in lines[number : number + 3] if line.strip()), "")
-    row = split(below, delimiter)
+    below = [line for line in lines[number : number + 4] if line.strip()][:2]
+    if not any(map(_DIGIT.search, below)):
+        return False
+    rows = [split(line, mark) for line in below]
+    row = rows[-1] if is_units_row(rows[0]) else rows[0]
     return len(row) == len(fields) and _has_numbers(row)
 
 
 def _has_numbers(fields: list[str]) -> bool:
     """Return whether the first field or most of the fields are numbers or dates."""
-    kinds = [looks_like_number(one) or looks_like_stamp(one) for one in fields]
+    kinds = list(map(is_value, fields))
     return kinds[0] or 2 * sum(kinds) >= len(kinds)
 
 
-def _numeric(section: Section) -> list[int]:
-    """Return the indices of the columns whose first row is a number or a date."""
-    first = section.rows[0][1]
-    return [k for k, text in enumerate(first) if looks_like_number(text) or looks_like_stamp(text)]
-
-
-def _decimal(found: Sequence[Section], delimiter: str) -> str:
-    """Return the decimal mark: a comma if fields contain commas that are not delimiters."""
-    fields = (text for one in found for _, row in one.rows[:9] for text in row)
-    return "," if delimiter != "," and any("," in text for text in fields) else "."
-
-
-def _values(texts: list[tuple[int, str]], decimal: str, place: str) -> np.ndarray:
-    """Return the numbers of a column; dates are converted to seconds since the first date.
-
-    `texts` are line number and field of every row.
-    """
-    if texts and not looks_like_number(texts[0][1]):
-        stamps = read_stamps([text for _, text in texts], place)[0]
-        return (stamps - stamps[0]) / 1e9
-    numbers = [to_number(text, decimal) for _, text in texts]
-    wrong = next((k for k, value in enumerate(numbers) if value is None), None)
-    if wrong is not None:
-        line, text = texts[wrong]
-        raise LogError(
-            f"`{printable(text)}` in line {line} is no number; correct it or remove the line.",
-            where=place,
-        )
-    return np.array(numbers, np.float64)
-
-
-def _note(number: int, section: Section, rows: int) -> str:
-    """Return a note on a section: its position, its rows, and the rows that are omitted."""
-    heading = f" `{printable(section.heading[:40])}`" if section.heading else ""
-    text = f"section {number}{heading} at line {section.line}: {rows} rows"
-    left_out = len(section.rows) - rows
-    if left_out:
-        text += f", left out: {left_out} with empty fields"
-    if section.others:
-        text += f", no rows between them: {len(section.others)}, first line {section.others[0]}"
-    return f"{text}; `--column driving={number}/NAME` chooses it"
+SECTIONS = Layout(_matches, _read)

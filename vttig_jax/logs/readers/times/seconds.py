@@ -25,6 +25,17 @@ def seconds_of_stamps(fields: Sequence[str], where: str) -> tuple[Float[np.ndarr
     return nanoseconds / 1e9, note
 
 
+def since_first(stamps: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Return dates or durations of NumPy in s since the first valid one; a missing one is NaN.
+
+    They are subtracted as whole nanoseconds.
+    """
+    kind = "datetime64[ns]" if stamps.dtype.kind == "M" else "timedelta64[ns]"
+    whole = stamps.ravel().astype(kind)
+    known, counted = ~np.isnat(whole), whole.astype(np.int64)
+    return np.where(known, (counted - counted[known][:1].sum()) / 1e9, np.nan)
+
+
 def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.ndarray, " n"]:
     """Return numeric stamps in seconds; stamps beyond `FAR` are counted from the first stamp.
 

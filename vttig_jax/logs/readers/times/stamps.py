@@ -19,11 +19,12 @@ _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct",
 _GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
 _MONTH = {name: k for k, name in enumerate(_MONTHS, 1)} | _GERMAN
 _DATE = re.compile(
-    r"(?:(?P<year>\d{4})[-/.](?P<month>\d\d?)[-/.](?P<day>\d\d?)"
-    r"|(?P<first>\d\d?)(?P<mark>[-/.])(?P<second>\d\d?)[-/.](?P<last>\d{4}|\d\d)"
-    r"|(?P<d>\d\d?)[- .]+(?P<name>[A-Za-zä]{3})[a-z]*[- .]+(?P<y>\d{4})"
-    r"|(?P<first_name>[A-Za-zä]{3})[a-z]*[- .]+(?P<dd>\d\d?),?[- ]+(?P<yy>\d{4}))"
+    r"\d{4}[-/.]\d\d?[-/.]\d\d?"
+    r"|\d\d?[-/.]\d\d?[-/.](?:\d{4}|\d\d)"
+    r"|\d\d?[- .]+[A-Za-zä]{3}[a-z]*[- .]+\d{4}"
+    r"|[A-Za-zä]{3}[a-z]*[- .]+\d\d?,?[- ]+\d{4}"
 )
+_PARTS = re.compile(r"[-/. ,]+")
 _CLOCK = re.compile(
     r"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d)(?:[.,:](?P<part>\d{1,12}))?)?"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|GMT|[A-Z]{3,4}|[+-]\d\d:?(?:\d\d)?)?"
@@ -179,27 +180,18 @@ def _days(texts: set[str], where: str) -> dict[str, int]:
 
 def _in_order(texts: set[str], order: str) -> dict[str, int] | None:
     """Return text → day number if every text is a date with its parts in `order`, else None."""
-    days = {}
-    for text in texts:
-        match = _DATE.fullmatch(text)
-        if match is None:
-            return None
-        try:
-            days[text] = date(*_year_month_day(match, order)).toordinal()
-        except ValueError:
-            return None
-    return days
+    try:
+        return {text: date(*_year_month_day(text, order)).toordinal() for text in texts}
+    except ValueError:
+        return None
 
 
-def _year_month_day(match: re.Match[str], order: str) -> tuple[int, int, int]:
-    if match["year"]:
-        return int(match["year"]), int(match["month"]), int(match["day"])
-    if match["name"]:
-        return int(match["y"]), _MONTH.get(match["name"].lower(), 0), int(match["d"])
-    if match["first_name"]:
-        return int(match["yy"]), _MONTH.get(match["first_name"].lower(), 0), int(match["dd"])
-    year = int(match["last"]) + (2000 if len(match["last"]) == 2 else 0)
-    first, second = int(match["first"]), int(match["second"])
-    if match["mark"] == "." or order == "day first":
-        return year, second, first
-    return year, first, second
+def _year_month_day(text: str, order: str) -> tuple[int, int, int]:
+    """Return the parts of a date; **raises** `ValueError` for another text."""
+    day, month, year = _PARTS.split(text)
+    if len(day) == 4:
+        day, year = year, day
+    elif day.isalpha() or ("." not in text and month.isdigit() and order == "month first"):
+        day, month = month, day
+    number = _MONTH.get(month[:3].lower(), 0) if month.isalpha() else int(month)
+    return int(year) + (2000 if len(year) == 2 else 0), number, int(day)

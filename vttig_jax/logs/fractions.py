@@ -30,7 +30,7 @@ def likely_fraction(value: float, std: float) -> Fraction | None:
 
     **Example**
     ```python
-    >>> from vttig_jax.logs.checks.fractions import likely_fraction
+    >>> from vttig_jax.logs.fractions import likely_fraction
     >>> print(likely_fraction(0.99984, 8e-5), likely_fraction(0.7331, 2e-6))
     1 None
 
@@ -56,7 +56,7 @@ def ratio_option(value: float, std: float) -> str:
 
     **Example**
     ```python
-    >>> from vttig_jax.logs.checks.fractions import ratio_option
+    >>> from vttig_jax.logs.fractions import ratio_option
     >>> ratio_option(1 / 6, 1e-5), ratio_option(0.733123, 2e-5), ratio_option(0.0073312, 2e-7)
     ('6:1', '1:0.733123', '136.4033:1')
 
@@ -74,7 +74,7 @@ def decimal_option(value: float, std: float) -> str:
 
     **Example**
     ```python
-    >>> from vttig_jax.logs.checks.fractions import decimal_option
+    >>> from vttig_jax.logs.fractions import decimal_option
     >>> decimal_option(1 / 6, 1e-5), decimal_option(0.99984, 8e-5)
     ('6.00000:1', '1:0.999840')
 

@@ -12,8 +12,8 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ...base.numerics.well_conditioned import least_squares
-from ...base.units import REV
+from ..base.numerics.well_conditioned import least_squares
+from ..base.units import REV
 
 BLOCKS = 10  # number of blocks of the jackknife (chosen)
 

@@ -1,0 +1,240 @@
+"""Layouts whose header says the time of their columns: TwinCAT Scope, LabVIEW, oscilloscopes.
+
+TwinCAT Scope View: every column with the name `Name` is the time of the group of channels that
+follows it, in ms or as FILETIME. There is one group for each sample time; groups with longer sample
+times have fewer rows. Rows such as `SymbolName` and `Unit` describe the channels.
+
+LabVIEW measurement (LVM): the file header says how many columns of time the rows have: one for all
+channels, one for each (`Multi`), or none, where X0 and Delta_X of the segment header give the
+stamps. Format: National Instruments, Specification for the LabVIEW Measurement File.
+
+Oscilloscopes (Rigol): the header states the first stamp and the increment of the time, under the
+names `Start` and `Increment` or as `t0 = …, tInc = …`.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ....base.errors import LogError
+from ..binary.clocked import ClockedColumn, table_of
+from ..column_names import unit_in, with_units
+from ..delimited import split
+from ..number_format import looks_like_number, to_number
+from .cells import Found, Layout, Row, cells_of, decimal_of, numbers, rows_from
+
+_HEAD = 60
+"""Number of first lines that may describe the channels (chosen)."""
+
+END = "EOF"
+MS = 1e-3
+"""Seconds in a millisecond, which is the unit of most time columns."""
+
+_TICK = 1e-7
+"""Seconds in a unit of FILETIME, which counts since 1601."""
+
+_FILETIME = re.compile(r"1\d{17}")
+"""FILETIME of the years 1917 to 2234: 18 digits, which a float does not hold."""
+
+_SAMPLE_TIME = re.compile(r"SampleTime(?:\[ms\])?(?=[\t;, :])")
+"""First field of the row with the sample times, before one of the delimiters of the export."""
+
+START, END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
+_KEYS = ("Channels", "Samples", "X0", "Delta_X")
+"""Keys of a segment header; the file header has none of them."""
+
+_STATED = re.compile(r"\bt0\s*=\s*([^\s,s]+)s?\s*,\s*tInc\s*=\s*([^\s,s]+)")
+_VOLTS = re.compile(r"([A-Z]+\d*)\s*V")
+"""Name of a channel of Rigol with its unit, such as `CH1V`."""
+
+
+def _is_twincat(lines: Sequence[str]) -> bool:
+    """Return whether the text has the rows `Name` and `SampleTime` of an export."""
+    head = lines[:_HEAD]
+    named = any(re.match(r"Name[\t;, :]", line) for line in head)
+    return named and any(map(_SAMPLE_TIME.match, head))
+
+
+def _read_twincat(lines: list[str], source: str) -> Found:
+    match = next(filter(None, map(_SAMPLE_TIME.match, lines[:_HEAD])))
+    mark = match.string[match.end()]
+    described, start = _description(lines, mark)
+    names = described["Name"]
+    times = [k for k, name in enumerate(names) if name == "Name"]
+    ends = (k for k, line in enumerate(lines[-3:], len(lines) - 3) if line.strip() == END)
+    end = max(next(ends, len(lines)), 0)
+    rows, cut = rows_from(lines if end == len(lines) else [*lines[:end], ""], start, mark)
+    if not rows:
+        raise LogError("the export has no rows of numbers; export it again.", where=source)
+    decimal = decimal_of(rows, mark)
+    kind = "group of channels" if len(times) == 1 else "groups of channels, each"
+    notes = [f"TwinCAT Scope: {len(times)} {kind} with a time of its own", *cut]
+    columns = []
+    for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
+        cells = cells_of(rows, first, f"{source}: column `time {group}`")
+        if cells and all(_FILETIME.fullmatch(text) for _, text in cells):
+            origin = int(rows[0][1][times[0]])
+            seconds = np.array([int(text) - origin for _, text in cells]) * _TICK
+        else:
+            seconds = numbers(cells, decimal, f"{source}: column `time {group}`") * MS
+        for k in range(first + 1, last):
+            if name := _name(described, k):
+                place = f"{source}: column `{name}`"
+                values = numbers(cells_of(rows, k, place), decimal, place)
+                columns.append(ClockedColumn(name, values, seconds))
+    return table_of(columns, source, start=0.0), tuple(notes)
+
+
+def _description(lines: Sequence[str], mark: str) -> tuple[Mapping[str, list[str]], int]:
+    """Return the rows that describe the channels, and the index of the first row of numbers.
+
+    The describing rows are a mapping first field → fields.
+    """
+    described: dict[str, list[str]] = {}
+    start = 0
+    for k, line in enumerate(lines[:_HEAD]):
+        fields = split(line, mark, trim=False)
+        if fields and fields[0] and not looks_like_number(fields[0]) and "=" not in fields[0]:
+            if fields[0] == "Name" or "Name" in described:
+                described[fields[0]] = fields  # the last row `Name` has the channels
+            start = k + 1
+        elif fields and fields[0] and described:
+            break
+    return described, start
+
+
+def _name(described: Mapping[str, list[str]], k: int) -> str:
+    """Return the name of a channel (or its symbol without a name) with its unit in brackets.
+
+    A channel with a scale factor or an offset has no unit that can be read: exports do not say
+    whether their numbers contain the factor.
+    """
+    field = {key: row[k].strip() for key, row in described.items() if k < len(row)}
+    name = field.get("Name") or field.get("SymbolName", "")
+    unit = re.sub(r"\s*\(.*\)$", "", field.get("Unit", "").strip()) if name else ""
+    factor, offset = (_plain(field.get(key, "")) for key in ("ScaleFactor", "Offset"))
+    if unit_in(unit) and (factor not in ("", "1") or offset not in ("", "0")):
+        return f"{name} [{unit} with ScaleFactor {factor or 1} and Offset {offset or 0}]"
+    return f"{name} [{unit}]" if unit_in(unit) else name
+
+
+def _plain(field: str) -> str:
+    """Return a number as short text, such as "1" for "1,0"; other text unchanged."""
+    value = to_number(field, "," if "," in field else ".")
+    return field if value is None else f"{value:g}"
+
+
+def _is_lvm(lines: Sequence[str]) -> bool:
+    """Return whether the text begins as a LabVIEW measurement file does."""
+    return lines[0].lstrip("\ufeff").strip().startswith(START)
+
+
+def _read_lvm(lines: list[str], source: str) -> Found:
+    ends = [k for k, line in enumerate(lines) if line.strip(" \t,;").startswith(END_OF_HEADER)]
+    mark = "," if any(line.startswith("Separator,") for line in lines[:40]) else "\t"
+    head = (split(line, mark, trim=False) for line in (lines[: ends[-1]] if ends else []))
+    header = {fields[0]: fields[1:] for fields in head if fields[0]}
+    if not ends or not set(_KEYS) & set(header) or len(lines) < ends[-1] + 3:
+        raise LogError("the measurement has no rows of numbers; export it again.", where=source)
+    if len(ends) > 2:
+        raise LogError(
+            f"the file has {len(ends) - 1} segments with headers of their own; write the"
+            " measurement as one segment.",
+            where=source,
+        )
+    axis = next((name for name in header.get("X_Dimension", []) if name), "Time")
+    if axis != "Time":
+        raise LogError(
+            f"its x axis is {axis} and not time; export channels over time.", where=source
+        )
+    names = split(lines[ends[-1] + 1], mark, trim=False)
+    rows, cut = rows_from(lines, ends[-1] + 2, mark)
+    decimal = (header.get("Decimal_Separator") or ["."])[0] or "."
+    if decimal not in (".", ","):
+        raise LogError(
+            f"its Decimal_Separator is `{decimal}`; write `.` or `,` there.", where=source
+        )
+    columns = _channels(names, rows, header, decimal, source)
+    table = table_of(columns, source, start=0.0)
+    if len(set(table.clocks.values())) < 2:
+        return replace(table, clocks={}), ("LabVIEW measurement", *cut)
+    return table, ("LabVIEW measurement: channels with stamps of their own", *cut)
+
+
+def _channels(
+    names: Sequence[str],
+    rows: Sequence[Row],
+    header: Mapping[str, Sequence[str]],
+    decimal: str,
+    source: str,
+) -> list[ClockedColumn]:
+    values = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
+    own = header.get("X_Columns", ["One"])[0]
+
+    def column(k: int) -> Float[np.ndarray, " n"]:
+        place = f"{source}: column `{names[k] if k < len(names) else k + 1}`"
+        return numbers(cells_of(rows, k, place), decimal, place)
+
+    def entry(key: str, place: int) -> str:
+        """Return the entry of a channel in a row of the segment header, or "" without one."""
+        entries = [field for field in header.get(key, []) if field]
+        return entries[place] if len(entries) == len(values) else ""
+
+    def stamps(place: int, k: int, size: int) -> np.ndarray:
+        if own != "No":
+            return column(k - 1 if own == "Multi" else 0)[:size] * 1.0
+        first, step = (to_number(entry(key, place), decimal) for key in ("X0", "Delta_X"))
+        return (first or 0.0) + (step or 0.0) * np.arange(size)
+
+    found = []
+    for place, k in enumerate(values):
+        channel, unit = column(k), entry("Y_Unit_Label", place)
+        name = f"{names[k]} [{unit}]" if unit_in(unit) else names[k]
+        found.append(ClockedColumn(name, channel, stamps(place, k, len(channel))))
+    return found
+
+
+def _states_increment(lines: Sequence[str]) -> bool:
+    """Return whether the header states the first stamp and the increment of the time."""
+    named = split(lines[0], ",")[-2:] == ["Start", "Increment"]
+    return named or _STATED.search(lines[0]) is not None
+
+
+def _read_increment(lines: list[str], source: str) -> Found:
+    """Return time and channels; the column `X` counts the samples, or nothing does."""
+    names, stated = split(lines[0], ","), _STATED.search(lines[0])
+    units, first = split(lines[1], ","), 2
+    if stated is not None:
+        texts, units, first = stated.groups(), [], 1
+        names = [name for name in names if "=" not in name]
+        names = [_VOLTS.sub(r"\1 [V]", name) for name in names]
+    else:
+        texts, names, units = units[-2:], names[:-2], units[:-2]
+    start, step = (to_number(text, ".") for text in texts)
+    rows, cut = rows_from(lines, first, ",")
+    if start is None or step is None or not rows:
+        raise LogError(
+            "the header states no start and increment of the time above rows of numbers; export"
+            " the channels again.",
+            where=source,
+        )
+    named = with_units(names, units)
+    columns = {
+        name: numbers(cells_of(rows, k, f"{source}: column `{name}`"), ".", f"{source}: `{name}`")
+        for k, name in enumerate(named)
+    }
+    counted = columns.pop("X", np.arange(len(rows)))
+    notes = (f"oscilloscope: time = {start:g} s + {step:g} s × sample", *cut)
+    return table_of(
+        [ClockedColumn("time [s]", start + step * counted)]
+        + [ClockedColumn(name, values) for name, values in columns.items()],
+        source,
+    ), notes
+
+
+TWINCAT = Layout(_is_twincat, _read_twincat)
+LABVIEW = Layout(_is_lvm, _read_lvm)
+OSCILLOSCOPE = Layout(_states_increment, _read_increment)

@@ -1,0 +1,237 @@
+"""Layouts with one sample of one channel a line: `candump | cantools decode`, EPICS, long tables.
+
+Every channel has time stamps of its own. A frame of cantools may take several lines. A line of
+EPICS `camonitor` is a change of a channel: its name, date and time, the value, and status and
+severity if they are not normal; `***` says that a channel is disconnected. A row of a long table
+has the time, the name of a channel and a number.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from ....base.errors import LogError
+from ..binary.clocked import ClockedColumn, table_of
+from ..delimited import split
+from ..number_format import looks_like_number
+from ..times.seconds import exact_numbers
+from ..times.stamps import looks_like_stamp, read_stamps
+from .cells import SPARE, Cell, Found, Layout, Row, content, cut_at, numbers
+
+_CHANGE = re.compile(r"(\S+)\s+(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(?:\.\d+)?)\s+(\S+)(?:\s+(.*))?")
+_STOP = "***"
+INVALID = "INVALID"
+"""Severity of a value that the channel itself marks as wrong."""
+
+_FRAME = re.compile(
+    r"\((?P<stamp>[\d.: -]+)\)\s+\S+\s+[0-9A-Fa-f]+\s+\[\d+\]\s+(?:[0-9A-Fa-f]{2}\s+)*::"
+    r"(?P<rest>.*)"
+)
+_MESSAGE = re.compile(r"\s*(?P<name>[^\s(]+)\((?P<signals>.*)\)\s*")
+_SIGNAL = re.compile(r"\s*(?P<name>[^\s:,]+):\s*(?P<value>[^\s,]+)(?:\s+(?P<unit>[^,]+?))?\s*")
+
+_DELIMITERS = ("\t", ";", ",")
+SAMPLE = 400
+"""Number of rows from which a long table is recognised (chosen)."""
+
+_MOST_CHANNELS = 50
+"""Largest number of different channel names in these rows (chosen)."""
+
+_FEWEST = 4
+"""Least mean number of rows per channel (chosen)."""
+
+
+@dataclass
+class Channels:
+    """Stamps and values of the channels as text, collected line by line."""
+
+    stamps: dict[str, list[str]] = field(default_factory=dict)
+    cells: dict[str, list[Cell]] = field(default_factory=dict)
+
+    def add(self, name: str, stamp: str, value: str, line: int) -> None:
+        """Append one sample."""
+        self.stamps.setdefault(name, []).append(stamp)
+        self.cells.setdefault(name, []).append((line, value))
+
+    def found(self, source: str, notes: Sequence[str], *, held: bool = False) -> Found:
+        """Return the numeric channels with their stamps in s since the earliest one, and the notes.
+
+        **Raises** `LogError` for a file without numbers and for stamps that cannot be read.
+        """
+        kept = {
+            name: cells
+            for name, cells in self.cells.items()
+            if len(cells) > 1 and looks_like_number(cells[-1][1])
+        }
+        if not kept:
+            raise LogError(
+                "no channel of this file holds numbers; export the log again.", where=source
+            )
+        stamps = [stamp for name in kept for stamp in self.stamps[name]]
+        dated = looks_like_stamp(stamps[0])
+        seconds = read_stamps(stamps, source)[0] / 1e9 if dated else exact_numbers(stamps)
+        if seconds is None:
+            raise LogError("the time stamps are no numbers; export the log again.", where=source)
+        ends = np.cumsum([len(cells) for cells in kept.values()])[:-1]
+        columns = (
+            ClockedColumn(name, numbers(cells, ".", f"{source}: channel `{name}`"), own)
+            for (name, cells), own in zip(kept.items(), np.split(seconds, ends), strict=True)
+        )
+        return table_of(columns, source, held=held, start=float(seconds.min())), tuple(notes)
+
+
+def _are_changes(lines: Sequence[str]) -> bool:
+    """Return whether all of the first lines are changes or disconnections of EPICS channels."""
+    first = content(lines)
+    found = [_CHANGE.fullmatch(line) is not None for line in first]
+    return any(found) and all(own or _STOP in line for own, line in zip(found, first, strict=True))
+
+
+def _read_changes(lines: list[str], source: str) -> Found:
+    channels = Channels()
+    lost = invalid = 0
+    notes = ["EPICS camonitor: only changes are logged, between which a channel keeps its value"]
+    for number, line in enumerate(lines, 1):
+        match = _CHANGE.fullmatch(line.strip())
+        if _STOP in line or not line.strip():
+            lost += _STOP in line
+        elif match is None:
+            what = "this line is none of `camonitor` (name, date, time, value); remove it."
+            notes += cut_at(lines, number, source, what)
+        elif INVALID in (match[4] or "") and "UDF" not in match[4]:
+            invalid += 1
+        else:
+            channels.add(match[1], match[2], match[3], number)
+    if lost:
+        notes.append(f"channels were disconnected {lost} times; values are held across the gaps")
+    if invalid:
+        notes.append(f"{invalid} values with severity INVALID are left out")
+    return channels.found(source, notes, held=True)
+
+
+def _are_frames(lines: Sequence[str]) -> bool:
+    """Return whether one of the first lines is a decoded frame."""
+    return any(map(_FRAME.fullmatch, content(lines)))
+
+
+def _read_frames(lines: list[str], source: str) -> Found:
+    """Return the signals `Message.Signal [unit]`; an incomplete last message is left out."""
+    channels = Channels()
+    undecoded = cut = 0
+    for number, stamp, rest in _messages(lines):
+        message = _MESSAGE.fullmatch(rest)
+        if message is None:
+            cut += number > len(lines) - SPARE and "(" in rest
+            undecoded += 1
+            continue
+        for signal in filter(None, map(_SIGNAL.fullmatch, message["signals"].split(","))):
+            unit = f" [{signal['unit']}]" if signal["unit"] else ""
+            name = f"{message['name']}.{signal['name']}{unit}"
+            channels.add(name, stamp, signal["value"], number)
+    if not channels.cells:
+        raise LogError("no frame of this file is decoded; give cantools the DBC.", where=source)
+    notes = ["cantools decode: every message has its own time stamps"]
+    if cut:
+        notes.append("the last message is cut off and left out")
+    if undecoded - cut:
+        notes.append(f"{undecoded - cut} frames without decoded signals are left out")
+    return channels.found(source, notes)
+
+
+def _messages(lines: Sequence[str]) -> Iterator[tuple[int, str, str]]:
+    """Yield line number, stamp, and the text `Message(signals)` joined to one line."""
+    number, stamp, parts = 0, "", []
+    for k, line in enumerate((*lines, "(0) x 0 [0] ::"), 1):  # a frame after the last one
+        frame = _FRAME.fullmatch(line.strip())
+        if frame is None:
+            parts.append(line.strip())
+            continue
+        if stamp:
+            yield number, stamp, " ".join(parts)
+        number, stamp, parts = k, frame["stamp"].strip(), [frame["rest"].strip()]
+
+
+def _is_long(lines: Sequence[str]) -> bool:
+    """Return whether each row consists of a time, one of a few channel names, and a number."""
+    return _long_columns(lines) is not None
+
+
+def _long_columns(lines: Sequence[str]) -> tuple[str, tuple[int, int, int]] | None:
+    """Return the delimiter and the column indices of time, name and value, or None."""
+    for mark in _DELIMITERS:
+        head, *rows = (split(line, mark) for line in lines[: SAMPLE + 1])
+        rows = [row for row in rows if row][:-1]
+        roles = roles_of(head, rows) if len(set(map(len, rows))) == 1 else None
+        if roles is not None:
+            return mark, roles
+    return None
+
+
+def _read_long(lines: list[str], source: str) -> Found:
+    found = _long_columns(lines)
+    assert found is not None  # `_is_long` has found it
+    mark, roles = found
+    rows: list[Row] = []
+    notes: list[str] = []
+    for number, line in enumerate(lines[1:], 2):
+        fields = split(line, mark)
+        if len(fields) > max(roles):
+            rows.append((number, fields))
+        elif fields:
+            what = "this line has too few fields; correct it or remove it."
+            notes += cut_at(lines, number, source, what)
+    return read_long_rows(rows, roles, source, notes, comma=mark != ",")
+
+
+def read_long_rows(
+    rows: Sequence[Row],
+    roles: tuple[int, int, int],
+    source: str,
+    notes: Sequence[str] = (),
+    *,
+    comma: bool = False,
+) -> Found:
+    """Return the channels of a long table from its rows and the columns of time, name and value."""
+    time, name, value = roles
+    channels = Channels()
+    for number, row in rows:
+        text = row[value].replace(",", ".") if comma else row[value]
+        channels.add(row[name], row[time], text, number)
+    return channels.found(source, ["long table: every channel has its own time stamps", *notes])
+
+
+def roles_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, int, int] | None:
+    """Return the columns of time, name and value of a long table; None for any other table."""
+    if len(rows) < _FEWEST - 1 or not 3 <= len(head) == len(rows[0]) <= 5:
+        return None
+    if any(map(looks_like_number, head)):
+        return None
+    names, times, values = [], [], []
+    for k, column in enumerate(zip(*rows, strict=True)):
+        if all(map(looks_like_stamp, column)):
+            times.append(k)
+        elif all(map(looks_like_number, column)):
+            values.append(k)
+        elif not any(map(looks_like_number, column)) and _repeats(column):
+            names.append(k)
+    if not times and len(values) == 2:
+        times = [values.pop(0)]
+    if len(names) == len(times) == len(values) == 1:
+        return times[0], names[0], values[0]
+    return None
+
+
+def _repeats(column: Sequence[str]) -> bool:
+    """Return whether a column contains few different names, each often and mixed with others."""
+    different = len(set(column))
+    changes = sum(a != b for a, b in pairwise(column))
+    often = different * _FEWEST <= len(column) or different * 2 <= len(column) < _FEWEST * 4
+    return 2 <= different <= _MOST_CHANNELS and often and changes >= different
+
+
+CANTOOLS = Layout(_are_frames, _read_frames)
+CAMONITOR = Layout(_are_changes, _read_changes)
+LONG_TABLE = Layout(_is_long, _read_long)

@@ -1,0 +1,802 @@
+"""Which column of a table has which role, in which unit: from statements, names and motion."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import cache, cached_property
+from itertools import combinations, permutations
+from typing import Any
+
+import msgspec
+import numpy as np
+from jaxtyping import Float, Real
+
+from ...base.errors import LogError, VttigError
+from ...base.units import ANGLE_UNITS, REV
+from ...pair.schema import LogLayout, PairSpec, UnitTable
+from ..fractions import ratio_option
+from ..readers.column_names import (
+    ANGLES,
+    ROLES,
+    ROW,
+    ROW_INDEX,
+    Column,
+    default_column,
+    index_of,
+    scale_of,
+    unit_of,
+)
+from ..readers.table import Table
+from ..readers.times.epochs import epoch_unit
+from ..slope import MOST_ROWS, slope
+from .candidates import (
+    APART,
+    EQUAL,
+    MOST_LISTED,
+    Candidate,
+    have_slope,
+    is_copy,
+    is_speed_of,
+    listed_facts,
+    turns_of,
+)
+from .names import inputs_and_outputs, read_name
+from .questions import UNIT_TOO, Guess, Question, ask
+from .request import SHAFTS, Statement, in_words
+
+DAYS = ((36_526, 73_051), (730_486, 767_011))
+"""Ranges of day numbers from 2000 to 2100, as Excel (since 1900) and MATLAB (since the year 0)
+count days."""
+
+SHORT_S = 1e-4
+"""Time stamps with a smaller median step than this may be days instead of seconds (chosen)."""
+
+_ONE_CLOCK = 0.1
+"""Stamps of two columns belong to one clock if their difference changes by at most this fraction of
+the median step (chosen)."""
+
+_COUNTS = "--counts A,B with the counts per revolution of the driving and of the driven encoder"
+
+
+@dataclass(frozen=True)
+class Roles:
+    """Columns of a table by their roles.
+
+    - `statement`: what the user states. - `columns`: role → column.
+    - `guesses`: what was recognised without a statement. - `questions`: what stays open.
+    - `names`: role → name of its column, or `#number` if another column has the same name.
+    - `units`: role → unit that is stated or recognised beside the column name.
+    """
+
+    statement: Statement
+    columns: Mapping[str, Column]
+    guesses: tuple[Guess, ...]
+    questions: tuple[VttigError, ...]
+    names: Mapping[str, str]
+    units: Mapping[str, str]
+
+    def decided(self) -> "Roles":
+        """Return the roles, or raise the first question."""
+        for question in self.questions:
+            raise question
+        return self
+
+    @property
+    def spec(self) -> PairSpec | None:
+        """Content of the pair file that states all this; None if a pair file was given."""
+        if self.statement.drive is None:
+            return None
+        rpm = self.statement.layout.driving_rpm
+        return msgspec.structs.replace(
+            self.statement.drive,
+            log=msgspec.structs.replace(LogLayout(driving_rpm=rpm), **self.names),
+            unit=msgspec.structs.replace(UnitTable(), **self.units),
+        )
+
+
+def assign(table: Table, statement: Statement) -> Roles:
+    """Return the columns of a table by their roles: stated, with known names, or recognised.
+
+    A column is taken if the statement names it, then if it has a name that this package writes,
+    such as `driving_deg`, then by the words in its name, and then by the ratio. Questions that stay
+    open are in the result.
+
+    **Raises** `LogError` for a stated name that no column or several columns have, and for
+    statements that contradict each other or the names.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.readers.table import Table
+    >>> from vttig_jax.logs.recognition.assign import assign
+    >>> from vttig_jax.logs.recognition.request import DriveRequest
+    >>> t = np.arange(0, 9, 0.1)
+    >>> x = 360 * t * (9 - t)
+    >>> table = Table(("clock_s", "motor_deg", "load_deg"), (t, x, x / 2), "log")
+    >>> roles = assign(table, DriveRequest(ratio="2:1").statement())
+    >>> print(*roles.guesses, len(roles.questions), sep="\\n")
+    driving: column `motor_deg`, by its name; --column driving=NAME changes it
+    driven: column `load_deg`, by its name; --column driven=NAME changes it
+    time: column `clock_s`, by its name; --column time=NAME changes it
+    0
+
+    ```
+    """
+    return Search(table, statement).result()
+
+
+@dataclass
+class Search:
+    """Search for the columns of all roles in one table.
+
+    `roles` is role → index of its column, or `ROW_INDEX`; `units` is role → unit that is not in the
+    column name.
+    """
+
+    table: Table
+    statement: Statement
+    roles: dict[str, int] = field(default_factory=dict)
+    guesses: list[Guess] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    asked: list[VttigError] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        unit = self.statement.unit
+        self.units = {r: u for r in unit.__struct_fields__ if (u := getattr(unit, r)) is not None}
+        self.source, self.timed = self.table.source, self.statement.layout.sample_rate_hz is None
+        self.clocked = self.statement.layout.driving_rpm is not None
+
+    def result(self) -> Roles:
+        """Find the columns of all roles.
+
+        A question does not stop the search for columns that are independent of it, so that a log
+        with an open question has the same time column as without it.
+        """
+        self._take_stated()
+        self._take_defaults()
+        missing = self._find_named_shafts()
+        shafts_open = bool(self.asked)
+        if self.timed and "time" not in self.roles and not self.table.clocks:
+            with self._asking():
+                self._find_time()
+        known = self.statement.ratio is not None
+        if missing and not shafts_open and (not self.asked or not known):
+            with self._asking():
+                self._find_by_ratio(missing)
+        if self.timed and "time" in self.roles:
+            with self._asking():
+                self._find_time_unit()
+        for check in (self._check_names, self._check_units):
+            with self._asking():
+                check()
+        return Roles(
+            self.statement,
+            {} if self.asked else self._columns(),
+            tuple(self.guesses),
+            tuple(self.asked),
+            {role: self.name_of(index) for role, index in self.roles.items()},
+            dict(self.units),
+        )
+
+    @contextmanager
+    def _asking(self) -> Iterator[None]:
+        """Collect a question that the body raises."""
+        try:
+            yield
+        except VttigError as error:
+            self.asked.append(error)
+
+    def assuming(self, statement: Statement) -> "Search":
+        """Return a new search of the same table with another statement."""
+        trial = Search(self.table, statement)
+        trial.__dict__["candidates"] = self.candidates  # the values of a table are compared once
+        return trial
+
+    def _take_stated(self) -> None:
+        """Assign roles to the columns that the statement names."""
+        layout, names = self.statement.layout, self.table.names
+        if layout.driven is not None and layout.transmission_error is not None:
+            raise LogError(
+                "columns for `driven` and `transmission_error` are both named; keep one of them.",
+                where=self.source,
+            )
+        if self.clocked and layout.driving is not None:
+            raise LogError(
+                "a driving column and `driving_rpm` are both given; keep one of them.",
+                where=self.source,
+            )
+        for role in ROLES:
+            name = getattr(layout, role)
+            if name is not None and (role != "time" or self.timed):
+                row = name == ROW
+                self.roles[role] = ROW_INDEX if row else index_of(name, role, names, self.source)
+
+    def _take_defaults(self) -> None:
+        """Assign roles to the columns with names that this package writes, such as driving_deg."""
+        second = {"driven", "transmission_error"}
+        for role in ("time", *SHAFTS, "transmission_error"):
+            taken = role in self.roles or (role in second and second & set(self.roles))
+            unused = (role == "time" and not self.timed) or (role == "driving" and self.clocked)
+            if taken or unused:
+                continue
+            try:
+                index = default_column(role, self.table.names, self.source)
+            except LogError as error:
+                index = None
+                if role != "time":  # the time is searched next to the shafts
+                    self.asked = self.asked or [error]
+            if index is not None and index not in self.roles.values():
+                self.roles[role] = index
+
+    def _find_named_shafts(self) -> list[str]:
+        """Assign the shafts by the column names; return the roles that are still missing."""
+        missing = [role for role in SHAFTS if role not in self.roles]
+        if "transmission_error" in self.roles and "driven" in missing:
+            missing.remove("driven")
+        if self.clocked and "driving" in missing:
+            missing.remove("driving")
+        for role in missing:
+            with self._asking():
+                found = self._by_name(role, self._beside(role))
+                if found is not None:
+                    self._take(role, found, "by-name")
+        return [role for role in missing if role not in self.roles]
+
+    def _by_name(self, role: str, candidates: Sequence[Candidate]) -> Candidate | None:
+        """Return the column whose name contains a role, or None if there is no such name.
+
+        Words such as `joint` say the driven shaft beside a column that is the driving one.
+
+        **Raises** `Question` for several such columns, or if the only one is a setpoint.
+        """
+        possible = [one for one in candidates if one.reading.is_angle]
+        named = [one for one in possible if one.reading.role == role]
+        if len(named) > 1:
+            named = [one for one in named if one.turns] or named
+        if len(named) > 1:
+            options = [f"--column {role}='{one.name}'" for one in named[:4]]
+            raise self._ask("several-columns", role=role, columns=named, options=options)
+        if not named and role == "driven" and "driving" in self.roles:
+            sides = [one for one in possible if one.reading.output_side and one.turns]
+            return sides[0] if len(sides) == 1 and not sides[0].reading.setpoint else None
+        if named and (setpoint := named[0].reading.setpoint):
+            raise self._ask("only-a-setpoint", role=role, columns=named, setpoint=setpoint)
+        return named[0] if named else None
+
+    def _find_time(self) -> None:
+        """Assign the time to one of the columns without another role.
+
+        It is the only column of dates, or with a name for time or a unit of time. Without such a
+        column it is the only one whose values always grow, are evenly spaced and are not row
+        numbers. Columns of the same stamps count as one.
+        """
+        candidates = self._beside("time")
+        named = [one for one in candidates if one.dated or one.says_time]
+        rising = [one for one in candidates if one.can_be_time]
+        if len(named) > 1 and not _are_the_same(named):
+            options = [f"--column time='{one.name}'" for one in named[:4]]
+            asked = self._ask("several-columns", role="time", columns=named, options=options)
+            raise self._with_units(asked)
+        if len(named) > 1:
+            self._take("time", named[0], "same-stamps", other=named[1].name)
+        elif named:
+            self._take("time", named[0], "only-dates" if named[0].dated else "by-name")
+        elif len(rising) == 1 and rising[0].is_even:
+            self._take("time", rising[0], "grows-evenly")
+        else:
+            growing = [one for one in candidates if one.rises]
+            seen = f"; columns that only grow are {listed_facts(growing)}" if growing else ""
+            asked = self._ask("no-time", role="time", columns=growing, seen=seen)
+            raise self._with_units(asked)
+
+    def _find_by_ratio(self, missing: list[str]) -> None:
+        """Assign the missing shafts to the only columns that have the given ratio.
+
+        **Raises** `Question` if no assignment or several have it, for columns without a unit, and
+        for shafts whose readings have opposite directions.
+        """
+        free, ratio = self.free(), self.statement.ratio
+        if "transmission_error" in self.roles:
+            seen = f"; there are {listed_facts(free)}" if free else ""
+            raise self._ask("driving-open", role="driving", columns=free, seen=seen)
+        if ratio is None or (missing == ["driven"] and self.clocked):
+            angles = [one for one in free if one.reading.is_angle]
+            raise self._with_units(self._shafts_open(missing, angles, given=False))
+        fixed = {role: self.candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
+        turning = [one for one in free if one.turns and one.reading.is_angle]
+        listed = [*turning, *(one for one in free if one.is_constant)]
+        possible = [one for one in turning if one.reading.role is None]
+        # A second column with the name of a known shaft, such as `Input 2` beside `Input 1`.
+        possible += [o for o in turning if o.reading.role in fixed and not o.reading.setpoint]
+        if len(possible) < len(missing):
+            raise self._shafts_open(missing, listed, given=True)
+        pairs, signs, unknown = self.fitting_pairs(fixed, possible, ratio)
+        if unknown:
+            raise self._no_unit(*unknown[0])
+        if not pairs:
+            raise self._shafts_open(missing, listed, given=True, turning=(fixed, possible))
+        if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
+            apart = [k for k, pair in enumerate(pairs) if not is_copy(*pair)]
+            if apart:
+                pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
+        if len(pairs) > 1:
+            raise self._several_pairs(pairs)
+        if signs[0] < 0:
+            raise self._ask(
+                "opposite-directions",
+                columns=pairs[0],
+                options=["give --invert driven (or --invert driving)"]
+                if not self.statement.in_file
+                else ["set `sign = -1` for the encoder that does in the pair file"],
+            )
+        if self.statement.two_readings:
+            text = self.statement.two_readings
+            above, slash, below = text.replace(" ", "").partition("/")
+            raise ask(
+                "ratio-of-two-readings",
+                "",
+                usage=True,
+                text=text,
+                one=f"{below if slash else 1}:{above}",
+                other_ratio=f"{above}:{below if slash else 1}",
+                turns=in_words(ratio),
+                inverse=in_words(1 / ratio),
+            )
+        for role, one in zip(SHAFTS, pairs[0], strict=True):
+            if role in missing:
+                self._take(role, one, "by-ratio")
+
+    def _several_pairs(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> Question:
+        columns = list({one.index: one for pair in pairs for one in pair}.values())
+        return self._ask(
+            "several-pairs",
+            columns=columns,
+            number=len(pairs),
+            pairs=", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4]),
+            first=pairs[0][0].name,
+            second=pairs[0][1].name,
+        )
+
+    def _shafts_open(
+        self,
+        missing: Sequence[str],
+        candidates: Sequence[Candidate],
+        *,
+        given: bool,
+        turning: tuple[dict[str, Candidate], Sequence[Candidate]] | None = None,
+    ) -> Question:
+        """Return the question for shafts that neither the names nor the ratio determine.
+
+        Columns whose names have a unit of angles are listed first, and constant columns and those
+        of other quantities as left out. `given` is whether the ratio could decide; `turning` are
+        known shafts and columns that do not have it.
+        """
+        options = " ".join(f"--column {role}=NAME" for role in missing)
+        still = [one for one in candidates if one.is_constant and one.reading.is_angle]
+        moving = [one for one in candidates if not one.is_constant]
+        moving.sort(key=_unlikely)
+        others = [one for one in self.free() if one.turns and one.reading.other]
+        if not given:
+            why = "and without a ratio the motion says nothing"
+            if not self.clocked:
+                options = (
+                    f"--ratio A:B (driving turns to driven turns) or --teeth Z1/Z2, or {options}"
+                )
+        elif not moving:
+            why = "and no other column holds numbers that change"
+        else:
+            assert self.statement.ratio is not None
+            why = f"and no columns turn as given ({in_words(self.statement.ratio)})"
+        seen = f"; there are {listed_facts(moving)}" if moving else ""
+        if turning is not None:
+            seen = self._seen_ratio(*turning) + seen
+        if len(moving) == 1 and len(missing) == 2:
+            alone = moving[0].name
+            seen += (
+                "; if the number of the row is the reading of the other encoder, as in a table of"
+                f" calibration, give --column driving='{alone}' --column driven={ROW}"
+            )
+        if still:
+            shown = ", ".join(f"`{one.name}` (always {one.first})" for one in still[:MOST_LISTED])
+            seen += f"; left out, as they do not change: {shown}"
+        if others and (given is False or not turning):
+            shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
+            seen += f"; left out, as their names say another quantity: {shown}"
+        return self._ask(
+            "shafts-open",
+            role=missing[0],
+            columns=moving,
+            options=[options],
+            roles=" and ".join(missing),
+            why=why,
+            seen=seen,
+        )
+
+    def _seen_ratio(self, fixed: dict[str, Candidate], free: Sequence[Candidate]) -> str:
+        """Return the ratios of columns that turn together, as text that begins with a mark.
+
+        `fixed` is role → column of known shafts. If no shaft is known, the faster column drives.
+        """
+        if fixed:
+            known = [fixed.get("driving", one) for one in free]
+            pairs = [(a, fixed.get("driven", b)) for a, b in zip(known, free, strict=True)]
+        else:
+            pairs = list(combinations(free, 2))
+        seen = []
+        for first, second in pairs:
+            found = self.slope(first, second)
+            if found is not None and abs(found[0]) > 1 and not fixed:
+                first, second = second, first
+                found = self.slope(first, second)
+            if found and not (abs(abs(found[0]) - 1) < EQUAL and is_copy(first, second)):
+                option = ratio_option(abs(found[0]), found[1])
+                seen.append(f"--ratio {option} where `{first.name}` drives `{second.name}`")
+        return f"; the log shows {', or '.join(seen[:4])}" if seen else ""
+
+    def slope(self, first: Candidate, second: Candidate) -> tuple[float, float] | None:
+        """Return the slope of `second` over `first` in turns, and its standard error.
+
+        It is None if the columns do not turn together, and for unknown units and counts.
+        """
+        try:
+            sizes = [self.per_turn(one, r) for one, r in ((first, "driving"), (second, "driven"))]
+        except VttigError:
+            return None
+        both = self.turns(first, second, sizes)
+        if both is None:
+            return None
+        x, y = (REV * angle for angle in both)
+        if min(float(np.ptp(x)), float(np.ptp(y))) == 0:
+            return None
+        value, std = slope(x, y)
+        apart = float(np.std(y - value * x)) > APART * float(np.ptp(y))
+        return None if apart or value == 0 else (value, std)
+
+    def _find_time_unit(self) -> None:
+        """Set the unit of time stamps if neither the name nor the statement has it.
+
+        **Raises** `Question` for whole numbers that are no stamps since an epoch, and for numbers
+        that may be days; a pair file that does not state the unit says seconds.
+        """
+        one, option = self.candidate(self.roles["time"]), "--unit time=UNIT"
+        if one.index == ROW_INDEX and "time" not in self.units:
+            self.guesses.append(Guess.of("seconds", "time", option))
+        if one.index == ROW_INDEX or one.dated:
+            return
+        if one.values is None:
+            raise self._unreadable(one)
+        if "time" in self.units or one.reading.unit is not None or not one.rows:
+            return
+        epoch = epoch_unit(one.values)
+        if epoch is not None:
+            self.units["time"] = epoch.unit
+            words = {"unit": epoch.unit, "since": epoch.since}
+            self.guesses.append(Guess.of("epoch", "time", option, **words))
+            return
+        if not self.statement.in_file:
+            about = {"role": "time", "columns": [one], "options": [option]}
+            if np.all(one.values == np.rint(one.values)):
+                raise self._ask("no-time-unit", **about)
+            if _may_be_days(one):
+                raise self._ask("days-or-seconds", **about)
+        self.units["time"] = "s"
+        self.guesses.append(Guess.of("seconds", "time", option))
+
+    def _unreadable(self, one: Candidate) -> Question:
+        """Return the question for the time if its stamps are neither numbers nor dates."""
+        try:
+            self.table.columns([one.index])
+        except LogError as error:
+            if error.where == self.source:  # not a stamp, but the marks of all numbers
+                raise
+            fault = error.message.split(";")[0].rstrip(".")
+            return ask("unreadable-time", error.where, role="time", columns=[one], fault=fault)
+        raise AssertionError(f"column {one.name} holds numbers only")
+
+    def _check_names(self) -> None:
+        """Compare the columns that names make the shafts with the motion of all columns.
+
+        **Raises** `Question` if a named column without a unit is the speed of another column, if
+        another column holds nearly the same angle, as a setpoint and a measured angle do, or if the
+        named columns do not turn as given although two other columns do. Columns that the user
+        stated for both shafts are taken.
+        """
+        if not set(SHAFTS) <= self.roles.keys():
+            return
+        named = {role: self.candidate(self.roles[role]) for role in SHAFTS}
+        guessed = {one.role for one in self.guesses} & named.keys()
+        if self.statement.in_file and not guessed:
+            return
+        others = [one for one in self.free() if one.turns and one.reading.is_angle]
+        for role in (role for role in SHAFTS if role in guessed):
+            one = named[role]
+            for other in others:
+                if one.reading.unit is None and is_speed_of(one, other):
+                    raise self._ask("named-speed", role=role, columns=[one, other])
+            twin = next((other for other in others if self._is_twin(one, other, role)), None)
+            if twin is not None:
+                raise self._ask("twin-columns", role=role, columns=[one, twin])
+        ratio, measured = self.statement.ratio, [o for o in others if not o.reading.setpoint]
+        turn = ratio is not None and guessed and all(one.turns for one in named.values())
+        if ratio is not None and turn and len(measured) > 1:
+            fitting, _, unknown = self.fitting_pairs(named, (), ratio)
+            if not fitting and not unknown:
+                turning, _, _ = self.fitting_pairs({}, measured, ratio)
+                for c, d in turning:
+                    a, b = named.values()
+                    raise self._ask(
+                        "names-against-ratio",
+                        columns=[a, b, c, d],
+                        turns=in_words(ratio),
+                    )
+        self._refuse_two_clocks(named)
+
+    def _is_twin(self, one: Candidate, other: Candidate, role: str) -> bool:
+        """Return whether two columns hold nearly the same angle, but not one reading twice."""
+        if other.reading.setpoint or not one.turns or is_copy(one, other):
+            return False
+        try:
+            sizes = [self.per_turn(column, role) for column in (one, other)]
+        except LogError:  # counts per revolution are missing
+            return False
+        both = self.turns(one, other, sizes)
+        return both is not None and have_slope(*both, 1.0) > 0
+
+    def _refuse_two_clocks(self, shafts: Mapping[str, Candidate]) -> None:
+        """Raise `Question` for a table in which each shaft follows stamps of its own.
+
+        Stamps that differ by a constant are one clock.
+        """
+        places = [one for one in shafts.values() if one.index > 0]
+        own = [(self.candidates[one.index - 1], one) for one in places]
+        own = [(stamps, one) for stamps, one in own if stamps.says_time and stamps.rises]
+        if len(own) < 2 or self.roles.get("time") not in [stamps.index for stamps, _ in own]:
+            return
+        (first, a), (second, b) = own
+        if first.rows == second.rows and first.values is not None and second.values is not None:
+            apart = np.ptp(first.values.astype(np.float64) - second.values)
+            if apart > _ONE_CLOCK * float(np.median(first.steps)):
+                raise self._ask("two-clocks", role="time", columns=[first, a, second, b])
+
+    def _check_units(self) -> None:
+        """Set the unit "counts" if counts are stated; ask for missing units or counts."""
+        counted = False
+        for role in SHAFTS:
+            if role not in self.roles:
+                continue
+            one = self.candidate(self.roles[role])
+            unit = self._unit(one, role)
+            if unit == "counts" and one.reading.unit is None:
+                self.units[role] = unit
+            if unit is None:
+                raise self._no_unit(role, one)
+            counted |= unit == "counts"
+            if unit == "counts" and not self.statement.in_file and not self.statement.counted:
+                raise self._no_counts(role, one)
+        if self.statement.counted and not counted and not self.asked:
+            raise ask("unused-counts", "", usage=True)
+
+    def _unit(self, one: Candidate, role: str) -> str | None:
+        """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
+        written = one.reading.unit if one.reading.unit in ANGLES else None
+        return written or self.units.get(role) or ("counts" if self.statement.counted else None)
+
+    def _no_unit(self, role: str, one: Candidate) -> Question:
+        in_file = self.statement.in_file
+        if scale := scale_of(one.name):
+            told = f"give the unit of its numbers with --unit {role}=mdeg (or mrad, deg, rad, …)"
+            if in_file:
+                told = f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]'
+            return self._ask("scaled-unit", role=role, columns=[one], options=[told], scale=scale)
+        told = f"give --unit deg (or {role}=deg, rad, rev), or {_COUNTS}"
+        if in_file:
+            told = f'end the name with _deg, _rad, … or write `{role} = "deg"` in [unit]'
+        return self._ask("no-unit", role=role, columns=[one], options=[told])
+
+    def _no_counts(self, role: str, one: Candidate) -> Question:
+        return self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
+
+    def _with_units(self, asked: Question) -> Question:
+        """Return a question that also asks for the unit of the angles if no name states it."""
+        stated = self.statement.counted or set(SHAFTS) & set(self.units)
+        turning = [one for one in self.candidates if one.turns and one.reading.is_angle]
+        if not stated and not any(one.reading.unit for one in turning):
+            asked.message += UNIT_TOO
+        return asked
+
+    def _columns(self) -> dict[str, Column]:
+        """Return role → column with its unit.
+
+        **Raises** `LogError` for a column with two roles, and for units that are missing, wrong or
+        contradict each other.
+        """
+        columns: dict[str, Column] = {}
+        for role in (role for role in ROLES if role in self.roles):
+            index = self.roles[role]
+            name = ROW if index == ROW_INDEX else self.table.names[index]
+            place = f"{self.source}: column `{name}`"
+            stated = self.units.get(role)
+            columns[role] = Column(role, index, name, unit_of(role, name, stated, place))
+            twice = "".join(r for r, one in columns.items() if one.index == index and r != role)
+            if twice:
+                raise LogError(
+                    f"this column is `{twice}` and `{role}` at once; name another column with"
+                    f" --column {role}=NAME.",
+                    where=place,
+                )
+        return columns
+
+    def _ask(self, slug: str, **about: Any) -> Question:
+        """Return a question about this table."""
+        return ask(slug, self.source, **about)
+
+    def _take(self, role: str, one: Candidate, slug: str, **words: str) -> None:
+        self.roles[role] = one.index
+        option = f"--column {role}=NAME"
+        self.guesses.append(Guess.of(slug, role, option, name=one.name, **words))
+
+    def free(self) -> list[Candidate]:
+        """Return the columns without a role that are not time stamps of another column."""
+        taken = {*self.roles.values(), *self.table.clocks.values()}
+        return [one for one in self.candidates if one.index not in taken]
+
+    def _beside(self, role: str) -> list[Candidate]:
+        """Return the columns without a role among which the column of `role` is searched.
+
+        The group of a column is the part of its name before the last slash: `2` for `2/motor`. Only
+        the group of the columns with a role is searched if groups are numbered, which are sections
+        of a text with one log each, or if `role` is the time. If no name in this group fits the
+        role, all columns without a role are returned.
+        """
+        free = self.free()
+        taken = [self.table.names[k] for k in self.roles.values() if k != ROW_INDEX]
+        groups = {name.rpartition("/")[0] for name in taken}
+        if role != "time" and not all(group.isdigit() for group in groups):
+            return free
+        near = [one for one in free if {one.name.rpartition("/")[0]} == groups]
+        named = any(one.reading.role == role or (role == "time" and one.dated) for one in near)
+        return near if named else free
+
+    def candidate(self, index: int) -> Candidate:
+        """Return a column, or the row numbers as a column."""
+        if index == ROW_INDEX:
+            size = max((len(one) for one in self.numeric().values()), default=0)
+            return Candidate(ROW_INDEX, ROW, read_name(ROW, ""), lambda _: np.arange(size))
+        return self.candidates[index]
+
+    def name_of(self, index: int) -> str:
+        """Return the name of a column, or `#number` if another column has the same name."""
+        names = self.table.names
+        if index == ROW_INDEX:
+            return ROW
+        return names[index] if names.count(names[index]) == 1 else f"#{index + 1}"
+
+    @cached_property
+    def numeric(self) -> Callable[[], dict[int, Real[np.ndarray, " _"]]]:
+        """Function that returns index → values of the columns that hold only numbers."""
+        return cache(self.table.numeric)
+
+    @cached_property
+    def candidates(self) -> list[Candidate]:
+        """All columns; their values are read when one of them is looked at."""
+        names = self.table.names
+        pairs = inputs_and_outputs(names)
+        numeric = self.numeric  # no reference to the search, which would keep all values alive
+
+        def read(index: int) -> Real[np.ndarray, " n"] | None:
+            return numeric().get(index)
+
+        found = []
+        for k, name in enumerate(names):
+            reading = read_name(name, f"{self.source}: column `{name}`")
+            if reading.role is None and k in pairs:
+                reading = replace(reading, role=pairs[k])
+            found.append(Candidate(k, name, reading, read, self.table.is_dated(k)))
+        return found
+
+    def per_turn(self, one: Candidate, role: str) -> float | None:
+        """Return the readings per revolution of a column in a role, or None without a unit.
+
+        The number is negative for an inverted encoder.
+        """
+        unit = self._unit(one, role)
+        if unit is None:
+            return None
+        encoder = self.statement.encoders[SHAFTS.index(role)]
+        if unit != "counts":
+            return encoder.sign * REV / ANGLE_UNITS[unit]
+        if encoder.counts_per_rev is None:
+            raise self._no_counts(role, one)
+        return float(encoder.sign * encoder.counts_per_rev)
+
+    def common(
+        self, first: Candidate, second: Candidate
+    ) -> tuple[Real[np.ndarray, " n"], Real[np.ndarray, " n"]]:
+        """Return the readings of two columns at common instants.
+
+        If the columns have different time stamps, each reading of `first` is paired with the next
+        reading of `second` at the same or a later time.
+        """
+        assert first.values is not None and second.values is not None
+        stamps = [self.table.clocks.get(one.index) for one in (first, second)]
+        if None not in stamps and stamps[0] != stamps[1]:
+            a, b = self.table.columns([k for k in stamps if k is not None])
+            inside = (a >= b[0]) & (a <= b[-1])
+            return first.values[inside], second.values[np.searchsorted(b, a[inside])]
+        size = min(first.rows, second.rows)
+        return first.values[:size], second.values[:size]
+
+    def turns(
+        self, first: Candidate, second: Candidate, sizes: Sequence[float | None]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
+        """Return two columns in revolutions, thinned; None without a common time or a unit.
+
+        `sizes` are their readings per revolution.
+        """
+        readings = self.common(first, second)
+        if len(readings[0]) < 2 or None in sizes:
+            return None
+        thin = slice(None, None, max(1, len(readings[0]) // MOST_ROWS))
+        x, y = (turns_of(one, size)[thin] for one, size in zip(readings, sizes, strict=True))
+        return x, y
+
+    def fitting_pairs(
+        self, fixed: dict[str, Candidate], free: Sequence[Candidate], ratio: Fraction
+    ) -> tuple[list[tuple[Candidate, Candidate]], list[int], list[tuple[str, Candidate]]]:
+        """Return the pairs (driving, driven) of columns that have a ratio, and their signs.
+
+        `fixed` is role → column of known shafts, `free` are the columns for the others. The third
+        result has a role and its column for every pair without a unit. If no pair has the ratio
+        within `TOLERANCE`, those have it whose slope is as uncertain as it is off, as over less
+        than a turn. At the ratio 1 a pair fits in both orders if it fits in one.
+        """
+        missing = [role for role in ("driving", "driven") if role not in fixed]
+        unknown: list[tuple[str, Candidate]] = []
+        moving: list[tuple[tuple[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]] = []
+        for chosen in permutations(free, len(missing)):
+            roles = {**fixed, **dict(zip(missing, chosen, strict=True))}
+            sizes = {role: self.per_turn(one, role) for role, one in roles.items()}
+            lacking = [role for role, size in sizes.items() if size is None]
+            if lacking:
+                unknown.append((lacking[0], roles[lacking[0]]))
+                continue
+            pair = roles["driving"], roles["driven"]
+            both = self.turns(*pair, [sizes["driving"], sizes["driven"]])
+            if both is not None:  # the two channels have a common time
+                moving.append((pair, both))
+        for surely in (True, False):
+            found = []
+            for pair, both in moving:
+                sign = have_slope(*both, float(ratio), surely=surely)
+                if not sign and ratio == 1:
+                    sign = have_slope(both[1], both[0], 1.0, surely=surely)
+                if sign:
+                    found.append((pair, sign))
+            if found:
+                break
+        return [pair for pair, _ in found], [sign for _, sign in found], unknown
+
+
+def _are_the_same(candidates: Sequence[Candidate]) -> bool:
+    """Return whether all columns hold the same numbers in the same unit."""
+    first, *others = candidates
+    return first.values is not None and all(
+        one.reading.unit == first.reading.unit
+        and one.values is not None
+        and np.array_equal(one.values, first.values)
+        for one in others
+    )
+
+
+def _may_be_days(one: Candidate) -> bool:
+    """Return whether stamps may be days: day numbers of 2000 to 2100 with very small steps."""
+    assert one.values is not None  # the column holds numbers
+    short = one.rows > 1 and float(np.median(np.abs(one.steps))) < SHORT_S
+    return short and any(first <= one.values[0] <= last for first, last in DAYS)
+
+
+def _unlikely(one: Candidate) -> tuple[bool, bool, bool]:
+    """Return a key that sorts columns by how little their names look like a measured angle."""
+    reading = one.reading
+    return not reading.is_angle, reading.unit is None, bool(reading.setpoint)
