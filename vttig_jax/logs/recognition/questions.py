@@ -70,7 +70,7 @@ GUESSES = {
     "only-dates": "column `{name}`, the only one of dates or times",
     "grows-evenly": "column `{name}`, the only one that grows evenly",
     "epoch": "in {unit}, from the size of its stamps, {since}",
-    "seconds": "in seconds, as its name states no unit",
+    "seconds": "column `{name}` in seconds, as its name states no unit",
 }
 """Slug of a note → what was recognised, and the reason."""
 
