@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (655, 1),  # 560
     "kinematics": (1099, 17),  # 780
     "geometry": (4558, 62),  # 2800
-    "logs": (9571, 262),  # 7400
+    "logs": (9576, 262),  # 7400
     "rig": (326, 1),  # 260
     "model": (1952, 43),
     "identify": (3259, 24),  # 9000 together with posterior

@@ -344,7 +344,6 @@ class Search:
             raise ask(
                 "ratio-of-two-readings",
                 "",
-                usage=True,
                 text=text,
                 one=f"{below if slash else 1}:{above}",
                 other_ratio=f"{above}:{below if slash else 1}",
@@ -583,7 +582,7 @@ class Search:
             if unit == "counts" and not self.statement.in_file and not self.statement.counted:
                 raise self._no_counts(role, one)
         if self.statement.counted and not counted and not self.asked:
-            raise ask("unused-counts", "", usage=True)
+            raise ask("unused-counts", "")
 
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
