@@ -177,3 +177,14 @@ def test_counts_that_the_user_states_give_turns_and_the_ratio(tmp_path):
     assert "give --counts" not in flat(report)
     unknown = preview_log(path, request=DriveRequest(units={"driving": "counts"}))
     assert unknown.columns[1].turns is None
+
+
+def test_questions_are_records_in_the_json(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = [f"{k / 10},{900 * k},{450 * k}" for k in range(COUNT)]
+    path.write_text("\n".join(["t_s,motor_counts,load_counts", *rows]))
+    (asked,) = checked(preview_log(path))["questions"]
+    assert (asked["slug"], asked["role"]) == ("no-counts", "driving")
+    assert asked["columns"] == ["motor_counts"] and "--counts" in asked["options"][0]
+    counted = DriveRequest(counts=(3600, 3600))
+    assert "questions" not in checked(preview_log(path, request=counted))

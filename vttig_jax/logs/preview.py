@@ -26,6 +26,7 @@ from .readers.column_names import ROW, ROW_INDEX, TIME_UNITS, listed, name_and_u
 from .readers.times.seconds import seconds_of_numbers, seconds_of_stamps
 from .recognition.assign import Roles, Search
 from .recognition.candidates import EQUAL, Candidate, is_copy
+from .recognition.questions import Question
 from .recognition.request import SHAFTS, DriveRequest, Statement, fit_command, in_words
 from .slope import slope
 from .source import LEAST_RANGE, Source, check_time
@@ -97,6 +98,8 @@ class Preview:
     """Names and lengths of the arrays whose length differs from that of the record."""
     fit_command: str = ""
     """Command that fits the log with the ratio estimated from it; "" if information is missing."""
+    questions: tuple[Question, ...] = ()
+    """What a fit asks, if neither a name nor an option says it."""
     proposals: tuple[Proposal, ...] = ()
     """Commands of which one fits the log, if only the user knows which column is which shaft."""
 
@@ -115,6 +118,7 @@ class Preview:
             "ratio": {"given": None, "seen": ratio, "std": std},
             **({"fit_command": self.fit_command} if self.fit_command else {}),
             **({"proposals": [asdict(one) for one in self.proposals]} if self.proposals else {}),
+            **({"questions": [q.to_json() for q in self.questions]} if self.questions else {}),
             "notes": list(self.notes),
         }
 
@@ -215,6 +219,7 @@ def preview_log(
         notes=tuple(hints),
         others=tuple(others),
         fit_command=command,
+        questions=tuple(q for q in found.questions if isinstance(q, Question) and spec is None),
         proposals=proposed,
     )
 

@@ -226,7 +226,8 @@ class Search:
                 index = None
                 if role != "time":  # the time is searched next to the shafts
                     self.asked = self.asked or [error]
-            if index is not None and index not in self.roles.values():
+            free = index not in self.roles.values()
+            if index is not None and (free or self.statement.in_file):
                 self.roles[role] = index
 
     def _find_named_shafts(self) -> list[str]:
@@ -269,11 +270,13 @@ class Search:
 
         It is the only column of dates, or with a name for time or a unit of time. Without such a
         column it is the only one whose values always grow, are evenly spaced and are not row
-        numbers. Columns of the same stamps count as one.
+        numbers, or the only one with a name for time, whose stamps are then wrong. Columns of the
+        same stamps count as one.
         """
         candidates = self._beside("time")
         named = [one for one in candidates if one.dated or one.says_time]
         rising = [one for one in candidates if one.can_be_time]
+        wrong = [one for one in candidates if one.reading.role == "time"]
         if len(named) > 1 and not _are_the_same(named):
             options = [f"--column time='{one.name}'" for one in named[:4]]
             asked = self._ask("several-columns", role="time", columns=named, options=options)
@@ -284,6 +287,8 @@ class Search:
             self._take("time", named[0], "only-dates" if named[0].dated else "by-name")
         elif len(rising) == 1 and rising[0].is_even:
             self._take("time", rising[0], "grows-evenly")
+        elif len(wrong) == 1:
+            self._take("time", wrong[0], "by-name")
         else:
             growing = [one for one in candidates if one.rises]
             seen = f"; columns that only grow are {listed_facts(growing)}" if growing else ""
@@ -321,7 +326,10 @@ class Search:
             if apart:
                 pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
         if len(pairs) > 1:
-            raise self._several_pairs(pairs)
+            sided = [k for k, (_, driven) in enumerate(pairs) if driven.reading.output_side]
+            if len(sided) != 1:
+                raise self._several_pairs(pairs)
+            pairs, signs = [pairs[sided[0]]], [signs[sided[0]]]
         if signs[0] < 0:
             raise self._ask(
                 "opposite-directions",
@@ -336,7 +344,6 @@ class Search:
             raise ask(
                 "ratio-of-two-readings",
                 "",
-                usage=True,
                 text=text,
                 one=f"{below if slash else 1}:{above}",
                 other_ratio=f"{above}:{below if slash else 1}",
@@ -345,7 +352,7 @@ class Search:
             )
         for role, one in zip(SHAFTS, pairs[0], strict=True):
             if role in missing:
-                self._take(role, one, "by-ratio")
+                self._take(role, one, "by-name" if one.reading.output_side else "by-ratio")
 
     def _several_pairs(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> Question:
         columns = list({one.index: one for pair in pairs for one in pair}.values())
@@ -461,7 +468,7 @@ class Search:
         """
         one, option = self.candidate(self.roles["time"]), "--unit time=UNIT"
         if one.index == ROW_INDEX and "time" not in self.units:
-            self.guesses.append(Guess.of("seconds", "time", option))
+            self.guesses.append(Guess.of("seconds", "time", option, name=one.name))
         if one.index == ROW_INDEX or one.dated:
             return
         if one.values is None:
@@ -481,7 +488,7 @@ class Search:
             if _may_be_days(one):
                 raise self._ask("days-or-seconds", **about)
         self.units["time"] = "s"
-        self.guesses.append(Guess.of("seconds", "time", option))
+        self.guesses.append(Guess.of("seconds", "time", option, name=one.name))
 
     def _unreadable(self, one: Candidate) -> Question:
         """Return the question for the time if its stamps are neither numbers nor dates."""
@@ -575,7 +582,7 @@ class Search:
             if unit == "counts" and not self.statement.in_file and not self.statement.counted:
                 raise self._no_counts(role, one)
         if self.statement.counted and not counted and not self.asked:
-            raise ask("unused-counts", "", usage=True)
+            raise ask("unused-counts", "")
 
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
@@ -583,16 +590,19 @@ class Search:
         return written or self.units.get(role) or ("counts" if self.statement.counted else None)
 
     def _no_unit(self, role: str, one: Candidate) -> Question:
-        in_file = self.statement.in_file
-        if scale := scale_of(one.name):
+        in_file, scale = self.statement.in_file, scale_of(one.name)
+        about: dict[str, Any] = {"role": role, "columns": [one]}
+        if in_file:
+            about["where"] = f"{self.source}: column `{one.name}`"
+        if scale:
             told = f"give the unit of its numbers with --unit {role}=mdeg (or mrad, deg, rad, …)"
             if in_file:
                 told = f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]'
-            return self._ask("scaled-unit", role=role, columns=[one], options=[told], scale=scale)
+            return self._ask("scaled-unit", options=[told], scale=scale, **about)
         told = f"give --unit deg (or {role}=deg, rad, rev), or {_COUNTS}"
         if in_file:
             told = f'end the name with _deg, _rad, … or write `{role} = "deg"` in [unit]'
-        return self._ask("no-unit", role=role, columns=[one], options=[told])
+        return self._ask("no-unit", options=[told], **about)
 
     def _no_counts(self, role: str, one: Candidate) -> Question:
         return self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
@@ -629,7 +639,7 @@ class Search:
 
     def _ask(self, slug: str, **about: Any) -> Question:
         """Return a question about this table."""
-        return ask(slug, self.source, **about)
+        return ask(slug, about.pop("where", self.source), **about)
 
     def _take(self, role: str, one: Candidate, slug: str, **words: str) -> None:
         self.roles[role] = one.index

@@ -70,7 +70,7 @@ GUESSES = {
     "only-dates": "column `{name}`, the only one of dates or times",
     "grows-evenly": "column `{name}`, the only one that grows evenly",
     "epoch": "in {unit}, from the size of its stamps, {since}",
-    "seconds": "in seconds, as its name states no unit",
+    "seconds": "column `{name}` in seconds, as its name states no unit",
 }
 """Slug of a note → what was recognised, and the reason."""
 
@@ -87,13 +87,18 @@ class Question(VttigError):
     columns: tuple[str, ...]
     options: tuple[str, ...]
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the record as an object for `--json`."""
+        lists = {"columns": list(self.columns), "options": list(self.options)}
+        return {"slug": self.slug, "role": self.role, **lists, "sentence": self.message}
+
 
 class LogQuestion(Question, LogError):
     """Question about the columns of a log."""
 
 
 class UsageQuestion(Question, UsageError):
-    """Question about options that have two readings or no effect."""
+    """Question about options that have two readings or no effect, at no place of a log."""
 
 
 def ask(
@@ -103,20 +108,18 @@ def ask(
     role: str = "",
     columns: Sequence[Candidate] = (),
     options: Sequence[str] = (),
-    joined: str = " or ",
-    usage: bool = False,
     **words: Any,
 ) -> Question:
-    """Return a question; `words` are those of its sentence, `joined` is between the options."""
+    """Return a question; `words` are those of its sentence."""
     sentence = QUESTIONS[slug].format(
         role=role,
         count=len(columns),
         facts=columns[0].facts if len(columns) == 1 else listed_facts(columns),
-        options=joined.join(options),
+        options=" or ".join(options),
         **dict(zip("abcd", (one.name for one in columns), strict=False)),
         **words,
     )
-    asked = (UsageQuestion if usage else LogQuestion)(sentence, where=where)
+    asked = (LogQuestion if where else UsageQuestion)(sentence, where=where)
     asked.slug, asked.role, asked.options = slug, role, tuple(options)
     asked.columns = tuple(one.name for one in columns)
     return asked
