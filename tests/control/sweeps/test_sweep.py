@@ -24,7 +24,6 @@ from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.control.sweeps import batching
 from vttig_jax.control.sweeps import blocks as sweep_work
-from vttig_jax.control.sweeps import estimate as sweep_estimate
 from vttig_jax.control.sweeps.batching import (
     BatchRunner,
     batch_of,
@@ -290,13 +289,6 @@ def test_a_sweep_larger_than_memory_is_refused_before_it_begins():
     }
     with pytest.raises(InputError, match=r"100000000000 cases need .* of memory, but there are"):
         vttig_jax.sweep(sweep_spec(axes), PAIR)
-
-
-def test_a_sweep_larger_than_the_disk_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(sweep_estimate, "_disk", lambda folder: 1000)
-    with pytest.raises(InputError, match="of disk, but there are 1 kB"):
-        vttig_jax.sweep(sweep_spec(), PAIR, out=tmp_path / "new" / "swept")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_estimate_is_told_before_the_first_block():

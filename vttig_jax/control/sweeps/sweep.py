@@ -2,9 +2,10 @@
 
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -19,8 +20,7 @@ from .batching import BatchRunner
 from .blocks import REFUSED, Rows, SweepWork
 from .cases import recipe_of
 from .estimate import SweepCost, estimate
-from .store import TABLE, Memory, SweepFolder
-from .table import SweepTable, finished_sweep
+from .table import SweepTable
 
 _REASONS, _EXAMINED = 5, 500
 """Largest number of reported reasons for refusal, and of refused cases examined to find them."""
@@ -33,11 +33,9 @@ def sweep(
     folder: str | Path | None = None,
     controller: Controller | None = None,
     maps: Maps = Maps(),
-    out: str | Path | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
     devices: int | None = None,
-    dask: str | None = None,
+    store: Callable[[dict[str, Any]], Any] | None = None,
+    elsewhere: Callable[..., int] | None = None,
     announce: Callable[[SweepCost], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SweepTable:
@@ -53,17 +51,15 @@ def sweep(
     - `pair`, `folder`, `controller`: as for `simulate`.
     - `maps`: flank models of the maps that the file names, and of the draws of `rig`, which
       `vttig_jax.sweep` reads; all cases are run for each draw.
-    - `out`: folder for `sweep.parquet`, which is written block by block.
-    - `resume`: continue with the blocks that are missing in `out`. If `out` holds no sweep, start
-      from the beginning; if it holds the complete table, return that table.
-    - `overwrite`: replace the sweep in `out`.
     - `devices`: number of JAX devices, by default all.
-    - `dask`: address of a dask.distributed scheduler, whose workers get the blocks.
+    - `store`: header of the sweep → where its blocks are kept; by default in memory.
+    - `elsewhere`: runs blocks in other processes: (recipe, numbers of blocks, function that keeps
+      one, progress) → number of workers. `vttig_jax.sweep` gives both for a folder and a cluster.
     - `announce`: is called with the expected size before the sweep starts.
     - `progress`: is called with the finished and the expected lane-steps.
 
-    **Raises** `ScenarioError`, `PairError`, `InputError` for a sweep that is larger than memory or
-    disk, `UsageError` for a folder that may not be written, and `ValueError` without 64-bit floats.
+    **Raises** `ScenarioError`, `PairError`, `InputError` for a sweep that is larger than memory,
+    and `ValueError` without 64-bit floats.
 
     **Example**
     ```python
@@ -83,20 +79,14 @@ def sweep(
     ```
     """
     require_x64("sweep")
-    if (resume or overwrite) and out is None:
-        raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
     recipe = recipe_of(spec, pair, folder, controller, maps)
-    if resume and out is not None and (done := finished_sweep(recipe, Path(out))):
-        return done
     with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
         work = SweepWork(recipe.cases(), _runner(devices))
-    path = None if out is None else Path(out)
     compiled = work.runner.compile_s
-    header = recipe.header | {"block": work.block_size}
-    store = Memory() if path is None else SweepFolder(path, header, resume, overwrite)
-    with store:
-        expected = estimate(work, path)
-        todo = [number for number in range(work.blocks) if number not in store.done]
+    kept = (store or Memory)(recipe.header | {"block": work.block_size})
+    with kept:
+        expected = estimate(work)
+        todo = [number for number in range(work.blocks) if number not in kept.done]
         share = len(todo) / work.blocks
         expected = expected._replace(lane_steps=share * expected.lane_steps)
         if announce is not None:
@@ -114,23 +104,21 @@ def sweep(
         def write(number: int, rows: Rows) -> None:
             nonlocal writing
             started = time.perf_counter()
-            store.write(number, rows)
+            kept.write(number, rows)
             writing += time.perf_counter() - started
 
         began, before = time.perf_counter(), work.runner.compile_s
         busy = work.runner.device_s
         workers = len(work.runner.devices)
-        if dask is not None:
-            from .cluster import on_cluster
-
-            workers = on_cluster(dask, recipe, todo, write, add_steps)
+        if elsewhere is not None:
+            workers = elsewhere(recipe, todo, write, add_steps)
         else:
             with closing(work.run_blocks(todo, add_steps)) as blocks:
                 for number, rows in blocks:
                     write(number, rows)
         spent = time.perf_counter() - began - (work.runner.compile_s - before)
         joining = time.perf_counter()
-        columns = store.finish(work.blocks)
+        columns = kept.finish(work.blocks)
         writing += time.perf_counter() - joining
     return SweepTable(
         spec=recipe.spec,
@@ -145,9 +133,32 @@ def sweep(
         device_s=(work.runner.device_s - busy) / len(work.runner.devices),
         write_s=writing,
         refusals=_refusals(work, columns),
-        path=None if path is None else path / TABLE,
         closing=work.cases.closing,
     )
+
+
+class Memory(AbstractContextManager["Memory"]):
+    """Store that keeps the blocks of a sweep in memory."""
+
+    def __init__(self, header: dict[str, Any]) -> None:
+        self._blocks: dict[int, Rows] = {}
+
+    def __exit__(self, *_: object) -> None:
+        self._blocks.clear()
+
+    @property
+    def done(self) -> set[int]:
+        """Numbers of the blocks that are kept."""
+        return set(self._blocks)
+
+    def write(self, number: int, rows: Rows) -> None:
+        """Keep a block."""
+        self._blocks[number] = rows
+
+    def finish(self, blocks: int) -> Rows:
+        """Return the columns of all blocks, concatenated."""
+        parts = [self._blocks[number] for number in range(blocks)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 @lru_cache
