@@ -13,11 +13,10 @@ from ..base.files.json_io import dumps
 from ..base.runtime import enable_x64, prepare_cpu
 from ..control.scenario.spec import parse_scenario_spec
 from ..control.simulation.metrics import METRICS
-from ..control.sweeps.batching import BatchRunner
-from ..control.sweeps.blocks import Rows, SweepWork
-from ..control.sweeps.cases import Recipe, recipe_of
+from ..control.sweeps.cases import SweepCases, cases_of
 from ..control.sweeps.sweep import sweep
 from ..control.sweeps.table import SweepTable
+from ..control.sweeps.work import Rows, SweepWork
 from .cluster import run_blocks
 from .row_store import HEADER, TABLE, SweepFolder, read_table
 
@@ -30,27 +29,27 @@ def sweep_in_folder(
     dask: str | None = None,
     **options: Any,
 ) -> SweepTable:
-    """Run a sweep with the arguments of `vttig_jax.sweep`; `inputs` are those of `recipe_of`."""
+    """Run a sweep with the arguments of `vttig_jax.sweep`; `inputs` are those of `cases_of`."""
     spec, pair, folder, controller, maps = inputs
     if (resume or overwrite) and out is None:
         raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
-    if resume and out is not None and (done := _finished(recipe_of(*inputs), Path(out))):
+    if resume and out is not None and (done := _finished(cases_of(*inputs), Path(out))):
         return done
     if out is not None:
         path = Path(out)
         options["store"] = lambda header: SweepFolder(path, header, resume, overwrite)
     if dask is not None:
-        options["elsewhere"] = lambda recipe, todo, done, progress: run_blocks(
-            dask, _block, recipe, todo, done=done, progress=progress
+        options["elsewhere"] = lambda cases, todo, done, progress: run_blocks(
+            dask, _block, cases, todo, done=done, progress=progress
         )
     table = sweep(spec, pair, folder=folder, controller=controller, maps=maps, **options)
     return table if out is None else replace(table, path=Path(out) / TABLE)
 
 
-def _block(number: int, recipe: Recipe) -> tuple[int, int, Rows]:
+def _block(number: int, cases: SweepCases) -> tuple[int, int, Rows]:
     """Run a block on a worker and return its number, lane-steps and rows."""
     steps: list[int] = []
-    rows = _work(recipe).run(number, steps.append)
+    rows = _work(cases).run(number, steps.append)
     return number, sum(steps), rows
 
 
@@ -58,14 +57,14 @@ _WORK: dict[str, SweepWork] = {}
 """Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
 
 
-def _work(recipe: Recipe) -> SweepWork:
-    key = dumps(recipe.header)
+def _work(cases: SweepCases) -> SweepWork:
+    key = dumps(cases.header)
     if key not in _WORK:
         with suppress(ValueError):  # raised where another sweep has already run
             prepare_cpu()
         enable_x64()
         _WORK.clear()
-        _WORK[key] = SweepWork(recipe.cases(), BatchRunner(jax.devices()[:1]))
+        _WORK[key] = SweepWork(cases, jax.devices()[:1])
     return _WORK[key]
 
 
@@ -107,7 +106,7 @@ def read_sweep(folder: str | Path) -> SweepTable:
     )
 
 
-def _finished(recipe: Recipe, folder: Path) -> SweepTable | None:
+def _finished(cases: SweepCases, folder: Path) -> SweepTable | None:
     """Return the complete table of this sweep in a folder, or None if there is no complete table.
 
     **Raises** `InputError` for the table of another sweep.
@@ -116,7 +115,7 @@ def _finished(recipe: Recipe, folder: Path) -> SweepTable | None:
         return None
     found = read_sweep(folder)
     stored = json.loads((folder / HEADER).read_text("utf-8"))
-    asked = json.loads(dumps(recipe.header))
+    asked = json.loads(dumps(cases.header))
     # The versions of packages may differ, because a complete table is not continued.
     differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
     if differing:
@@ -125,5 +124,4 @@ def _finished(recipe: Recipe, folder: Path) -> SweepTable | None:
             " its first inputs, choose another folder, or replace it with --overwrite.",
             where=str(folder / HEADER),
         )
-    closing = recipe.cases().closing
-    return replace(found, pair=recipe.pair.name, run_s=0.0, compile_s=0.0, closing=closing)
+    return replace(found, pair=cases.pair.name, run_s=0.0, compile_s=0.0, closing=cases.closing)

@@ -14,8 +14,8 @@ from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, spec_table
 from ..simulation.metrics import NEAR_DEG, NEAR_MM, overdone
 from ..simulation.result import flanks_text
-from .blocks import REFUSED, Rows
 from .cases import MOST_VALUES
+from .work import REFUSED, Rows
 
 _NUMBERS = (
     *("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg"),
