@@ -10,12 +10,12 @@ import jax
 import numpy as np
 
 from vttig_jax.control.simulation.accumulators import Accumulators
-from vttig_jax.control.sweeps.batching import BatchRunner
 
 from . import step_in_c
 from .simulation_cases import (
     CLOSE,
     LANES,
+    BatchRunner,
     cases_of,
     ns_per_lane_step,
     periods_for,

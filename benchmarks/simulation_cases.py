@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
+import jax
 import numpy as np
 
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.simulation.build import FileParts, Maps
+from vttig_jax.control.simulation.build import Maps, case_of
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
-from vttig_jax.control.sweeps.batching import BatchRunner, CaseBatch, batch_of, varying
-from vttig_jax.control.sweeps.case_leaves import leaves_of
+from vttig_jax.control.sweeps.work import Lanes, compiled_s, mesh_of
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
 
@@ -51,16 +51,38 @@ def cases_of(
 
     The map "rig" has mesh orders too.
     """
-    parts = FileParts(PAIR, maps=Maps({"rig": paper_rig().flank_model()}))
+    maps = Maps({"rig": paper_rig().flank_model()})
     places = np.linspace(*turns, lanes)
-    return [parts.case(spec_of({**values, "motion.reversal_deg": float(x)})) for x in places]
+    return [
+        case_of(spec_of({**values, "motion.reversal_deg": float(x)}), PAIR, maps=maps)
+        for x in places
+    ]
 
 
-def stack_of(cases: Sequence[Case], apart: bool = False) -> CaseBatch:
+class BatchRunner:
+    """Runner of cases side by side on some devices, and the time in which it has compiled."""
+
+    def __init__(self, devices: Sequence[Any]) -> None:
+        self._mesh, self.compile_s = mesh_of(devices), 0.0
+
+    def run(self, batch: Lanes, periods: int) -> tuple[Any, Any]:
+        """Run so many periods of every lane."""
+        before = compiled_s()
+        found = batch.run(np.full(batch.width, periods), self._mesh)
+        self.compile_s += compiled_s() - before
+        return found
+
+
+def stack_of(cases: Sequence[Case], apart: bool = False) -> Lanes:
     """Cases side by side as `sweep` has them; `apart`: every number is a lane's own."""
-    leaves = [leaves_of(case) for case in cases]
-    own = varying([leaves[0], leaves[-1]])
-    return batch_of(leaves, (True,) * len(own) if apart else own, len(cases))
+    trees = [jax.tree.flatten(case) for case in cases]
+    columns = list(zip(*(leaves for leaves, _ in trees), strict=True))
+    own = tuple(apart or not np.array_equal(column[0], column[-1]) for column in columns)
+    leaves = [
+        np.stack([np.asarray(leaf) for leaf in column]) if differs else column[0]
+        for column, differs in zip(columns, own, strict=True)
+    ]
+    return Lanes(trees[0][1], own, tuple(leaves), len(cases))
 
 
 def periods_for(cases: Sequence[Case]) -> int:
@@ -69,11 +91,11 @@ def periods_for(cases: Sequence[Case]) -> int:
 
 
 def ns_per_lane_step(
-    lanes: BatchRunner, stack: CaseBatch, substeps: int, periods: int, rounds: int
+    lanes: BatchRunner, stack: Lanes, substeps: int, periods: int, rounds: int
 ) -> list[float]:
     """ns of process time of each round; compiled before."""
     lanes.run(stack, max(1024 // substeps, 1))
-    steps = stack.lanes * periods * substeps
+    steps = stack.width * periods * substeps
     return [1e9 * process_seconds(lambda: lanes.run(stack, periods)) / steps for _ in range(rounds)]
 
 

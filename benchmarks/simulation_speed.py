@@ -26,7 +26,6 @@ import numpy as np
 import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
 from vttig_jax.control.simulation.case import initial_state, run_periods, trace_periods
-from vttig_jax.control.sweeps.batching import BatchRunner
 from vttig_jax.kinematics import flank_table as bounds
 
 from .environment import write
@@ -34,6 +33,7 @@ from .simulation_beside_c import base_and_c
 from .simulation_cases import (
     CLOSE,
     LANES,
+    BatchRunner,
     cases_of,
     ns_per_lane_step,
     periods_for,
@@ -140,7 +140,7 @@ def sweeps(rounds: int) -> dict[str, Any]:
     for flanks in ("closed", "exact"):
         found = asked("sweep", "0,1", rounds=min(rounds, 5), flanks=flanks)
         assert found["differs"] <= CLOSE, found
-        assert found["new_programs"] == 0 and found["new_values_compile_s"] == 0, found
+        assert found["new_values_compile_s"] == 0, found
         record[flanks] = found | {"again_s": summary(found["again_s"]), "asked_s": 2.0}
         print(f"sweep, {flanks} flanks", record[flanks])
     sizes = {str(long): asked("memory", seconds_long=long)["MiB"] for long in (10.0, 100.0)}

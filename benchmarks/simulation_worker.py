@@ -21,13 +21,19 @@ import numpy as np
 import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
-from vttig_jax.control.sweeps import batching as lanes_module
-from vttig_jax.control.sweeps.batching import BatchRunner
-from vttig_jax.control.sweeps.parallel import ParallelRuns
-from vttig_jax.control.sweeps.sweep import _runner
+from vttig_jax.control.sweeps import work as lanes_module
 from vttig_jax.kinematics import flank_table as bounds
 
-from .simulation_cases import BASE, PAIR, cases_of, ns_per_lane_step, seconds, spec_of, stack_of
+from .simulation_cases import (
+    BASE,
+    PAIR,
+    BatchRunner,
+    cases_of,
+    ns_per_lane_step,
+    seconds,
+    spec_of,
+    stack_of,
+)
 
 SWEEP_TURNS = {"from": 7300.0, "to": 7660.0, "num": 1000}
 """At the speed of the base case, runs of 43.9 to 46.0 s."""
@@ -55,8 +61,8 @@ def lanes_task(
     if library_sines:
         bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     if not wide:
-        plain = inspect.unwrap(lanes_module._continue_lanes)
-        lanes_module._continue_lanes = jax.jit(plain, static_argnums=(0, 1, 2))
+        plain = inspect.unwrap(lanes_module._advance)
+        lanes_module._advance = jax.jit(plain, static_argnums=(0, 1, 2, 3))
     lanes, found = BatchRunner(jax.devices()[:1]), {}
     for size in sizes:
         cases = cases_of(size)
@@ -66,35 +72,27 @@ def lanes_task(
 
 
 def cores_task(rounds: int, lanes: int, periods: int) -> dict[str, Any]:
-    """ns per lane-step in one thread and in two, in turns; and whether both say the same."""
-    stack, runner = stack_of(cases_of(lanes)), BatchRunner(jax.devices()[:2])
-
-    def in_threads(count: int) -> list[Any]:
-        with ParallelRuns(count) as parallel:
-            runs = [
-                parallel.start(lambda place, follow: runner.run(stack, periods, place=place)[1])
-                for _ in range(count)
-            ]
-            return [parallel.result(run, lambda steps: None) for run in runs]
-
-    said = in_threads(2)
+    """ns per lane-step in one device and on two, in turns; and whether both say the same."""
+    stack = stack_of(cases_of(lanes))
+    runners = {count: BatchRunner(jax.devices()[:count]) for count in (1, 2)}
+    said = [runner.run(stack, periods)[1] for runner in runners.values()]
     differs = max(
         float(np.nanmax(np.abs(np.asarray(a, float) - np.asarray(b, float)), initial=0.0))
-        for a, b in zip(*said, strict=True)
+        for a, b in zip(*map(jax.tree.leaves, said), strict=True)
     )
     found: dict[str, Any] = {"1": [], "2": [], "differs": differs}
     for _ in range(rounds):
-        for count in (1, 2):
-            taken = seconds(lambda count=count: in_threads(count))
-            found[str(count)].append(1e9 * taken / (count * stack.lanes * periods))
+        for count, runner in runners.items():
+            taken = seconds(lambda runner=runner: runner.run(stack, periods))
+            found[str(count)].append(1e9 * taken / (stack.width * periods))
     return found
 
 
 def sweep_task(rounds: int, flanks: str) -> dict[str, Any]:
     """Seconds of `sweep` over 1000 reversals of 45 s: the first call, and those after it."""
     spec = _sweep_spec(flanks)
-    first = seconds(lambda: vttig_jax.sweep(spec, PAIR))
-    programs, compiled = len(_runner(None)._compiled), _runner(None).compile_s
+    tables: list[Any] = []
+    first = seconds(lambda: tables.append(vttig_jax.sweep(spec, PAIR)))
     taken = [seconds(lambda: vttig_jax.sweep(spec, PAIR)) for _ in range(rounds)]
     table = vttig_jax.sweep(_sweep_spec(flanks, **_OTHER), PAIR)
     last = vttig_jax.sweep(spec, PAIR)
@@ -108,10 +106,8 @@ def sweep_task(rounds: int, flanks: str) -> dict[str, Any]:
         "lane_steps": last.lane_steps,
         "first_s": first,
         "again_s": taken,
-        "compile_s": compiled,
-        "programs": programs,
+        "compile_s": tables[0].compile_s,
         "new_values_compile_s": table.compile_s,
-        "new_programs": len(_runner(None)._compiled) - programs,
         "differs": differs,
     }
 

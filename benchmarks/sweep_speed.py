@@ -23,10 +23,11 @@ import jax
 import numpy as np
 
 import vttig_jax
-from vttig_jax.control import Maps, parse_scenario_spec, sweep
+from vttig_jax.control import Maps, parse_scenario_spec
 from vttig_jax.kinematics import FlankModel, exact_model
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig import paper_eccentricities, paper_pair
+from vttig_jax.runs.sweeps import sweep_in_folder
 
 from .environment import write
 
@@ -91,7 +92,8 @@ def _swept(cases: int, out: Path | None = None) -> vttig_jax.SweepTable:
     given = {"pair": "pair.toml", "rig": {"from": "drawn", "draws": RIGS}, "sweep": axes}
     spec = parse_scenario_spec(given | {"motion": {"speed_rpm": 57.46}})
     draws = jax.tree.map(lambda *leaves: np.stack(leaves), *map(_map, rigs))
-    return sweep(spec, paper_pair(), maps=Maps({"drawn": _map(middle)}, draws, RIGS), out=out)
+    maps = Maps({"drawn": _map(middle)}, draws, RIGS)
+    return sweep_in_folder(spec, paper_pair(), Path(), None, maps, out=out)
 
 
 def _map(rig: Eccentricities) -> FlankModel:

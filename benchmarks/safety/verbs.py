@@ -117,9 +117,9 @@ def _draws(folder: Path) -> Content:
 
 
 def _small_blocks() -> None:
-    from vttig_jax.control.sweeps import blocks
+    from vttig_jax.control.sweeps import work
 
-    blocks._LEAST = blocks._MOST = 4
+    work._LEAST = work._MOST = 4
 
 
 def _one_log_a_block() -> None:

@@ -148,7 +148,7 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
     ("old", "new", "code", "words"),
     [
         ("motion.reversal_deg", "motion.reversl_deg", 3, "no key of a scenario"),
-        ("num = 5", "num = 10000000", 3, "of memory, but there are 100 MB"),
+        ("num = 5", "num = 10000000", 3, "of memory, but there are 0.1"),
         ("pair.toml", "other.toml", 3, "there is no file"),
         ('controller" = ["none", "predictive"]', 'inertia.driven_kgm2" = [-1.0]', 3, "driven_kgm2"),
         ("[sweep]", "[swep]", 3, "swep"),
@@ -157,9 +157,7 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
     ],
 )
 def test_bad_files_are_one_sentence(vttig, sweep, old, new, code, words, monkeypatch):
-    from vttig_jax.control.sweeps import estimate as sweep_estimate
-
-    monkeypatch.setattr(sweep_estimate, "_memory", lambda: 10**8)
+    monkeypatch.setattr("os.sysconf", lambda name: 10**4)  # 10⁴ pages of 10 kB
     sweep.write_text(sweep.read_text().replace(old, new))
     found, out, err = vttig("sweep", sweep)
     assert (found, out) == (code, "") and words in err and err.count("\n") == 1

@@ -233,7 +233,7 @@ def tabulate_flanks(
     turns: int,
     *,
     periodic: bool = True,
-    first_turn: int = 0,
+    first_turn: int | Number = 0,
     closing: Float[Numbers, "2"] = _NO_CLOSING,
     per_turn: int | None = None,
 ) -> FlankTable:

@@ -19,9 +19,7 @@ from ..base.files.run_folder import data_sha256
 from ..base.files.standard_input import kept_bytes
 from ..base.shown_text import name_of_file
 from ..base.threads import usable_cores
-from ..control.sweeps.cluster import run_blocks
-from ..control.sweeps.local_processes import run_in_processes
-from ..control.sweeps.store import FolderNames, Memory, SweepFolder, read_table
+from ..control.sweeps.sweep import Memory
 from ..identify.fit_settings import FitSettings
 from ..identify.many.fit_many import Unread, fit_columns, settings_table
 from ..identify.many.table import Columns, FitTable
@@ -32,7 +30,10 @@ from ..pair.gear_pair import Drive, GearPair
 from ..pair.load import pair_from_spec, spec_of
 from ..pair.pair_file import spec_table
 from ..pair.schema import PairSpec
+from .cluster import run_blocks
 from .options import ReadingOptions
+from .processes import run_in_processes
+from .row_store import FolderNames, SweepFolder, read_table
 from .stated_drive import spec_of_file
 
 if TYPE_CHECKING:
@@ -218,7 +219,7 @@ def fit_files(
     if resume and out is not None and (done := _finished(task, header, out)) is not None:
         progress(len(task.logs))
         return done
-    store = Memory() if out is None else SweepFolder(out, header, resume, overwrite, NAMES)
+    store = Memory(header) if out is None else SweepFolder(out, header, resume, overwrite, NAMES)
     with store:
         todo = [number for number in range(task.blocks) if number not in store.done]
         progress(len(task.logs) - sum(len(task.logs_of(number)) for number in todo))

@@ -94,7 +94,7 @@ class Run(TextResult):
     @cached_property
     def sweep(self) -> "SweepTable":
         """The sweep that `vttig sweep --out` wrote into the folder."""
-        from ..control.sweeps.table import read_sweep
+        from .sweeps import read_sweep
 
         return read_sweep(self.folder)
 

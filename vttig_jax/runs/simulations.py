@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from .maps import opened_maps
 
 if TYPE_CHECKING:
+    from ..control.controllers.controller import Controller
     from ..control.scenario.scenario import Scenario
     from ..control.scenario.spec import ScenarioSpec
     from ..control.simulation.result import Simulation
@@ -82,6 +83,7 @@ def sweep(
     plant_map: Any = None,
     controller_map: Any = None,
     folder: str | Path | None = None,
+    controller: "Controller | None" = None,
     **options: Any,
 ) -> "SweepTable":
     """Simulate every case of a sweep: the Cartesian product of its axes.
@@ -93,14 +95,22 @@ def sweep(
     **Arguments**
     - `spec`: a sweep file (TOML), its parsed table or specification.
     - `pair`, `plant_map`, `controller_map`, `folder`: as for `simulate`.
-    - `options`: further arguments of `vttig_jax.control.sweep`, such as `out` and `resume`.
+    - `controller`: controller of the user instead of that of the file.
+    - `options`: `out`, the folder for `sweep.parquet`, which is written block by block; `resume`,
+      to continue with the blocks that are missing there, or to return the table that is complete;
+      `overwrite`, to replace the sweep there; `dask`, the address of a dask.distributed scheduler,
+      whose workers get the blocks; and `devices`, `announce` and `progress` of
+      `vttig_jax.control.sweep`.
+
+    **Raises** what `vttig_jax.control.sweep` raises, and `UsageError` for a folder that may not be
+    written.
     """
-    from ..control.sweeps.sweep import sweep
+    from .sweeps import sweep_in_folder
 
     read, folder = specified(spec, folder, plant_map, controller_map, sweep=True)
     with file_named(spec):
         pair, maps = _opened(read, folder, pair, plant_map, controller_map)
-        return sweep(read, pair, folder=folder, maps=maps, **options)
+        return sweep_in_folder(read, pair, folder, controller, maps, **options)
 
 
 def tune(

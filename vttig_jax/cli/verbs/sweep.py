@@ -16,7 +16,6 @@ from ..options import verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...control.sweeps.estimate import SweepCost
     from ...control.sweeps.table import SweepTable
 
 FIGURE = "figures/sweep.png"
@@ -75,9 +74,9 @@ def command(
         adopt_loggers("distributed")
     with output.progress(1, "lane-steps") as bar:
 
-        def announce(expected: "SweepCost") -> None:
-            output.narrate(f"to run: {expected}")
-            bar.total = max(expected.lane_steps, 1)
+        def announce(size: str, lane_steps: float) -> None:
+            output.narrate(f"to run: {size}")
+            bar.total = max(lane_steps, 1)
             bar.unit_scale = True
             if out is not None and not no_figures:
                 # The modules of the picture are imported while the devices run.

@@ -1,4 +1,4 @@
-"""`vttig tune`: optimise the settings of a controller by gradients over all cases of a sweep."""
+"""`vttig tune`: optimise the settings of a controller over all cases of a sweep."""
 
 import re
 from pathlib import Path
@@ -87,20 +87,20 @@ def command(
     """Tune the controller of SWEEP (TOML) for all cases of its axes.
 
     Minimises the backlash left at the turn plus the weighted interference over speeds, turns, and
-    rigs drawn from a posterior where SWEEP has rig = { from = "RUN", draws = 200 }. The slopes come
-    from smoothed judgements; what is printed, before and after, is the full simulation of all cases
-    as `vttig sweep` has it, and values that it does not find better are not taken. For the
-    controller feedforward, which moves no gear, it minimises the lost motion over the gap that the
-    motor makes up for (map.constant_backlash_deg), without slopes.
+    rigs drawn from a posterior where SWEEP has rig = { from = "RUN", draws = 200 }. One setting
+    after the other is changed by steps that shrink, and every value tried is judged by the cases as
+    `vttig sweep` has them; values that are not better are not taken. For the controller
+    feedforward, which moves no gear, it minimises the lost motion over the gap that the motor makes
+    up for (map.constant_backlash_deg).
     """
     _check_out(scenario, out, overwrite=overwrite)
     keys = [key for key, _ in free] or None
     limits = {key: ends for key, ends in free if ends is not None}
     _check_keys(scenario, keys, limits)
     prepare(None)
-    from ...control.tuning.search import WIDTHS
+    from ...control.tuning.tune import STEPS
 
-    with output.progress(len(WIDTHS), "tune") as bar:
+    with output.progress(len(STEPS), "tune") as bar:
 
         def follow(done: int, all_: int) -> None:
             bar.total = all_

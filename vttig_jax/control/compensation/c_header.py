@@ -5,6 +5,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from string import Template
 from textwrap import wrap
 from typing import Literal
@@ -14,18 +15,8 @@ from ...base.units import ARCSEC, DEG, REV
 from ...pair.encoder_reading import ShaftReading
 from .compensation import Compensation, require_closing
 
-COMMENT = """\
-#ifndef ${NAME}_COMPENSATION_H
-#define ${NAME}_COMPENSATION_H
-
-/*
-$about
- */
-
-#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
-#error "-ffast-math removes the tests for NaN and infinite readings; compile without it"
-#endif
-"""
+_TEMPLATE = Path(__file__).with_name("compensation.h.in")
+"""Text of the header in parts that begin with `@@ name`; `$` marks what `c_header` fills in."""
 
 FUNCTION_NOTES = {
     "backlash": (
@@ -40,137 +31,6 @@ FUNCTION_NOTES = {
         "The derivative times the driving speed in rad/s is the speed of the actuator in mm/s.",
     ),
 }
-
-ARITHMETIC = """\
-enum { ${NAME}_KNOWN = 0, ${NAME}_UNKNOWN = 1 };
-
-/* Nearest whole number, for less than 2^31. */
-static inline double ${name}_nearest_(double x)
-{
-    return (double)(long)(x < 0.0 ? x - 0.5 : x + 0.5);
-}
-
-/* Sine and cosine, for angles up to 1e5 rad, within 1e-15. */
-static inline void ${name}_sincos_(double x, double *sine, double *cosine)
-{
-    const double quarters = ${name}_nearest_(x * 0.6366197723675814);
-    const double r = x - quarters * 1.5707963267923333 - quarters * 2.563344151594519e-12;
-    const double t = r * r;
-    const double s = r + r * t * (-0.16666666666666666 + t * (0.008333333333330948
-        + t * (-0.00019841269836758574 + t * (2.755731610255244e-06
-        + t * (-2.5051131845003624e-08 + t * 1.5918129294866608e-10)))));
-    const double c = 1.0 - 0.5 * t + t * t * (0.041666666666666664
-        + t * (-0.0013888888888887398 + t * (2.480158729876569e-05
-        + t * (-2.7557317271729793e-07 + t * (2.08761462684032e-09
-        + t * -1.1382632425521717e-11)))));
-    switch ((int)((long)quarters & 3)) {
-    case 0: *sine = s; *cosine = c; break;
-    case 1: *sine = c; *cosine = -s; break;
-    case 2: *sine = -s; *cosine = -c; break;
-    default: *sine = -c; *cosine = s; break;
-    }
-}
-
-/* Angle minus its whole turns; 2 pi is split in three parts, of which two have few digits. */
-static inline double ${name}_within_turn_(double x)
-{
-    const double turns = ${name}_nearest_(x * 0.15915494309189535);
-    return x - turns * $turn_0 - turns * $turn_1 - turns * $turn_2;
-}
-"""
-
-BACKLASH = """\
-struct ${name}_gap {
-    double backlash_rad;
-    double slope;
-    int status;
-};
-
-static inline struct ${name}_gap ${name}_backlash(double driving_rad, double driven_rad)
-{
-    static const double driving_orders[$driving_count] = {
-$driving_orders
-    };
-    static const double driven_orders[$driven_count] = {
-$driven_orders
-    };
-    /* For every harmonic: indices of its orders above; then its cosine and sine in rad. */
-    static const $place_type places[$terms][2] = {
-$places
-    };
-    static const double waves[$terms][2] = {
-$waves
-    };
-    struct ${name}_gap result = { 0.0, 0.0, ${NAME}_UNKNOWN };
-    double sine1[$driving_count], cosine1[$driving_count];
-    double sine2[$driven_count], cosine2[$driven_count];
-    double phi1, turn, distance, ideal, value, slope;
-    int k;
-
-    if (!(driving_rad >= -1e9 && driving_rad <= 1e9 && driven_rad >= -1e9 && driven_rad <= 1e9))
-        return result;
-    /* Driven angle without its transmission error: the nearest one that the pair can have. */
-    phi1 = ${name}_within_turn_(driving_rad);
-    distance = ${name}_within_turn_(driven_rad) - $ratio * phi1 - ($offset);
-    turn = ${name}_nearest_(distance / $spacing);
-    distance -= turn * $spacing;
-    if (!(distance >= -$tolerance && distance <= $tolerance))
-        return result;
-    ideal = ${name}_within_turn_($ratio * phi1 + turn * $spacing);
-
-    for (k = 0; k < $driving_count; ++k)
-        ${name}_sincos_(driving_orders[k] * phi1, &sine1[k], &cosine1[k]);
-    for (k = 0; k < $driven_count; ++k)
-        ${name}_sincos_(driven_orders[k] * ideal, &sine2[k], &cosine2[k]);
-    value = $constant;
-    slope = 0.0;
-    for (k = 0; k < $terms; ++k) {
-        const int p = places[k][0], q = places[k][1];
-        const double sine = sine1[p] * cosine2[q] + cosine1[p] * sine2[q];
-        const double cosine = cosine1[p] * cosine2[q] - sine1[p] * sine2[q];
-        value += waves[k][0] * cosine + waves[k][1] * sine;
-        slope += (driving_orders[p] + $ratio * driven_orders[q])
-            * (waves[k][1] * cosine - waves[k][0] * sine);
-    }
-    result.backlash_rad = value;
-    result.slope = slope;
-    result.status = ${NAME}_KNOWN;
-    return result;
-}
-"""
-
-SHIFT = """\
-struct ${name}_displacement {
-    double shift_mm;
-    double slope_mm_per_rad;
-    int status;
-};
-
-static inline struct ${name}_displacement ${name}_shift(
-    double driving_rad, double driven_rad, double margin_mm)
-{
-    const struct ${name}_gap gap = ${name}_backlash(driving_rad, driven_rad);
-    struct ${name}_displacement result = { 0.0, 0.0, ${NAME}_UNKNOWN };
-
-    if (gap.status != ${NAME}_KNOWN || !(margin_mm >= 0.0 && margin_mm <= 1e9))
-        return result;
-    result.status = ${NAME}_KNOWN;
-    if (gap.backlash_rad > margin_mm * $closing) {
-        result.shift_mm = gap.backlash_rad / $closing - margin_mm;
-        result.slope_mm_per_rad = gap.slope / $closing;
-    }
-    return result;
-}
-"""
-
-READING = """\
-/* Angle of the $shaft shaft in rad from a reading of its encoder in $unit. */
-static inline double ${name}_${shaft}_rad(double reading)
-{
-    return $size * (reading - ($origin));
-}
-"""
-
 
 Quantity = Literal["shift", "backlash"]
 
@@ -275,24 +135,26 @@ def c_header(
     compensation.require_locating()
     if quantity == "shift":
         require_closing(compensation.closing_rad_per_mm)
-    parts = [COMMENT, ARITHMETIC, BACKLASH]
-    if quantity == "shift":
-        parts.append(SHIFT)
+    sections = _TEMPLATE.read_text("ascii").split("@@ ")[1:]
+    parts = dict(section.split("\n", 1) for section in sections)
+    reading = Template(parts.pop("reading"))
+    if quantity != "shift":
+        del parts["shift"]
     values = {
         "name": name,
         "NAME": name.upper(),
         "about": _about(compensation, origin, name, quantity),
         **_numbers(compensation),
     }
-    text = "\n".join(Template(part).substitute(values) for part in parts)
+    text = "\n".join(Template(part).substitute(values) for part in parts.values())
     if origin.readings is not None:
-        for shaft, reading in zip(("driving", "driven"), origin.readings, strict=True):
-            text += "\n" + Template(READING).substitute(
+        for shaft, of in zip(("driving", "driven"), origin.readings, strict=True):
+            text += "\n" + reading.substitute(
                 name=name,
                 shaft=shaft,
-                unit=reading.unit,
-                size=_number(reading.radians_per_unit),
-                origin=_number(reading.origin),
+                unit=of.unit,
+                size=_number(of.radians_per_unit),
+                origin=_number(of.origin),
             )
     return f"{text}\n#endif /* {name.upper()}_COMPENSATION_H */\n"
 

@@ -6,6 +6,7 @@ A scenario file builds exactly these objects (`control/simulation/build.py`).
 from typing import Literal
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -95,6 +96,8 @@ class Scenario(eqx.Module):
     plant_map: FlankModel | None = None
     controller_map: FlankModel | Eccentricities | None = None
     map_backlash_deg: Float[Number, ""] | None = None
-    seed: Int[Numbers, ""] = eqx.field(converter=np.asarray, default=0)
+    seed: Int[Numbers, ""] = eqx.field(
+        converter=lambda seed: seed if isinstance(seed, jax.Array) else np.asarray(seed), default=0
+    )
     flanks: Literal["exact", "closed"] = eqx.field(static=True, default="exact")
     turn: Literal["known", "located", "unknown"] = eqx.field(static=True, default="known")

@@ -288,6 +288,16 @@ def _with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
     return SCENARIO_FILE.convert(table, ScenarioSpec)
 
 
+def with_numbers(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
+    """Return the scenario with other numbers, which are not checked; JAX may trace them."""
+    for name, value in values.items():
+        table, _, field = name.rpartition(".")
+        if table:
+            field, value = table, replace(getattr(spec, table), **{field: value})
+        spec = replace(spec, **{field: value})
+    return spec
+
+
 def _check_places(table: Mapping[str, Any]) -> None:
     """Check that `zip` is not at the top of the file and `rig` is not in [sweep]."""
     if "zip" in table:

@@ -1,7 +1,6 @@
 """Preparation of a case: all that a run computes from a scenario before its first period."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import reduce
 from typing import Any, NamedTuple
@@ -38,13 +37,14 @@ from ..motion.motion import Motion
 from ..plants.elastic import Elastic, largest_step
 from ..plants.plant import Drag, Plant
 from ..plants.play import Play
+from ..scenario.scenario import Scenario
 from ..scenario.tables import CONTROLLERS, name_of
 from .case import Case
 
 _LOOP_PERIODS = 3.0
 """Delay from an encoder reading to the resulting actuator position, in controller periods."""
 
-_WHOLE_ROWS, MOST_ROWS = 1 << 18, 1 << 25
+_WHOLE_ROWS, _MOST_ROWS = 1 << 18, 1 << 25
 """Most nodes of a table of the hunting period (8 MB), and of all tables (1 GB): chosen values."""
 
 _POINTS = 12
@@ -54,67 +54,116 @@ looks ahead: with 8, a wave of 0.16 mm leaves an interference of 0.001 mm; a cho
 _TIMES = 4097
 """Times of a motion at which its travel is read: a chosen value."""
 
-Make = Callable[..., Any]
-"""(function, *names, **choices) → the function of an object that has the parts with these names.
-
-A sweep remembers the results, because many of its cases have the same parts."""
+Travel = tuple[float, float]
+"""Smallest and largest driving angle of a motion, turns."""
 
 Span = tuple[int, int, bool]
 """First driving turn of a table, number of turns, and whether the table is periodic."""
 
-Travel = tuple[float, float] | None
-"""Smallest and largest driving angle of a motion, turns; None for a traced motion."""
 
-_MACHINE = ("pair", "plant", "servo", "inertia", "friction", "load", "mesh", "actuator", "sampling")
-_SENSING = ("pair", "driving_encoder", "driven_encoder", "observer", "seed")
-_PLANT = ("pair", "eccentricities", "flanks", "plant_map")
-_FLANKS = {"plant_map": _PLANT, "controller_map": (*_PLANT, "controller_map", "map_backlash_deg")}
+class Fixed(NamedTuple):
+    """Static choices; those that are None follow from the numbers of the scenario.
+
+    - `substeps`: plant steps in a period. - `queue`: length of the queue of commands.
+    - `limited`: whether the actuator has a force limit. - `travel`: that of all motions.
+    """
+
+    substeps: int | None = None
+    queue: int | None = None
+    limited: bool | None = None
+    travel: Travel | None = None
 
 
-def prepared(make: Make, like: Case | None = None) -> dict[str, Any]:
-    """Return the fields of the case of a scenario by name; a pure function of all its numbers.
+def prepared(
+    s: Scenario,
+    fixed: Fixed = Fixed(),
+    *,
+    drawn: Any = None,
+    sense: Any = None,
+    turns: Any = None,
+) -> tuple[Case, dict[str, Any]]:
+    """Return the case of a scenario, and its gaps; a pure function of all its numbers.
 
-    `like` is a case of known numbers whose static choices the case has, such as the number of steps
-    of the plant; without it they follow from the numbers of the scenario.
+    The gaps are the smallest of the map of the plant, and the mean of what the controller believes,
+    rad; None for eccentricities. Known ones are checked here.
+
+    **Arguments**
+    - `fixed`: static choices where JAX traces the numbers from which they follow.
+    - `drawn`: flanks of the plant and their smallest gap, instead of `plant_map`.
+    - `sense`: 1 if the run begins forwards, −1 if backwards; by default that of the motion.
+    - `turns`: error of the turn that the controller has located, instead of locating it.
 
     **Raises** `ScenarioError` for a controller that shifts gears without taper, for a map that is
     shorter than the motion or whose flanks cross, and for a step of the plant that is too long for
     the stiffness of the mesh or the gain of the servo; `ValueError` for a choice that would follow
     from a traced number.
     """
-    course: Course = make(course_of, "motion")
+    motion, travel = s.motion.pieces, fixed.travel
+    if sense is None:
+        low, high, sense = ends_of(motion)
+        if travel is None and known(low, high):
+            travel = float(low) / REV, float(high) / REV
+    gaps: dict[str, Any] = {}
 
-    def flanks(which: str, place: str, turns: int = 0) -> tuple[Bounds, Waves | None]:
-        span = make(span_of, *_FLANKS[which], which=which, travel=course.travel)
-        found = make(table_of, *_FLANKS[which], which=which, span=span, turns=turns)
-        bounds, gap, waves = found
-        if gap is not None and not gap >= 0:
+    def flanks(which: str, place: str, turns: Any = 0) -> tuple[Bounds, Waves | None]:
+        bounds, gap, waves = table_of(s, which, travel, turns)
+        if gap is not None and known(gap) and not gap >= 0:
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
                 " left; take a map with a larger backlash (constant_backlash_deg), or with its"
                 " flanks in order.",
                 where=which,
             )
+        gaps[which] = gap
         return bounds, waves
 
-    bounds, waves = flanks("plant_map", "at one angle")
-    static = like and (like.substeps, like.actuator.periods, like.actuator.thrust is not None)
-    parts = {
-        "motion": course.motion,
-        "sense": course.sense,
-        "bounds": bounds,
-        "believed": bounds,
-        "retreat": None,
-        **make(_machine, *_MACHINE, static=static),
-        **make(_sensing, *_SENSING),
-    }
-    controller, turns = _located(make, course, parts)
+    waves = None
+    if drawn is None:
+        bounds, waves = flanks("plant_map", "at one angle")
+    else:
+        bounds, gaps["plant_map"] = drawn
+    sensing = _sensing(s)
+    controller = _chosen(s)
     blind = isinstance(controller, (LostController, NoController))
-    if not blind and (turns or not make(_believes_plant, *_FLANKS["controller_map"])):
-        parts["believed"], waves = flanks("controller_map", "on the average", turns)
+    if turns is None and s.turn == "located" and not blind:
+        turns = _located(s, bounds, sensing, motion)
+        if turns is None:
+            controller, blind = LostController(), True
+    believed, retreat = bounds, None
+    if not blind and (turns is not None or drawn is not None or not _believes_plant(s)):
+        believed, waves = flanks("controller_map", "on the average", 0 if turns is None else turns)
     if not blind and controller.closes and waves is not None:
-        parts["retreat"] = make(_retreat, "pair", "actuator", waves=waves)
-    return {**parts, "controller": controller}
+        if waves.swing is None:
+            raise _traced("step of its map", "the number of nodes in a tooth pitch")
+        limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2
+        swing = waves.swing / closing_of(s.pair).sum()
+        retreat = Retreat(*limits, waves.pitch, swing, waves.points)
+    case = Case(
+        motion=motion,
+        bounds=bounds,
+        believed=believed,
+        controller=controller,
+        sense=sense,
+        retreat=retreat,
+        **_machine(s, fixed),
+        **sensing,
+    )
+    return case, gaps
+
+
+def ends_of(motion: Motion) -> tuple[Any, Any, Any]:
+    """Return smallest and largest angle of a motion, rad, and the direction before its braking."""
+    if not known(motion):
+        return _ends(motion)
+    with jax.ensure_compile_time_eval():
+        return jax.tree.map(np.asarray, _ends(motion))
+
+
+@eqx.filter_jit
+def _ends(motion: Motion) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    angle = motion.at(jnp.linspace(0.0, 1.0, _TIMES) * jnp.asarray(motion.duration_s)).angle
+    change = motion.at(jnp.asarray(motion.braking_s)).angle - angle[0]
+    return angle.min(), angle.max(), jnp.where(change < 0, -1.0, 1.0)
 
 
 class Waves(NamedTuple):
@@ -129,40 +178,7 @@ class Waves(NamedTuple):
     points: int
 
 
-def _retreat(s: Any, waves: Waves) -> Retreat:
-    if waves.swing is None:
-        raise _traced("step of its map", "the number of nodes in a tooth pitch")
-    limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2
-    return Retreat(*limits, waves.pitch, waves.swing / closing_of(s.pair).sum(), waves.points)
-
-
-class Course(NamedTuple):
-    """Motion in its pieces, its travel, and the direction, 1 or −1, in which it begins."""
-
-    motion: Motion
-    travel: Travel
-    sense: Any
-
-
-def course_of(s: Any) -> Course:
-    """Return the motion in its pieces, with its travel and direction."""
-    motion = s.motion.pieces
-    if not known(motion):
-        return Course(motion, None, _ends(motion)[2])
-    with jax.ensure_compile_time_eval():
-        low, high, sense = map(float, _ends(motion))
-    return Course(motion, (low / REV, high / REV), float64(sense))
-
-
-@eqx.filter_jit
-def _ends(motion: Motion) -> tuple[Float[Array, ""], ...]:
-    """Return smallest and largest angle of a motion, rad, and the direction before its braking."""
-    angle = motion.at(jnp.linspace(0.0, 1.0, _TIMES) * jnp.asarray(motion.duration_s)).angle
-    change = motion.at(jnp.asarray(motion.braking_s)).angle - angle[0]
-    return angle.min(), angle.max(), jnp.where(change < 0, -1.0, 1.0)
-
-
-def _model(s: Any, which: str) -> tuple[FlankModel, bool]:
+def _model(s: Scenario, which: str) -> tuple[FlankModel, bool]:
     """Return a flank model, and whether it is a map rather than that of eccentricities."""
     given, rig = s.plant_map, s.eccentricities
     if which == "controller_map":
@@ -183,29 +199,21 @@ def _model(s: Any, which: str) -> tuple[FlankModel, bool]:
     return (exact_model if s.flanks == "exact" else closed_model)(s.pair, rig), False
 
 
-def _believes_plant(s: Any) -> bool:
+def _believes_plant(s: Scenario) -> bool:
     if s.map_backlash_deg is not None or s.controller_map is not None:
         return s.map_backlash_deg is None and s.controller_map is s.plant_map
     return s.plant_map is None or s.eccentricities is None
 
 
-def span_of(s: Any, which: str, travel: Travel, maps: int = 1) -> Span:
+def span_of(pair: Any, model: FlankModel, travel: Travel | None, maps: int = 1) -> Span:
     """Return the span of a table of flanks, or of the tables of several maps.
 
     The table has the hunting period, or at least the travel where the period is too long. The
-    number of turns is then a power of two, so that motions share compiled programs. A map that is a
-    table already is used as it is.
-
-    **Raises** `ScenarioError` for a map that is shorter than the motion.
+    number of turns is then a power of two, so that motions share compiled programs.
     """
-    model, _ = _model(s, which)
-    if isinstance(model, FlankTable):
-        if travel is not None and not model.periodic:
-            _require_travel(model, travel, which)
-        return 0, 0, model.periodic
-    hunting = s.pair.hunting_turns
+    hunting = pair.hunting_turns
     rows = hunting * nodes_per_turn(model)
-    if rows <= _WHOLE_ROWS and rows * maps <= MOST_ROWS:
+    if rows <= _WHOLE_ROWS and rows * maps <= _MOST_ROWS:
         return 0, hunting, True
     if travel is None:
         raise _traced("motion", "the part of the hunting period that its flank table covers")
@@ -221,10 +229,17 @@ def _traced(name: str, what: str) -> ValueError:
     )
 
 
-def _require_travel(table: FlankTable, travel: tuple[float, float], where: str) -> None:
-    ends = float(table.start) / DEG, float(table.start + table.length) / DEG
-    asked = 360 * travel[0], 360 * travel[1]
-    if not (ends[0] < asked[0] + 1e-6 and asked[1] < ends[1] + 1e-6):
+def covers(table: FlankTable, low: Any, high: Any) -> Any:
+    """Return whether a table holds the flanks from one driving angle to another, turns."""
+    ends = np.array([table.start, table.start + table.length]) / REV
+    near = 1e-6 / 360
+    return table.periodic | ((ends[0] < low + near) & (high < ends[1] + near))
+
+
+def _require_travel(table: FlankTable, travel: Travel, where: str) -> None:
+    if not covers(table, *travel):
+        ends = float(table.start) / DEG, float(table.start + table.length) / DEG
+        asked = 360 * travel[0], 360 * travel[1]
         map_ends, motion_ends = (f"{low:z.2f}° … {high:z.2f}°" for low, high in (ends, asked))
         raise ScenarioError(
             f"the map covers {map_ends} of the driving angle, but the motion {motion_ends};"
@@ -243,27 +258,29 @@ def _taper(pair: Any) -> Any:
 
 
 def table_of(
-    s: Any, which: str, span: Span, turns: int
-) -> tuple[Bounds, float | None, Waves | None]:
+    s: Scenario, which: str, travel: Travel | None, turns: Any
+) -> tuple[Bounds, Any, Waves | None]:
     """Return the flanks, `turns` driving turns on, the gap that is checked, and short waves.
 
-    The gap is the smallest of the plant, and the mean of what the controller believes, rad; None
-    for eccentricities and for traced numbers.
+    A map that is a table already is used as it is; **raises** `ScenarioError` if it is shorter than
+    the motion.
     """
     model, given = _model(s, which)
-    first, count, periodic = span
     if isinstance(model, ClosedModel):
         return first_order_bounds(model, closing_of(s.pair)).turned(turns), None, None
     order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
     if isinstance(model, FlankTable):
+        if travel is not None:
+            _require_travel(model, travel, which)
         step: Any = model.step
     else:
         order, per_turn = model.highest_order, nodes_per_turn(model)
-        model = _tabulated(model, count, periodic, first + turns, per_turn)
+        first, count, periodic = span_of(s.pair, model, travel)
+        model = _tabulated(model, count, periodic, float64(first + turns), per_turn)
         step = REV / per_turn
     bounds = replace(model, closing=closing_of(s.pair)).turned(turns)
-    judged = np.min if which == "plant_map" else np.mean
-    gap = float(judged(gaps_of(bounds))) if given and known(bounds) else None
+    judged = jnp.min if which == "plant_map" else jnp.mean
+    gap = judged(gaps_of(bounds)) if given else None
     waves = _waves(s.pair, bounds, step, order)
     if which == "controller_map" and given and s.map_backlash_deg is not None:
         nodes = jnp.asarray(bounds.nodes)
@@ -279,7 +296,7 @@ def _waves(pair: Any, table: FlankTable, step: Any, order: float) -> Waves | Non
         return None
     pitch, swing = REV / pair.driving.teeth, None
     if known(step):
-        gap = gaps_of(table) if known(table) else table.nodes[:, 2] - table.nodes[:, 0]
+        gap = np.asarray(gaps_of(table)) if known(table) else gaps_of(table)
         rows = min(math.ceil(pitch / float(step)) + 1, len(gap))
         shifted = [gap[row : len(gap) - rows + 1 + row] for row in range(rows)]
         xp = namespace(gap)
@@ -289,22 +306,46 @@ def _waves(pair: Any, table: FlankTable, step: Any, order: float) -> Waves | Non
 
 def gaps_of(table: Any) -> Any:
     """Return the gap at the nodes of a table, or of tables that share a first axis, rad."""
-    return np.asarray(table.nodes[..., 2] - table.nodes[..., 0])
+    return table.nodes[..., 2] - table.nodes[..., 0]
 
 
 @eqx.filter_jit
-def _tabulated(model: FlankModel, count: int, periodic: bool, first: int, per: int) -> FlankTable:
+def _tabulated(model: FlankModel, count: int, periodic: bool, first: Any, per: int) -> FlankTable:
     return tabulate_flanks(model, count, periodic=periodic, first_turn=first, per_turn=per)
 
 
+def drawn_tables(
+    models: FlankModel, pair: Any, number: int, travel: Travel
+) -> tuple[FlankTable, np.ndarray]:
+    """Return the table of the first of some stacked models, and the smallest gap of each, rad.
+
+    The nodes of all of them follow each other in it; see `FlankTable.first`.
+
+    **Raises** `ScenarioError` for tables that would be too large.
+    """
+    one = jax.tree.map(lambda leaf: leaf[0], models)
+    per = nodes_per_turn(one)
+    first, count, periodic = span_of(pair, one, travel, number)
+    rows = number * count * per
+    if rows > _MOST_ROWS:
+        raise ScenarioError(
+            f"the maps of {number} draws over {count} driving turns need {rows:.2g} nodes, more"
+            f" than {_MOST_ROWS:.2g}; take fewer draws (rig.draws) or a shorter motion.",
+            where="rig",
+        )
+    tables = _tables(models, count, periodic, float64(first), per)
+    one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), tables)
+    smallest = np.asarray(gaps_of(tables).min(axis=-1))
+    nodes = np.asarray(tables.nodes).reshape(-1, 4)
+    return replace(one, nodes=nodes, closing=closing_of(pair)), smallest
+
+
 @eqx.filter_jit
-def tables_of(models: FlankModel, span: Span, per: int) -> FlankTable:
-    """Return the tables of models that are stacked along a first axis."""
-    first, count, periodic = span
+def _tables(models: FlankModel, count: int, periodic: bool, first: Any, per: int) -> FlankTable:
     return jax.lax.map(lambda model: _tabulated(model, count, periodic, first, per), models)
 
 
-def _substeps(s: Any, plant: Plant) -> int:
+def substeps_of(s: Scenario, plant: Plant) -> int:
     """Return the number of plant steps in a controller period.
 
     **Raises** `ScenarioError` for steps that are too long for the mesh or for the servo.
@@ -340,13 +381,23 @@ def _substeps(s: Any, plant: Plant) -> int:
     return substeps
 
 
-def _machine(s: Any, static: tuple[Any, ...] | None) -> dict[str, Any]:
-    """Return plant, drive and actuator, whose masses, friction and contact belong together.
+def delay_of(delay_s: Any, hertz: Any) -> Any:
+    """Return a delay in whole periods of the controller."""
+    delay = delay_s * hertz * (1 - 1e-12)
+    return namespace(delay).ceil(delay)
 
-    `static` has the number of plant steps in a period, the length of the queue of commands, and
-    whether the actuator has a force limit; without it they follow from the numbers of the parts.
+
+def queue_of(delay: Any) -> int:
+    """Return the length of the queue of commands for a delay in periods.
+
+    It is a power of two, so that most new delays need no new compiled program.
     """
-    substeps, queue, limited = static or (None, None, None)
+    return 1 << (max(int(delay), 1) - 1).bit_length()
+
+
+def _machine(s: Scenario, fixed: Fixed) -> dict[str, Any]:
+    """Return plant, drive and actuator, whose masses, friction and contact belong together."""
+    substeps, queue, limited, _ = fixed
     pair, friction, limit = s.pair, s.friction, s.actuator.force_limit_N
     drag = Drag(
         inertia=s.inertia.driven_kgm2,
@@ -372,8 +423,7 @@ def _machine(s: Any, static: tuple[Any, ...] | None) -> dict[str, Any]:
             force = s.servo.torque_limit_Nm / (ratio * radius_m) * (taper.max() - sliding)
             back_drivable = back_drivable & ((force >= limit) | (limit <= 0))
     hertz = s.sampling.controller_hz
-    delay = s.actuator.delay_s * hertz * (1 - 1e-12)
-    delay = namespace(delay).ceil(delay)
+    delay = delay_of(s.actuator.delay_s, hertz)
     if queue is None and not known(delay):
         raise _traced("delay of the actuator", "the length of the queue of its commands")
     return {
@@ -382,18 +432,17 @@ def _machine(s: Any, static: tuple[Any, ...] | None) -> dict[str, Any]:
         "actuator": replace(
             s.actuator,
             delay=delay,
-            # A power of two, so that most new delays need no new compiled program.
-            periods=queue or 1 << (max(int(delay), 1) - 1).bit_length(),
+            periods=queue or queue_of(delay),
             back_drivable=back_drivable,
             thrust=thrust,
         ),
-        "substeps": _substeps(s, plant) if substeps is None else substeps,
+        "substeps": substeps_of(s, plant) if substeps is None else substeps,
         "period": float64(1.0 / hertz),
         "lead_s": float64((delay + _LOOP_PERIODS) / hertz),
     }
 
 
-def _sensing(s: Any) -> dict[str, Any]:
+def _sensing(s: Scenario) -> dict[str, Any]:
     """Return encoders and observer, by which the controller sees the shafts."""
     encoders = {}
     for shaft in ("driving", "driven"):
@@ -410,42 +459,42 @@ def _sensing(s: Any) -> dict[str, Any]:
     return {**encoders, "observer": s.observer, "seed": s.seed, "noisy": noisy}
 
 
-def _located(make: Make, course: Course, parts: dict[str, Any]) -> tuple[Controller, int]:
-    """Return the controller, or a `LostController` if it cannot locate its driving turn.
+def located_turns(s: Scenario) -> int | None:
+    """Return the error of the driving turn that the controller locates; None if it cannot."""
+    motion = s.motion.pieces
+    low, high, _ = ends_of(motion)
+    bounds, _, _ = table_of(s, "plant_map", (float(low) / REV, float(high) / REV), 0)
+    return _located(s, bounds, _sensing(s), motion)
 
-    If the controller locates a wrong turn of the hunting period, its map is shifted by this error:
-    the number of turns that is also returned.
+
+def _located(s: Scenario, bounds: Bounds, sensing: dict[str, Any], motion: Motion) -> int | None:
+    """Return the error of the driving turn that the controller locates; None if it cannot."""
+    believed, _ = _model(s, "controller_map")
+    sensors = sensing["driving_encoder"], sensing["driven_encoder"]
+    if not known(believed, bounds, sensors, motion):
+        raise ValueError('Argument `turn` must be "known" in a scenario that JAX traces.')
+    with jax.ensure_compile_time_eval():
+        return turn_error(
+            s.pair,
+            believed=believed,
+            rig=bounds,
+            sensors=sensors,
+            angle=float(motion.at(jnp.zeros(())).angle),
+            seed=int(s.seed),
+        )
+
+
+def _chosen(s: Scenario) -> Controller:
+    """Return the controller, or a `LostController` if it does not know its driving turn.
 
     **Raises** `ScenarioError` for a controller that shifts gears without taper.
     """
-    controller, turn, pair = make(_chosen, "controller", "turn", "pair")
-    if turn == "known" or isinstance(controller, NoController):
-        return controller, 0
-    if turn == "unknown":
-        return LostController(), 0
-    believed, _ = make(_model, *_FLANKS["controller_map"], which="controller_map")
-    sensors = parts["driving_encoder"], parts["driven_encoder"]
-    if not known(believed, parts["bounds"], sensors, course):
-        raise ValueError('Argument `turn` must be "known" in a scenario that JAX traces.')
-    with jax.ensure_compile_time_eval():
-        turns = turn_error(
-            pair,
-            believed=believed,
-            rig=parts["bounds"],
-            sensors=sensors,
-            angle=float(course.motion.at(jnp.zeros(())).angle),
-            seed=int(parts["seed"]),
-        )
-    return (LostController(), 0) if turns is None else (controller, turns)
-
-
-def _chosen(s: Any) -> tuple[Controller, str, Any]:
-    """Return controller, `turn` and gears; see `_located`."""
-    chosen = s.controller, s.turn, s.pair
+    if s.turn == "unknown" and not isinstance(s.controller, NoController):
+        return LostController()
     if not s.controller.closes or (isinstance(s.pair, GearPair) and not known(s.pair)):
-        return chosen
+        return s.controller
     if closing_of(s.pair).sum() > 0:
-        return chosen
+        return s.controller
     why = "this drive has no gears"
     if isinstance(s.pair, GearPair):
         why = f"the helix angles of both flanks add up to {float(s.pair.taper.sum()):g} in tan β"

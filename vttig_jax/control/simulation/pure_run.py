@@ -17,9 +17,10 @@ from ..controllers.controller import Controller
 from ..controllers.smooth import smoothed
 from ..scenario.scenario import Scenario
 from ..scenario.spec import ScenarioSpec
-from .build import Maps, case_of_scenario
+from .build import Maps
 from .case import Case, Sample, initial_state, run_periods, trace_periods
 from .metrics import metric_inputs_of, metrics_of, outcome_codes
+from .prepare import Fixed, prepared
 from .simulate import periods_of, specified_case
 
 Rounding = Literal["exact", "none", "straight_through"]
@@ -81,7 +82,11 @@ def build_case(
         raise ValueError(f"Argument `smooth_width` must be positive, but is {smooth_width}.")
     if isinstance(scenario, Scenario):
         base = None if like is None else build_case(like)
-        case = case_of_scenario(scenario, base)
+        fixed = Fixed()
+        if base is not None:
+            a = base.actuator
+            fixed = Fixed(base.substeps, a.periods, a.thrust is not None)
+        case, _ = prepared(scenario, fixed)
         if (
             base is not None
         ):  # the static choices of `like`, such as whether its encoders have noise

@@ -20,8 +20,9 @@ from ..motion.motion import Motion
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.scenario import Scenario
 from ..scenario.spec import ScenarioSpec, load_scenario_spec
-from .build import Maps, case_of, case_of_scenario, spec_of
+from .build import Maps, case_of, spec_of
 from .case import Case, Sample, State, initial_state, run_periods, trace_periods
+from .prepare import prepared
 from .result import Simulation, Trace
 
 CHUNK = 1024
@@ -92,7 +93,7 @@ def specified_case(
     """Return the specification, the gears and the case; the arguments are those of `simulate`."""
     if isinstance(scenario, Scenario):
         scenario = scenario if controller is None else replace(scenario, controller=controller)
-        return spec_of(scenario), scenario.pair, case_of_scenario(scenario)
+        return spec_of(scenario), scenario.pair, prepared(scenario)[0]
     source = "" if isinstance(scenario, ScenarioSpec) else str(scenario)
     folder = Path(source).parent if folder is None else Path(folder)
     spec = scenario if isinstance(scenario, ScenarioSpec) else load_scenario_spec(scenario)

@@ -1,26 +1,26 @@
 """Sweep over the product of named axes: thousands of cases, run block by block."""
 
+import os
 import time
 from collections.abc import Callable
-from contextlib import closing
-from functools import lru_cache
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 
+from ...base.errors import InputError
 from ...base.runtime import require_x64
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
 from ..scenario.axes import SCENARIO_FILE
 from ..scenario.spec import ScenarioSpec
 from ..simulation.build import Maps
-from .batching import BatchRunner
-from .blocks import REFUSED, Rows, SweepWork
-from .cases import recipe_of
-from .estimate import SweepCost, estimate
-from .store import TABLE, Memory, SweepFolder
-from .table import SweepTable, finished_sweep
+from ..simulation.metrics import METRICS
+from .cases import cases_of
+from .table import SweepTable
+from .work import REFUSED, Rows, SweepWork, compiled_s
 
 _REASONS, _EXAMINED = 5, 500
 """Largest number of reported reasons for refusal, and of refused cases examined to find them."""
@@ -33,12 +33,10 @@ def sweep(
     folder: str | Path | None = None,
     controller: Controller | None = None,
     maps: Maps = Maps(),
-    out: str | Path | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
     devices: int | None = None,
-    dask: str | None = None,
-    announce: Callable[[SweepCost], None] | None = None,
+    store: Callable[[dict[str, Any]], Any] | None = None,
+    elsewhere: Callable[..., int] | None = None,
+    announce: Callable[[str, float], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> SweepTable:
     """Simulate every case of a sweep: the Cartesian product of its axes.
@@ -53,17 +51,15 @@ def sweep(
     - `pair`, `folder`, `controller`: as for `simulate`.
     - `maps`: flank models of the maps that the file names, and of the draws of `rig`, which
       `vttig_jax.sweep` reads; all cases are run for each draw.
-    - `out`: folder for `sweep.parquet`, which is written block by block.
-    - `resume`: continue with the blocks that are missing in `out`. If `out` holds no sweep, start
-      from the beginning; if it holds the complete table, return that table.
-    - `overwrite`: replace the sweep in `out`.
     - `devices`: number of JAX devices, by default all.
-    - `dask`: address of a dask.distributed scheduler, whose workers get the blocks.
-    - `announce`: is called with the expected size before the sweep starts.
+    - `store`: header of the sweep → where its blocks are kept; by default in memory.
+    - `elsewhere`: runs blocks in other processes: (cases, numbers of blocks, function that keeps
+      one, progress) → number of workers. `vttig_jax.sweep` gives both for a folder and a cluster.
+    - `announce`: is called with the expected size, as text and in lane-steps, before it starts.
     - `progress`: is called with the finished and the expected lane-steps.
 
-    **Raises** `ScenarioError`, `PairError`, `InputError` for a sweep that is larger than memory or
-    disk, `UsageError` for a folder that may not be written, and `ValueError` without 64-bit floats.
+    **Raises** `ScenarioError`, `PairError`, `InputError` for a sweep that is larger than memory,
+    and `ValueError` without 64-bit floats.
 
     **Example**
     ```python
@@ -83,86 +79,107 @@ def sweep(
     ```
     """
     require_x64("sweep")
-    if (resume or overwrite) and out is None:
-        raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
-    recipe = recipe_of(spec, pair, folder, controller, maps)
-    if resume and out is not None and (done := finished_sweep(recipe, Path(out))):
-        return done
+    cases = cases_of(spec, pair, folder, controller, maps)
+    began, before = time.perf_counter(), compiled_s()
     with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
-        work = SweepWork(recipe.cases(), _runner(devices))
-    path = None if out is None else Path(out)
-    compiled = work.runner.compile_s
-    header = recipe.header | {"block": work.block_size}
-    store = Memory() if path is None else SweepFolder(path, header, resume, overwrite)
-    with store:
-        expected = estimate(work, path)
-        todo = [number for number in range(work.blocks) if number not in store.done]
-        share = len(todo) / work.blocks
-        expected = expected._replace(lane_steps=share * expected.lane_steps)
+        work = SweepWork(cases, _devices(devices))
+    _require_memory(len(cases), 2 + len(METRICS) + len(cases.axes))
+    finished, writing = 0, 0.0
+    with (store or Memory)(cases.header | {"block": work.block_size}) as kept:
+        todo = [number for number in range(work.blocks) if number not in kept.done]
+        expected = len(todo) / work.blocks * work.expected_steps
         if announce is not None:
-            announce(expected)
-        finished = 0
+            announce(f"{len(cases)} cases, {expected:.3g} lane-steps", expected)
 
         def add_steps(steps: int) -> None:
             nonlocal finished
             finished += steps
             if progress is not None:
-                progress(finished, expected.lane_steps)
-
-        writing = 0.0
+                progress(finished, expected)
 
         def write(number: int, rows: Rows) -> None:
             nonlocal writing
             started = time.perf_counter()
-            store.write(number, rows)
+            kept.write(number, rows)
             writing += time.perf_counter() - started
 
-        began, before = time.perf_counter(), work.runner.compile_s
-        busy = work.runner.device_s
-        workers = len(work.runner.devices)
-        if dask is not None:
-            from .cluster import on_cluster
-
-            workers = on_cluster(dask, recipe, todo, write, add_steps)
+        workers = len(work.devices)
+        if elsewhere is not None:
+            workers = elsewhere(cases, todo, write, add_steps)
         else:
-            with closing(work.run_blocks(todo, add_steps)) as blocks:
-                for number, rows in blocks:
-                    write(number, rows)
-        spent = time.perf_counter() - began - (work.runner.compile_s - before)
-        joining = time.perf_counter()
-        columns = store.finish(work.blocks)
+            for number in todo:
+                write(number, work.run(number, add_steps))
+        compiling = compiled_s() - before
+        spent, joining = time.perf_counter() - began - compiling, time.perf_counter()
+        columns = kept.finish(work.blocks)
         writing += time.perf_counter() - joining
     return SweepTable(
-        spec=recipe.spec,
-        pair=recipe.pair.name,
+        spec=cases.spec,
+        pair=cases.pair.name,
         columns=columns,
-        axes=work.cases.axes,
+        axes=cases.axes,
         lane_steps=finished,
         run_s=spent,
-        compile_s=work.runner.compile_s - compiled,
+        compile_s=compiling,
         devices=workers,
         build_s=work.build_s,
-        device_s=(work.runner.device_s - busy) / len(work.runner.devices),
+        device_s=work.device_s,
         write_s=writing,
         refusals=_refusals(work, columns),
-        path=None if path is None else path / TABLE,
-        closing=work.cases.closing,
+        closing=cases.closing,
     )
 
 
-@lru_cache
-def _runner(devices: int | None) -> BatchRunner:
-    """Return a cached runner on the first `devices` JAX devices, or on all of them for None.
+def _devices(count: int | None) -> list[Any]:
+    """Return the first `count` JAX devices, or all of them for None.
 
     **Raises** `ValueError` for a number of devices that JAX does not have.
     """
     available = jax.devices()
-    if devices is not None and not 1 <= devices <= len(available):
+    if count is not None and not 1 <= count <= len(available):
         raise ValueError(
             f"Argument `devices` must be 1 … {len(available)}, the devices of JAX, but is"
-            f" {devices}; for more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX starts."
+            f" {count}; for more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX starts."
         )
-    return BatchRunner(available[:devices])
+    return available[:count]
+
+
+def _require_memory(count: int, columns: int) -> None:
+    """Raise `InputError` for a table that is, with a copy of it, larger than the memory."""
+    if not hasattr(os, "sysconf"):  # on Windows
+        return
+    needed = 16e-9 * count * columns
+    available = 1e-9 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if needed > available:
+        raise InputError(
+            f"{count} cases need {needed:.3g} GB of memory, but there are {available:.3g};"
+            " split an axis into several sweeps.",
+            where="sweep",
+        )
+
+
+class Memory(AbstractContextManager["Memory"]):
+    """Store that keeps the blocks of a sweep in memory."""
+
+    def __init__(self, header: dict[str, Any]) -> None:
+        self._blocks: dict[int, Rows] = {}
+
+    def __exit__(self, *_: object) -> None:
+        self._blocks.clear()
+
+    @property
+    def done(self) -> set[int]:
+        """Numbers of the blocks that are kept."""
+        return set(self._blocks)
+
+    def write(self, number: int, rows: Rows) -> None:
+        """Keep a block."""
+        self._blocks[number] = rows
+
+    def finish(self, blocks: int) -> Rows:
+        """Return the columns of all blocks, concatenated."""
+        parts = [self._blocks[number] for number in range(blocks)]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _refusals(work: SweepWork, columns: Rows) -> tuple[tuple[int, str], ...]:

@@ -1,25 +1,21 @@
 """Result of a sweep: a table with one row per case, and its report."""
 
-import json
 import math
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...base.errors import InputError, UsageError
-from ...base.files.json_io import dumps
 from ...base.files.text_tables import key_values, text_table
 from ...base.results import PlottedResult
 from ...base.units import DEG
-from ..scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
-from ..simulation.metrics import METRICS, NEAR_DEG, NEAR_MM, overdone
+from ..scenario.spec import ScenarioSpec, spec_table
+from ..simulation.metrics import NEAR_DEG, NEAR_MM, overdone
 from ..simulation.result import flanks_text
-from .blocks import REFUSED, Rows
-from .cases import MOST_VALUES, Recipe
-from .store import HEADER, TABLE, read_table
+from .cases import MOST_VALUES
+from .work import REFUSED, Rows
 
 _NUMBERS = (
     *("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg"),
@@ -150,66 +146,6 @@ class SweepTable(PlottedResult):
 
     def __str__(self) -> str:
         return _text(self)
-
-
-def read_sweep(folder: str | Path) -> SweepTable:
-    """Read the finished sweep of a folder; its run times are not stored and are NaN.
-
-    **Raises** `UsageError` if the folder contains no finished sweep, `InputError` if it is damaged.
-    """
-    folder = Path(folder)
-    if not (folder / TABLE).is_file():
-        raise UsageError(
-            f"no finished sweep here ({TABLE} is missing); make one with `vttig sweep SWEEP --out"
-            f" {folder}`, or go on with --resume.",
-            where=str(folder),
-        )
-    try:
-        record = json.loads((folder / HEADER).read_text(encoding="utf-8"))["scenario"]
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"the header of this sweep is damaged ({type(error).__name__}); make it anew with"
-            " --overwrite.",
-            where=str(folder / HEADER),
-        ) from None
-    spec = parse_scenario_spec(record, str(folder / HEADER))
-    columns = read_table(folder / TABLE)
-    axes = tuple(name for name in columns if name not in ("case", "outcome", *METRICS))
-    nan = float("nan")
-    return SweepTable(
-        spec=spec,
-        pair=Path(spec.pair).stem,
-        columns=columns,
-        axes=axes,
-        lane_steps=0,
-        run_s=nan,
-        compile_s=nan,
-        devices=0,
-        refusals=(),
-        path=folder / TABLE,
-    )
-
-
-def finished_sweep(recipe: Recipe, folder: Path) -> SweepTable | None:
-    """Return the complete table of this sweep in a folder, or None if there is no complete table.
-
-    **Raises** `InputError` for the table of another sweep.
-    """
-    if not (folder / TABLE).exists():
-        return None
-    found = read_sweep(folder)
-    stored = json.loads((folder / HEADER).read_text("utf-8"))
-    asked = json.loads(dumps(recipe.header))
-    # The versions of packages may differ, because a complete table is not continued.
-    differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
-    if differing:
-        raise InputError(
-            f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep with"
-            " its first inputs, choose another folder, or replace it with --overwrite.",
-            where=str(folder / HEADER),
-        )
-    closing = recipe.cases().closing
-    return replace(found, pair=recipe.pair.name, run_s=0.0, compile_s=0.0, closing=closing)
 
 
 def _without_nan(values: np.ndarray) -> np.ndarray:

@@ -27,10 +27,7 @@ Limits = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class FreeKey:
-    """Tuned number as a function of a scaled variable u, which starts at 0.
-
-    A number that must be positive is start·exp(u), any other number is start + u·step. `step` is an
-    argument of the methods, in the unit of the number.
+    """Tuned number.
 
     **Arguments**
     - `name`, `unit`: name and unit of the key. - `start`: value in the scenario.
@@ -44,24 +41,13 @@ class FreeKey:
     high: float
     positive: bool
 
-    def value(self, u: float, step: float) -> float:
-        """Return the number at u, clipped to its bounds."""
-        free = self.start * math.exp(u) if self.positive else self.start + u * step
+    def moved(self, value: float, step: float, size: float) -> float:
+        """Return a value one step on, within the bounds.
+
+        A number that must be positive is multiplied by exp(step), any other grows by step · size.
+        """
+        free = value * math.exp(step) if self.positive else value + step * size
         return min(max(free, self.low), self.high)
-
-    def scaled(self, value: float, step: float) -> float:
-        """Return the scaled variable u at which the number has the given value."""
-        return math.log(value / self.start) if self.positive else (value - self.start) / step
-
-    def slope(self, u: float, step: float) -> float:
-        """Return the derivative of the number with respect to u."""
-        return self.start * math.exp(u) if self.positive else step
-
-    def ends(self, step: float) -> tuple[float, float]:
-        """Return the values of u at the lower and the upper bound."""
-        if self.positive:
-            return math.log(self.low / self.start), math.log(self.high / self.start)
-        return (self.low - self.start) / step, (self.high - self.start) / step
 
     def at_limit(self, value: float) -> bool:
         """Return whether a value lies at a bound."""

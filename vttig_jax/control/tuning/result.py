@@ -2,7 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -11,15 +11,31 @@ from ...base.results import TextResult
 from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, spec_table
 from ..simulation.metrics import NEAR_MM
-from ..sweeps.blocks import REFUSED, Rows
+from ..sweeps.work import REFUSED, Rows
 from .free_keys import FreeKey
-from .search import Objective, Stage
+
+Objective = Literal["expected", "worst"]
 
 _METRICS = (
     *("residual_gap_deg", "interference_mm", "actuator_travel_mm"),
     *("lost_motion_deg", "thrown_back_deg"),
 )
 """Metrics of which a score has means and maxima."""
+
+
+class Stage(NamedTuple):
+    """Result of one stage of the search.
+
+    - `width`: step of the keys; see `FreeKey.moved`. - `values`: values of the free keys.
+    - `start_deg`, `end_deg`: objective of the cases searched, before and after the stage.
+    - `evaluations`: number of simulations of these cases.
+    """
+
+    width: float
+    values: tuple[float, ...]
+    start_deg: float
+    end_deg: float
+    evaluations: int
 
 
 @dataclass(frozen=True)
@@ -78,7 +94,7 @@ def costs_of(rows: Rows, weight: float, closing: float, moves: bool = False) -> 
 def score_of(
     rows: Rows, objective: Objective, weight: float, closing: float, moves: bool = False
 ) -> Score:
-    """Return the score of a sweep from the rows of `SweepWork.run`; see `costs_of`."""
+    """Return the score of a sweep from the rows of `SweepWork`; see `costs_of`."""
     costs = costs_of(rows, weight, closing, moves)
     costs = costs[np.isfinite(costs)]
     gap, over, travel, lost, thrown = (_spread(rows[name]) for name in _METRICS)

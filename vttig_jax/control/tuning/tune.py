@@ -1,21 +1,40 @@
-"""Tuning of the settings of a controller by gradient, checked by the full simulation."""
+"""Tuning of the settings of a controller by a search with steps that shrink."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from scipy.optimize import minimize
 
 from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
+from ...base.units import DEG
 from ...pair.gear_pair import Drive, GearPair
 from ..scenario.axes import SCENARIO_FILE
-from ..scenario.spec import ScenarioSpec, load_sweep_spec
+from ..scenario.spec import ScenarioSpec, with_numbers
 from ..simulation.build import Maps
 from ..simulation.metrics import NEAR_MM
-from ..sweeps.sweep import recipe_of
-from .free_keys import SETTINGS, Limits, free_keys
-from .judge import Judge, with_keys
-from .result import Score, Tuned
-from .search import OBJECTIVES, WIDTHS, Objective, Search, Stage
+from ..sweeps.cases import cases_of
+from ..sweeps.work import Rows, SweepWork
+from .free_keys import SETTINGS, FreeKey, Limits, free_keys
+from .result import Objective, Score, Stage, Tuned, costs_of, score_of
+
+Values = tuple[float, ...]
+"""Values of the free keys."""
+
+STEPS = (1.0, -0.4, 0.15)
+"""Sizes of the simplex, one per stage of the search: chosen values; see `FreeKey.moved`."""
+
+MOST = 25
+"""Most simulations of a stage for each key; a chosen value."""
+
+DRAWN = 64
+"""Places from which the best one begins the search; a chosen value."""
+
+SEARCHED = 256
+"""Largest number of cases in the search, a chosen value; all cases judge its end."""
 
 _ENDINGS = {
     "missed": "the controller does not close before the turn",
@@ -53,16 +72,13 @@ def tune(
     backlash that a displacement by s removes. With the weight w, w degrees of residual gap cost as
     much as one degree of interference. With an uncertain map, the fraction 1/(1 + w) of the rigs
     therefore interferes at the best margin. For `feedforward`, which moves no gear, it minimises
-    the lost motion, in which too much compensation costs as much as too little; each step of that
-    search is a full simulation of all cases.
+    the lost motion, in which too much compensation costs as much as too little.
 
-    The search follows the gradient of smoothed controllers (`controllers/smooth.py`), whose width
-    shrinks in stages. It simulates from shortly before the braking to the speed after the turn,
-    with a prescribed motion. Only the full simulation includes earlier events, such as closing too
-    early because of encoder counts. It runs every case of the sweep as `vttig_jax.sweep` does, at
-    the start and after every stage, and it decides: values that are not better than the start are
-    rejected, and a setting that gains less than a thousandth stays. If no stage is better, points
-    around the last one are tried.
+    The search changes one key after the other, up and down, by steps that shrink from stage to
+    stage, as long as the objective falls. Every value that it tries is judged by the simulation of
+    the cases as `vttig_jax.sweep` has it, with counts, motor and everything else; of many cases a
+    sample is searched, and all of them judge the result. Values that are not better than the start
+    are rejected, and a setting that gains less than a thousandth stays.
 
     **Arguments**
     - `spec`, `pair`, `folder`, `maps`: as for `vttig_jax.sweep`; the axes define the
@@ -96,7 +112,7 @@ def tune(
     ```
     """
     require_x64("tune")
-    if objective not in OBJECTIVES:
+    if objective not in get_args(Objective):
         raise ValueError(
             f'Argument `objective` must be "expected" or "worst", but is {objective!r}.'
         )
@@ -105,13 +121,11 @@ def tune(
             f"Argument `interference_weight` must be at least 0, but is {interference_weight!r}."
         )
     source = "" if isinstance(spec, ScenarioSpec) else str(spec)
-    scenario = spec if isinstance(spec, ScenarioSpec) else load_sweep_spec(spec)
-    recipe = recipe_of(spec, pair, folder, maps=maps)
+    cases = cases_of(spec, pair, folder, maps=maps)
     with SCENARIO_FILE.error_context(source):
-        _check_controller(scenario)
-        keys = free_keys(scenario, free, limits)
-        judge = Judge(recipe, keys, objective, interference_weight)
-        return _tuned(scenario, judge, progress)
+        _check_controller(cases.spec)
+        keys = free_keys(cases.spec, free, limits)
+        return _tuned(_Judge(SweepWork(cases), keys, objective, interference_weight), progress)
 
 
 def _check_controller(spec: ScenarioSpec) -> None:
@@ -129,50 +143,60 @@ def _check_controller(spec: ScenarioSpec) -> None:
         )
 
 
-def _tuned(spec: ScenarioSpec, judge: Judge, progress: Callable[[int, int], None] | None) -> Tuned:
-    search, searched = None, len(judge.cases)
-    if not judge.moves:
-        cases = judge.search_cases()
-        search, searched = Search(cases, judge.keys, judge.objective, judge.weight), len(cases)
-    before, best = judge.score(judge.start), judge.start
+def _tuned(judge: "_Judge", progress: Callable[[int, int], None] | None) -> Tuned:
+    spec, best = judge.cases.spec, judge.start
+    before = judge.score(best)
+    searched = judge.sampled()
     stages: list[Stage] = []
-    for stage in judge.compass() if search is None else search.stages():
+    draw = np.random.default_rng(0)
+    if len(judge.keys) > 1:  # the search may begin far away, where several settings fit each other
+        places = 2 * STEPS[0] * draw.normal(size=(DRAWN, len(best)))
+        far = [searched.moved(best, place) for place in places]
+        best = min([best, *far], key=lambda values: searched.score(values).rank)
+    for step in STEPS:
+        best, stage = _stage(searched, best, step)
         stages.append(stage)
-        if judge.score(stage.values).rank < judge.score(best).rank:
-            best = stage.values
         if progress is not None:
-            progress(len(stages), len(WIDTHS))
-    if best == judge.start and stages and search is not None:
-        best = _nearby(judge, search, stages[-1])
+            progress(len(stages), len(STEPS))
     best = _without_small_gains(judge, best)
     values = dict(zip((key.name for key in judge.keys), best, strict=True))
     return Tuned(
-        spec=with_keys(spec, judge.keys, best),
-        pair=judge.recipe.pair.name,
+        spec=with_numbers(spec, values),
+        pair=judge.cases.pair.name,
         keys=judge.keys,
         values=values,
         before=before,
         after=judge.score(best),
         objective=judge.objective,
         interference_weight=judge.weight,
-        cases=len(judge.cases),
-        searched=searched,
+        cases=len(judge.numbers),
+        searched=len(searched.numbers),
         stages=tuple(stages),
-        notes=tuple(_notes(spec, judge, values)),
+        notes=tuple(_notes(judge, values)),
     )
 
 
-def _nearby(judge: Judge, search: Search, last: Stage) -> tuple[float, ...]:
-    """Return the best point around the end of the search, or the start if it is better.
+def _stage(judge: "_Judge", best: Values, step: float) -> tuple[Values, Stage]:
+    """Search with a simplex of this size around the best values (J. Nelder, R. Mead, 1965)."""
+    before, size = judge.score(best), len(best)
 
-    The smooth objective can end beyond a discontinuity, such as a threshold just above the largest
-    deceleration, with which the controller misses every reversal.
-    """
-    points = [judge.start, *search.neighbours(last.values)]
-    return min(points, key=lambda values: judge.score(values).rank)
+    def cost(steps: Any) -> float:
+        score = judge.score(judge.moved(best, steps))
+        return score.cost_deg if score.rank[0] <= before.rank[0] else math.inf
+
+    simplex = step * np.vstack([np.zeros(size), np.eye(size)])
+    options = {
+        "initial_simplex": simplex,
+        "maxfev": MOST * size,
+        "xatol": 0.1 * abs(step),
+        "fatol": _LEAST_GAIN * before.cost_deg,
+    }
+    found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
+    values = min(best, judge.moved(best, found.x), key=lambda values: judge.score(values).rank)
+    return values, Stage(step, values, before.cost_deg, judge.score(values).cost_deg, found.nfev)
 
 
-def _without_small_gains(judge: Judge, best: tuple[float, ...]) -> tuple[float, ...]:
+def _without_small_gains(judge: "_Judge", best: Values) -> Values:
     """Return `best` with every key reset to its start if the key gains less than `_LEAST_GAIN`.
 
     A key is reset only if the values stay better than the start.
@@ -192,7 +216,73 @@ def _without_small_gains(judge: Judge, best: tuple[float, ...]) -> tuple[float, 
             return best
 
 
-def _notes(scenario: ScenarioSpec, judge: Judge, values: Mapping[str, float]) -> list[str]:
+class _Judge:
+    """Scores of values of the keys, by the simulation of some cases of a sweep; each is kept."""
+
+    def __init__(
+        self,
+        work: SweepWork,
+        keys: tuple[FreeKey, ...],
+        objective: Objective,
+        weight: float,
+        numbers: np.ndarray | None = None,
+    ) -> None:
+        self.work, self.keys, self.weight = work, keys, weight
+        self.cases = work.cases
+        self.objective: Objective = objective
+        self.numbers = np.arange(len(work.cases)) if numbers is None else numbers
+        self.start = tuple(key.start for key in keys)
+        self.moves = work.cases.spec.controller == "feedforward"
+        self._scores: dict[Values, Score] = {}
+        self._first = self._rows(self.start)
+
+    def score(self, values: Values) -> Score:
+        """Return the score of the given values of the keys."""
+        if values not in self._scores:
+            rows = self._first if values == self.start else self._rows(values)
+            self._scores[values] = score_of(
+                rows, self.objective, self.weight, self.cases.closing, self.moves
+            )
+        return self._scores[values]
+
+    def moved(self, values: Values, steps: Any) -> Values:
+        """Return the values so many steps on; see `FreeKey.moved`.
+
+        A step of a displacement is a tenth of what closes the gap at the start: the displacement of
+        the actuator and the gap left.
+        """
+        left = self._first["residual_gap_deg"] * DEG / self.cases.closing
+        closed = np.nanmean(np.nan_to_num(left) + 0.5 * self._first["actuator_travel_mm"])
+        shift = max(0.1 * float(closed), NEAR_MM)
+        return tuple(
+            key.moved(value, float(step), shift if key.unit == "mm" else key.start)
+            for key, value, step in zip(self.keys, values, steps, strict=True)
+        )
+
+    def sampled(self) -> "_Judge":
+        """Return a judge of a sample of the cases, drawn without replacement.
+
+        For the objective "worst", half of the sample are the cases with the highest cost at start.
+        """
+        costs = costs_of(self._first, self.weight, self.cases.closing, self.moves)
+        numbers = np.flatnonzero(~np.isnan(costs))
+        if len(numbers) <= SEARCHED:
+            return self
+        worst = np.argsort(-costs[numbers])[: SEARCHED // 2]
+        first = numbers[worst] if self.objective == "worst" else numbers[:0]
+        others = np.setdiff1d(numbers, first)
+        drawn = np.random.default_rng(0).choice(others, SEARCHED - len(first), replace=False)
+        numbers = np.sort(np.concatenate([first, drawn]))
+        return _Judge(self.work, self.keys, self.objective, self.weight, numbers)
+
+    def _rows(self, values: Values) -> Rows:
+        named = {key.name: value for key, value in zip(self.keys, values, strict=True)}
+        blocks = np.array_split(self.numbers, -(-len(self.numbers) // self.work.block_size))
+        rows = [self.work.rows(block.tolist(), settings=named) for block in blocks]
+        return {name: np.concatenate([part[name] for part in rows]) for name in rows[0]}
+
+
+def _notes(judge: _Judge, values: Mapping[str, float]) -> list[str]:
     before, after = judge.score(judge.start), judge.score(tuple(values.values()))
     notes: list[str] = []
     if not after.rank < before.rank:
@@ -218,10 +308,6 @@ def _notes(scenario: ScenarioSpec, judge: Judge, values: Mapping[str, float]) ->
         notes.append(
             f"The motor throws the driven shaft back by up to {after.thrown_max_deg:.5f}°, which"
             " the lost motion hardly contains; choose a longer judgement.jump_s."
-        )
-    if scenario.servo.motor != "prescribed" and not judge.moves:
-        notes.append(
-            "The search used a prescribed motion; only the full simulation has the servo motor."
         )
     return notes
 

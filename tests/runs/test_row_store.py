@@ -17,7 +17,7 @@ from tests.control.scenarios import PAIR
 from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.base.files.atomic_write import temporary_path
-from vttig_jax.control.sweeps.store import (
+from vttig_jax.runs.row_store import (
     HEADER,
     PARTS,
     TABLE,
@@ -209,7 +209,7 @@ vttig_jax.enable_x64()
 from tests.control.scenarios import PAIR
 from tests.control import sweep_files
 from tests.control.sweep_files import sweep_spec
-from tests.control.sweeps.test_store import AXES
+from tests.runs.test_row_store import AXES
 from vttig_jax.base.files import atomic_write
 sweep_files.small_blocks(4)
 original = atomic_write.write_synced
@@ -230,7 +230,7 @@ def test_killed_in_the_middle_it_ends_with_the_same_rows(whole, tmp_path):
     """Half a part on the disk; a process of its own takes most of the time."""
     out = tmp_path / "swept"
     command = [sys.executable, "-c", KILLED, str(out)]
-    root = Path(__file__).parents[3]
+    root = Path(__file__).parents[2]
     done = subprocess.run(
         command, cwd=root, env={**os.environ, "PYTHONPATH": str(root)}, check=False
     )

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.errors import InputError
-from vttig_jax.control.sweeps.local_processes import run_in_processes
+from vttig_jax.runs.processes import run_in_processes
 
 
 def squared(number, shared):

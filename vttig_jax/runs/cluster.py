@@ -5,14 +5,8 @@ from contextlib import suppress
 from importlib.util import find_spec
 from typing import Any
 
-import jax
-
-from ...base.errors import InputError, UsageError
-from ...base.files.json_io import dumps
-from ...base.runtime import enable_x64, prepare_cpu
-from .batching import BatchRunner
-from .blocks import Rows, SweepWork
-from .cases import Recipe
+from ..base.errors import InputError, UsageError
+from ..control.sweeps.work import Rows
 
 _RETRIES = 3
 """Number of times that a block is run again after its worker was lost: a chosen value."""
@@ -24,17 +18,6 @@ _LOST = (
     "the scheduler was lost; start it and its workers again, and continue with --resume if the"
     " sweep has an --out."
 )
-
-
-def on_cluster(
-    address: str,
-    recipe: Recipe,
-    todo: Sequence[int],
-    done: Callable[[int, Rows], None],
-    progress: Callable[[int], None],
-) -> int:
-    """Run the blocks of a sweep on the workers of a scheduler; see `run_blocks`."""
-    return run_blocks(address, _block, recipe, todo, done=done, progress=progress)
 
 
 def run_blocks(
@@ -102,30 +85,3 @@ def run_blocks(
             done(number, rows)
             progress(steps)
     return workers
-
-
-def _block(number: int, shared: Recipe) -> tuple[int, int, Rows]:
-    """Run a block on a worker and return its number, lane-steps and rows."""
-    steps = 0
-
-    def progress(done: int) -> None:
-        nonlocal steps
-        steps += done
-
-    rows = _work(shared).run(number, progress)
-    return number, steps, rows
-
-
-_WORK: dict[str, SweepWork] = {}
-"""Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
-
-
-def _work(recipe: Recipe) -> SweepWork:
-    key = dumps(recipe.header)
-    if key not in _WORK:
-        with suppress(ValueError):  # raised where another sweep has already run
-            prepare_cpu()
-        enable_x64()
-        _WORK.clear()
-        _WORK[key] = SweepWork(recipe.cases(), BatchRunner(jax.devices()[:1]))
-    return _WORK[key]

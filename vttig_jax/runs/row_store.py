@@ -6,15 +6,15 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.errors import InputError, UsageError
-from ...base.files.atomic_write import (
+from ..base.errors import InputError, UsageError
+from ..base.files.atomic_write import (
     move,
     open_new,
     os_errors_as_input_errors,
@@ -22,9 +22,9 @@ from ...base.files.atomic_write import (
     replace_file,
     temporary_path,
 )
-from ...base.files.json_io import dumps
-from ...base.logger import LOGGER
-from .blocks import Rows
+from ..base.files.json_io import dumps
+from ..base.logger import LOGGER
+from ..control.sweeps.work import Rows
 
 TABLE, PARTS, HEADER = "sweep.parquet", "parts", "sweep.json"
 _LOCK = ".lock"
@@ -239,30 +239,6 @@ class SweepFolder:
         for folder in self._made:
             with suppress(OSError):
                 folder.rmdir()  # succeeds only for an empty folder
-
-
-class Memory(AbstractContextManager["Memory"]):
-    """Store that keeps the blocks of a sweep in memory, for a sweep without a folder."""
-
-    def __init__(self) -> None:
-        self._blocks: dict[int, Rows] = {}
-
-    def __exit__(self, *_: object) -> None:
-        self._blocks.clear()
-
-    @property
-    def done(self) -> set[int]:
-        """Numbers of the blocks that are kept."""
-        return set(self._blocks)
-
-    def write(self, number: int, rows: Rows) -> None:
-        """Keep a block."""
-        self._blocks[number] = rows
-
-    def finish(self, blocks: int) -> Rows:
-        """Return the columns of all blocks, concatenated."""
-        parts = [self._blocks[number] for number in range(blocks)]
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def as_arrow(rows: Rows) -> Any:

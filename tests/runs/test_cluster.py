@@ -16,8 +16,9 @@ from tests.control.scenarios import PAIR
 from tests.control.sweep_files import assert_close, small_blocks, sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.control.simulation.metrics import METRICS
-from vttig_jax.control.sweeps import cluster as sweep_dask
-from vttig_jax.control.sweeps.store import PARTS
+from vttig_jax.runs import cluster as sweep_dask
+from vttig_jax.runs import sweeps
+from vttig_jax.runs.row_store import PARTS
 
 distributed = pytest.importorskip("distributed", reason="needs the extra [dask]")
 
@@ -34,7 +35,7 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
     small_blocks(SMALL, monkeypatch)
     spec = sweep_spec(AXES, controller="none")
     expected = vttig_jax.sweep(spec, PAIR)
-    root = str(Path(__file__).parents[3])
+    root = str(Path(__file__).parents[2])
     monkeypatch.setenv("PYTHONPATH", root)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -84,7 +85,7 @@ def _nothing(number: int, recipe: object) -> None:
 def test_a_lost_scheduler_is_said(monkeypatch):
     """Its futures are neither finished nor failed, and they hold no exception."""
     lost = SimpleNamespace(status="lost", exception=lambda: None)
-    monkeypatch.setattr(sweep_dask, "_block", _nothing)
+    monkeypatch.setattr(sweeps, "_block", _nothing)
     monkeypatch.setattr(distributed, "as_completed", lambda *_, **__: iter([(lost, None)]))
     with (
         distributed.LocalCluster(

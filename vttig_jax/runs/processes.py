@@ -13,8 +13,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
-from ...base.errors import InputError
-from .blocks import Rows
+from ..base.errors import InputError
+from ..control.sweeps.work import Rows
 
 
 def run_in_processes(

@@ -1,0 +1,127 @@
+"""Sweeps in a folder, block by block, here or on a cluster; reading of a finished sweep."""
+
+import json
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from ..base.errors import InputError, UsageError
+from ..base.files.json_io import dumps
+from ..base.runtime import enable_x64, prepare_cpu
+from ..control.scenario.spec import parse_scenario_spec
+from ..control.simulation.metrics import METRICS
+from ..control.sweeps.cases import SweepCases, cases_of
+from ..control.sweeps.sweep import sweep
+from ..control.sweeps.table import SweepTable
+from ..control.sweeps.work import Rows, SweepWork
+from .cluster import run_blocks
+from .row_store import HEADER, TABLE, SweepFolder, read_table
+
+
+def sweep_in_folder(
+    *inputs: Any,
+    out: str | Path | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    dask: str | None = None,
+    **options: Any,
+) -> SweepTable:
+    """Run a sweep with the arguments of `vttig_jax.sweep`; `inputs` are those of `cases_of`."""
+    spec, pair, folder, controller, maps = inputs
+    if (resume or overwrite) and out is None:
+        raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
+    if resume and out is not None and (done := _finished(cases_of(*inputs), Path(out))):
+        return done
+    if out is not None:
+        path = Path(out)
+        options["store"] = lambda header: SweepFolder(path, header, resume, overwrite)
+    if dask is not None:
+        options["elsewhere"] = lambda cases, todo, done, progress: run_blocks(
+            dask, _block, cases, todo, done=done, progress=progress
+        )
+    table = sweep(spec, pair, folder=folder, controller=controller, maps=maps, **options)
+    return table if out is None else replace(table, path=Path(out) / TABLE)
+
+
+def _block(number: int, cases: SweepCases) -> tuple[int, int, Rows]:
+    """Run a block on a worker and return its number, lane-steps and rows."""
+    steps: list[int] = []
+    rows = _work(cases).run(number, steps.append)
+    return number, sum(steps), rows
+
+
+_WORK: dict[str, SweepWork] = {}
+"""Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
+
+
+def _work(cases: SweepCases) -> SweepWork:
+    key = dumps(cases.header)
+    if key not in _WORK:
+        with suppress(ValueError):  # raised where another sweep has already run
+            prepare_cpu()
+        enable_x64()
+        _WORK.clear()
+        _WORK[key] = SweepWork(cases, jax.devices()[:1])
+    return _WORK[key]
+
+
+def read_sweep(folder: str | Path) -> SweepTable:
+    """Read the finished sweep of a folder; its run times are not stored and are NaN.
+
+    **Raises** `UsageError` if the folder contains no finished sweep, `InputError` if it is damaged.
+    """
+    folder = Path(folder)
+    if not (folder / TABLE).is_file():
+        raise UsageError(
+            f"no finished sweep here ({TABLE} is missing); make one with `vttig sweep SWEEP --out"
+            f" {folder}`, or go on with --resume.",
+            where=str(folder),
+        )
+    try:
+        record = json.loads((folder / HEADER).read_text(encoding="utf-8"))["scenario"]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"the header of this sweep is damaged ({type(error).__name__}); make it anew with"
+            " --overwrite.",
+            where=str(folder / HEADER),
+        ) from None
+    spec = parse_scenario_spec(record, str(folder / HEADER))
+    columns = read_table(folder / TABLE)
+    axes = tuple(name for name in columns if name not in ("case", "outcome", *METRICS))
+    nan = float("nan")
+    return SweepTable(
+        spec=spec,
+        pair=Path(spec.pair).stem,
+        columns=columns,
+        axes=axes,
+        lane_steps=0,
+        run_s=nan,
+        compile_s=nan,
+        devices=0,
+        refusals=(),
+        path=folder / TABLE,
+    )
+
+
+def _finished(cases: SweepCases, folder: Path) -> SweepTable | None:
+    """Return the complete table of this sweep in a folder, or None if there is no complete table.
+
+    **Raises** `InputError` for the table of another sweep.
+    """
+    if not (folder / TABLE).exists():
+        return None
+    found = read_sweep(folder)
+    stored = json.loads((folder / HEADER).read_text("utf-8"))
+    asked = json.loads(dumps(cases.header))
+    # The versions of packages may differ, because a complete table is not continued.
+    differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
+    if differing:
+        raise InputError(
+            f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep with"
+            " its first inputs, choose another folder, or replace it with --overwrite.",
+            where=str(folder / HEADER),
+        )
+    return replace(found, pair=cases.pair.name, run_s=0.0, compile_s=0.0, closing=cases.closing)
