@@ -73,9 +73,7 @@ def checks_of(
         outliers=1 - float(good_rows(core).mean()),
         passes=core.passes,
         solver_steps=core.steps,
-        lines=tuple(
-            FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in lines
-        ),
+        lines=tuple(FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in lines),
         ratio=tuple(
             RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause) for one in ratios
         ),

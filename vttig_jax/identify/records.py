@@ -258,7 +258,8 @@ class Checks(Record, frozen=True, kw_only=True):
     - `likelihood_ratio`: component → 2 ln of its likelihood ratio: "drift", "delay_parts" and
       "gap_by_speed". Above 12 the report has a sentence on it.
     - `drift_arcsec`: largest less smallest level of a log.
-    - `outliers`: share of rows that are left out as outliers. - `passes`, `solver_steps`: of the fit.
+    - `outliers`: share of rows that are left out as outliers.
+    - `passes`, `solver_steps`: of the fit.
     - `lines`: lines of the residual that are no order.
     - `ratio`: ratio of every log. - `closure`: see `Closure`.
     - `reversals`: jump at every reversal. - `jumps`: their comparison with the fitted gap.

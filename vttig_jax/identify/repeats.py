@@ -120,9 +120,7 @@ def _near_turn(
     return near, int(np.searchsorted(near, turn))
 
 
-def _level(
-    off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]
-) -> tuple[float, float]:
+def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """Return the transmission error at `off_deg` = 0 from a straight-line fit, and its variance.
 
     `off_deg` is the angle of the samples from the middle of the window.

@@ -279,9 +279,7 @@ def _angles(step_deg: float, turns: float) -> Float[np.ndarray, " rows"]:
     return np.arange(math.ceil(turns * 360.0 / step_deg - 1e-9)) * step_deg * DEG
 
 
-def _is_covered(
-    fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]
-) -> Bool[np.ndarray, " n"]:
+def _is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Return whether the log covers driving angles, rad, on a flank; all, if it covers none."""
     edges = fit.coverage.spans.get(flank, np.empty((0, 2))).ravel()
     turned = np.mod(angle, fit.pair.hunting_turns * REV)
