@@ -171,3 +171,6 @@ def test_an_arc_tells_only_its_gap(folder, vttig, vttig_json, tmp_path):
     assert shown["parameters"]["gap_over_angles_covered"]["value"] == gap["value"]
     code, out, _ = vttig("map", tmp_path / "run")
     assert code == 0 and "extrapolated" in out
+    code, record = vttig_json("map", tmp_path / "run")
+    assert (code, record["smallest"], record["safe_closing_mm"]) == (0, None, None)
+    assert record["gap_over_angles_covered"] == gap

@@ -35,6 +35,8 @@ def test_encoder_against_the_fourier_transform(data_dir: Path, number: str):
         known = 3600 * abs(lines[int(order.order)])
         assert order.amplitude_arcsec == pytest.approx(known, abs=4 * order.std_arcsec)
     assert fit.conditional_on == ("perfect_gears", "no_delay")
+    (step,) = [one for one in fit.checks.lines if abs(one.cycles_per_rev - 100) < 0.1]
+    assert step.amplitude_arcsec == pytest.approx(3600 * abs(lines[100]), rel=0.05)
 
 
 def test_encoder_lines_are_recovered():

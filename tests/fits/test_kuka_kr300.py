@@ -32,6 +32,18 @@ KNOWN_DELAY_S = {1: 2.95e-3, 2: 2.84e-3, 3: 2.71e-3}
 EACH = pytest.mark.parametrize(("axis", "log"), list(itertools.product((1, 2, 3), "AB")))
 
 
+def test_a_line_has_one_frequency_and_one_amplitude(kuka: ModuleType):
+    fit = kuka.fitted(3, "B")
+    joined = [one for one in fit.checks.lines if one.joined]
+    assert joined
+    for line in joined:
+        own = [one for one in fit.orders if one.order == line.cycles_per_rev]
+        assert [one.flank for one in own] == ["A", "B"]
+        both = [one.amplitude_arcsec * np.exp(1j * np.radians(one.phase_deg)) for one in own]
+        assert line.amplitude_arcsec == pytest.approx(abs(np.mean(both)))
+        assert line.cycles_std > 0
+
+
 @EACH
 def test_kuka_delay_and_what_is_left(kuka: ModuleType, axis: int, log: str):
     fit = kuka.fitted(axis, log)

@@ -9,6 +9,7 @@ import pytest
 import vttig_jax
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.logs.lines.search import Stretch, find_lines
+from vttig_jax.runs.error_table import error_table
 
 WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
 
@@ -30,6 +31,19 @@ def test_worm_drives(data_dir: Path, name: str, known: float, within: float):
     kept = json.loads((WORM / name / "fit.json").read_text(encoding="utf-8"))
     assert kept["parameters"]["driving_amplitude_arcsec"]["value"] == pytest.approx(first.value)
     assert fit.parameters["driven_amplitude_arcsec"].determined is False
+
+
+def test_a_driven_order_that_is_not_told_is_not_in_the_error(data_dir: Path):
+    """A ninth of a turn of the worm wheel: the fit and its draws have the error of 24 turns."""
+    log = vttig_jax.read_log(data_dir / "worm_mount" / "ap_24turns.csv", ratio="225:1")
+    fit = vttig_jax.fit(log)
+    table = error_table(fit, vttig_jax.sample(fit, steps=60), 2.0, 225.0).to_json()
+    size, known = table["transmission_error"]["A"], fit.flank_errors["A"]
+    assert size["turns"] == pytest.approx(known.turns, abs=0.1)
+    assert size["peak_to_peak_deg"] == pytest.approx(known.peak_to_peak_deg, rel=0.05)
+    draws = size["peak_to_peak_draws_deg"]
+    assert draws["low95"] < size["peak_to_peak_deg"] < draws["high95"] < 1.3 * draws["low95"]
+    assert fit.conditional_on == ("flank_A_only",)
 
 
 def test_worm_period_found_blind(data_dir: Path):

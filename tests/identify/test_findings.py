@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from tests.identify.drives import drive, drive_log, known, level, near, there_and_back
 from tests.logs.profiles import played
@@ -219,6 +220,56 @@ def test_lost_readings_are_outliers():
     result = fit(with_angles(log, PAIR, log.driving_angle, log.driven_angle + off * DEG), PAIR)
     assert "outliers" in slugs(result)
     assert near(result.parameters["driving_amplitude_arcsec"], 40)
+    share, rows = result.checks.outliers, sum(len(one.table) for one in result.core.rows)
+    assert 0.01 < share < 0.1 and share * rows == pytest.approx(round(share * rows))
+
+
+def test_jumps_are_no_better_known_than_their_samples():
+    """Four equal passes without noise, whose driven channel steps by 0.004°."""
+    exact = log_of(PAIR, (30.0, 30.0), noise_arcsec=0.0)
+    step = 0.004 * DEG
+    log = with_angles(exact, PAIR, exact.driving_angle, np.round(exact.driven_angle / step) * step)
+    jumps = fit(log, PAIR, delay="off").checks.jumps
+    assert jumps is not None and 1e-5 < jumps.std_deg < 0.004
+    assert fit(exact, PAIR, delay="off").checks.jumps.std_deg < 1e-5
+
+
+@pytest.mark.parametrize("arcsec", [30.0, 0.0])
+def test_a_line_above_the_rows_of_a_table_is_told(arcsec):
+    pair = drive("1", orders=(1, 2))
+    line = lambda angle, _: wave(angle, _) + arcsec * np.sin(100 * angle)  # noqa: E731
+    motion = [0.1, 20.5], [3.0, 3.0]
+    log = drive_log(pair, motion, gap=level(0.0), error=line, rate_hz=400.0)
+    result = fit(log, pair, delay="off", ratio_within=0)
+    assert ("line-left" in slugs(result)) == (arcsec > 0)
+    for one in result.checks.lines:
+        assert not one.joined and one.cycles_per_rev == pytest.approx(100, abs=0.1)
+        assert one.amplitude_arcsec == pytest.approx(arcsec, rel=0.05)
+
+
+def test_one_direction_is_conditional_on_its_flank(plain):
+    motion = [0.1, 60.0], [30.0, 30.0]
+    result = fit(drive_log(PAIR, motion, gap=level(GAP), error=wave), PAIR)
+    assert "flank_A_only" in result.conditional_on and result.flanks == ("A",)
+    assert not any("only" in name for name in plain.conditional_on)
+
+
+def test_a_delay_alone_is_an_answer():
+    """Strokes of less than a turn at two speeds."""
+    motion = there_and_back((30.0, 75.0) * 6, 0.3)
+    log = drive_log(PAIR, motion, gap=level(GAP), delay_s=level(5e-3), rate_hz=1000.0)
+    told, stated = fit(log, PAIR), fit(log, PAIR, delay=5e-3)
+    assert near(told.parameters["delay_s"], 5e-3) and told.outcome == "partly_determined"
+    assert stated.outcome == "not_determined"
+
+
+def test_an_interval_is_a_quantile_of_its_freedom(plain):
+    for one in plain.parameters.values():
+        if one.significant:
+            half = 0.5 * (known(one.high95) - known(one.low95))
+            quantile = stdtrit(known(one.freedom), 0.975)
+            assert half == pytest.approx(quantile * known(one.std))
+            assert one.to_json()["freedom"] == one.freedom >= 4
 
 
 def test_a_wrong_ratio_is_said():

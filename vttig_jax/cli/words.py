@@ -22,7 +22,7 @@ WORDS: Mapping[str, tuple[str, str]] = {
     ),
     r"(driving|driven)_amplitude_arcsec": (
         "driving_amplitude_arcsec, driven_amplitude_arcsec",
-        "order 1 of a shaft, the mean of both flanks as vectors",
+        "order 1 of a shaft, the mean of both flanks as vectors, or that of the only flank",
     ),
     r"(driving|driven)_phase_deg": (
         "driving_phase_deg, driven_phase_deg",

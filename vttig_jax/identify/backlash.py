@@ -54,8 +54,9 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     if isinstance(fit.given, StoredModel):
         fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2
-    _refuse_unknown_gap(fit, given=not both and constant_backlash_deg is not None)
-    shift = shift_of_delay(fit) if constant_backlash_deg is None else None
+    given = constant_backlash_deg is not None
+    _refuse_unknown_gap(fit, given=not both and given)
+    shift = None if given else shift_of_delay(fit)
     if isinstance(fit.pair, Drive) or fit.given is not None:
         if not both:
             what = "drive without gear geometry" if fit.given is None else "given flank model"
@@ -64,7 +65,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
                 where=fit.source,
             )
         model = _shifted(fit, constant_backlash_deg)
-        return with_coverage(BacklashMap(model, None, fit.pair, shift=shift), fit)
+        return with_coverage(BacklashMap(model, None, fit.pair, shift=shift), fit, given)
     for shaft in () if both else ("driving", "driven"):
         eccentricity = fit.parameters[f"{shaft}_eccentricity_mm"]
         if not eccentricity.determined:
@@ -80,7 +81,7 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     model: FlankModel = mounted_exact(fit.pair, rig, mounting)
     if both:
         model = _shifted(fit, constant_backlash_deg)
-    return with_coverage(BacklashMap(model, first_order, fit.pair, shift=shift), fit)
+    return with_coverage(BacklashMap(model, first_order, fit.pair, shift=shift), fit, given)
 
 
 def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
@@ -201,9 +202,20 @@ def no_period(fit: Fit) -> str | None:
     return None
 
 
-def with_coverage(grid: BacklashMap, fit: Fit) -> BacklashMap:
+def unknown_extremes(fit: Fit) -> str | None:
+    """Return why the extremes of the gap over the hunting period are not known, or None."""
+    gap = fit.parameters["constant_backlash_deg"]
+    if gap.determined or len(fit.flanks) < 2:
+        return None
+    covered = fit.checks.gap_over_angles_covered.in_words
+    return f"not known: {gap.reason}; the mean over the angles covered is {covered}"
+
+
+def with_coverage(grid: BacklashMap, fit: Fit, given: bool = False) -> BacklashMap:
     """Return the map `grid` with the angles that the logs covered.
 
-    It also states why there is no hunting period, if the fitted ratio is not that of the pair.
+    It also states why there is no hunting period, if the fitted ratio is not that of the pair, and
+    why its extremes are not known; they are, if the constant backlash is `given`.
     """
-    return replace(grid, coverage=fit.coverage, no_period=no_period(fit))
+    unknown = None if given else unknown_extremes(fit)
+    return replace(grid, coverage=fit.coverage, no_period=no_period(fit), unknown=unknown)

@@ -50,7 +50,6 @@ def checks_of(
     segments: Sequence[Segments],
     ratios: Sequence[SeenRatio],
     lines: Sequence[Line],
-    joined: bool,
     curves: tuple[TECurve, ...],
     model: FlankModel,
 ) -> Checks:
@@ -59,6 +58,7 @@ def checks_of(
         group: likelihood_ratio(core, group) for group in ("drift", "delay_parts", "gap_by_speed")
     }
     gap = covered_gap(core, parameters.get("gap_over_angles_covered"))
+    joined = {wave.order for wave in core.waves if wave.shaft == "line"}
     constant = parameters["constant_backlash_deg"].value
     if len(core.scope.flanks) < 2 and isinstance(pair, GearPair) and isinstance(model, OrderModel):
         model, constant = _first_orders(core, pair, parameters, model), 0.0
@@ -70,10 +70,10 @@ def checks_of(
         explained=explained(core),
         likelihood_ratio=needed,
         drift_arcsec=drift_arcsec(core),
-        outliers=core.outliers,
+        outliers=1 - float(good_rows(core).mean()),
         passes=core.passes,
         solver_steps=core.steps,
-        lines=tuple(FoundLine(**vars(one), joined=joined) for one in lines),
+        lines=tuple(FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in lines),
         ratio=tuple(
             RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause) for one in ratios
         ),
@@ -280,10 +280,13 @@ def _reversals(
 
 def _jumps(reversals: Sequence[Reversal], gap: CoveredGap) -> JumpComparison | None:
     """Compare the jumps behind the crossing of the gap with the gap over the covered angles."""
-    jumps = [one.jump_deg for one in reversals if not one.crossing]
-    if len(jumps) < 2 or gap.value is None or gap.std is None:
+    kept = [one for one in reversals if not one.crossing]
+    if len(kept) < 2 or gap.value is None or gap.std is None:
         return None
+    jumps = np.array([one.jump_deg for one in kept])
     median = float(np.median(jumps))
-    scatter = 1.4826 * float(np.median(np.abs(np.array(jumps) - median)))
+    scatter = 1.4826 * float(np.median(np.abs(jumps - median)))
+    # A few jumps may be alike by chance, or be copies: none is told better than its samples do.
+    scatter = max(scatter, math.sqrt(np.mean([one.std_deg**2 for one in kept])))
     std = 1.25 * scatter / math.sqrt(len(jumps))
     return JumpComparison(len(jumps), median, std, gap.value, gap.std)

@@ -292,13 +292,13 @@ def jumps(case: Case) -> Iterator[Finding]:
 
 def outliers(case: Case) -> Iterator[Finding]:
     """Say how many rows are outliers."""
-    if case.core.weights is not None:
+    if share := case.checks.outliers:
         yield Finding(
             "outliers",
-            "warning" if case.core.outliers > 0.1 else "note",
-            f"{100 * case.core.outliers:.2g} % of the rows are outliers and are left out",
-            "look for lost or late readings" if case.core.outliers > 0.1 else "",
-            {"share": case.core.outliers},
+            "warning" if share > 0.1 else "note",
+            f"{100 * share:.2g} % of the rows are outliers and are left out",
+            "look for lost or late readings" if share > 0.1 else "",
+            {"share": share},
         )
 
 
@@ -328,20 +328,28 @@ def drift(case: Case) -> Iterator[Finding]:
 
 
 def found_lines(case: Case) -> Iterator[Finding]:
-    """Say which lines are no orders."""
+    """Say which lines the model does not list as orders."""
+    mean = " in the mean of both flanks" if len(case.core.scope.flanks) == 2 else ""
     for one in case.checks.lines:
         joined = (
-            "joined the model as a fractional order" if one.joined else "is left in the residual"
+            "joined the model as a fractional order. It has no fixed position on the gears: its"
+            " phase holds at the zero of the log, and maps, `export`, `locate` and `simulate` leave"
+            " it out"
+            if one.joined
+            else "is left in the residual: no order and no error of a flank contains it"
         )
         yield Finding(
             "line-joined" if one.joined else "line-left",
             "note",
-            f"a line of {one.amplitude_arcsec:.3g}″ ± {one.amplitude_std_arcsec:.1g}″ at"
-            f" {one.cycles_per_rev:.7g} ± {one.cycles_std:.1g} cycles per driving turn {joined}"
-            f" (probability {one.false_alarm:.1g} by chance). It has no fixed position on the"
-            " gears: its phase holds at the zero of the log, and maps, `export`, `locate` and"
-            " `simulate` leave it out",
-            numbers={"cycles_per_rev": one.cycles_per_rev, "std": one.cycles_std},
+            f"a line of {one.amplitude_arcsec:.3g}″ ± {one.amplitude_std_arcsec:.2g}″{mean} at"
+            f" {one.cycles_per_rev:.7g} ± {one.cycles_std:.1g} cycles per driving turn (probability"
+            f" {one.false_alarm:.1g} by chance) {joined}",
+            "" if one.joined else "list its order in [fit] if it belongs to a shaft",
+            {
+                "cycles_per_rev": one.cycles_per_rev,
+                "std": one.cycles_std,
+                "amplitude_arcsec": one.amplitude_arcsec,
+            },
         )
 
 

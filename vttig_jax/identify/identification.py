@@ -19,7 +19,7 @@ from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.columns import Assumptions
-from ..model.lines import found_lines, refined
+from ..model.lines import found_lines, refined, short_lines
 from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
 from ..model.parameter import Parameter, undetermined
 from ..model.parameters import (
@@ -192,6 +192,8 @@ def identified(
         given = prepared(model, shafts, settings, one_zero=one_zero, where=where)
     core, lines, given = fitted(shafts, pair, orders, settings, given=given)
     require_one_rig(core, [one.source for one in logs])
+    if given is None:
+        lines = [*lines, *short_lines(core)]
     return Identified(core, lines, segments, ratios, short, given)
 
 
@@ -290,10 +292,13 @@ def fitted(
         )
     else:
         core, given = own(given, shafts, delay_s=fixed_s)
-    lines, first = found_lines(core), core
+    first = core
+    lines = [
+        replace(one, cycles_per_rev=float(f"{one.cycles_per_rev:.7g}")) for one in found_lines(core)
+    ]
     if not lines or settings.lines != "join":
         return core, lines, given
-    cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
+    cycles = [one.cycles_per_rev for one in lines]
     if given is not None:
         core, given = own(given, core.shafts, lines=cycles, after=core)
     elif any(any(one.start.spread) for one in shafts):
@@ -351,7 +356,6 @@ def result_of(
         segments=segments,
         ratios=ratios,
         lines=lines,
-        joined=settings.lines == "join",
         curves=curves,
         model=model if whole is None else whole,
     )
@@ -446,7 +450,10 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
 
 
 def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
-    """Return the outcome of the fit; parameters that the settings exclude do not count."""
+    """Return the outcome of the fit; parameters that the settings exclude do not count.
+
+    A delay that the log tells is an answer, but a log that does not tell it may be complete.
+    """
     if contradicts(case):
         return "contradicts"
     asked = [
@@ -455,7 +462,7 @@ def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
         if p.name not in ("delay_s", "backlash_plus_delay_deg", "gap_over_angles_covered")
         and p.reason not in (*LEFT_OUT, GIVEN_INSTEAD)
     ]
-    if not any(p.determined for p in asked):
+    if not any(p.determined for p in (*asked, parameters["delay_s"])):
         return "not_determined"
     return "ok" if all(p.determined for p in asked) else "partly_determined"
 
@@ -477,6 +484,8 @@ def conditions_of(
         conditions = ("perfect_gears",)
     elif isinstance(pair, GearPair) and (settings.perfect_encoders or not both):
         conditions = ("perfect_encoders",)
+    elif not both:
+        conditions = (f"flank_{SIDES[core.scope.flanks[0]]}_only",)
     index = core.posterior.problem.index
     if ("delay",) not in index:
         return (*conditions, "no_delay" if core.delay_s == 0 else "given_delay")

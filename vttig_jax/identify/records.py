@@ -186,7 +186,8 @@ class Reversal(Record, frozen=True):
     `turn_deg` is the driving angle of the turning point. `variable_backlash_deg` is the fitted
     variable backlash j_v at `driving_deg`, and `constant_backlash_deg` the jump less j_v, the
     paper's way to the constant backlash; both are None in a log with a zero of its own. `crossing`
-    is True if the teeth may still be inside the gap there.
+    is True if the teeth may still be inside the gap there. `std_deg` is the standard error of the
+    jump by the scatter of its samples.
     """
 
     log: int
@@ -196,12 +197,14 @@ class Reversal(Record, frozen=True):
     variable_backlash_deg: float | None = None
     constant_backlash_deg: float | None = None
     crossing: bool = False
+    std_deg: float = 0.0
 
 
 class JumpComparison(Record, frozen=True):
     """Jumps at the reversals beside the fitted gap over the angles covered, degrees.
 
-    `median_deg` is the median of the jumps and `std_deg` its standard error from their scatter.
+    `median_deg` is the median of the jumps and `std_deg` its standard error, from their scatter or
+    from that of their samples, whichever is larger.
     """
 
     count: int
@@ -255,7 +258,8 @@ class Checks(Record, frozen=True, kw_only=True):
     - `likelihood_ratio`: component → 2 ln of its likelihood ratio: "drift", "delay_parts" and
       "gap_by_speed". Above 12 the report has a sentence on it.
     - `drift_arcsec`: largest less smallest level of a log.
-    - `outliers`: share of rows that are outliers. - `passes`, `solver_steps`: of the fit.
+    - `outliers`: share of rows that are left out as outliers.
+    - `passes`, `solver_steps`: of the fit.
     - `lines`: lines of the residual that are no order.
     - `ratio`: ratio of every log. - `closure`: see `Closure`.
     - `reversals`: jump at every reversal. - `jumps`: their comparison with the fitted gap.

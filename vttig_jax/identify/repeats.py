@@ -1,5 +1,6 @@
 """Checks that do not use the fitted model: closure, and the jump at a reversal."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -84,7 +85,9 @@ def reversal_jumps(
             first, second = inside[inside < turn], inside[inside > turn]
             if len(first) < 3 or len(second) < 3:
                 continue
-            levels = [_level(left[part] - middle, te[part]) for part in (first, second)]
+            levels, variances = zip(
+                *(_level(left[part] - middle, te[part]) for part in (first, second)), strict=True
+            )
             jumps.append(
                 Reversal(
                     log=log,
@@ -92,6 +95,7 @@ def reversal_jumps(
                     turn_deg=float(angle[turn] / DEG),
                     jump_deg=sense * (levels[1] - levels[0]) / DEG,
                     crossing=start < beyond,
+                    std_deg=math.sqrt(sum(variances)) / DEG,
                 )
             )
             break
@@ -116,9 +120,12 @@ def _near_turn(
     return near, int(np.searchsorted(near, turn))
 
 
-def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> float:
-    """Return the transmission error at `off_deg` = 0 from a straight-line fit.
+def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return the transmission error at `off_deg` = 0 from a straight-line fit, and its variance.
 
     `off_deg` is the angle of the samples from the middle of the window.
     """
-    return float(np.polyval(np.polyfit(off_deg, error, 1), 0.0))
+    line = np.polyfit(off_deg, error, 1)
+    scatter = np.sum((error - np.polyval(line, off_deg)) ** 2) / (len(error) - 2)
+    at = np.linalg.pinv(np.stack([off_deg, np.ones(len(off_deg))], axis=1))[1]
+    return float(line[1]), float(scatter * at @ at)

@@ -289,7 +289,7 @@ def fit_text(fit: Fit) -> str:
         title=fit.pair.name or "fit",
     )
     table = text_table(
-        [_row(p) for p in shown], ["parameter", "value", "std", "95 % interval", "unit"]
+        [_row(p) for p in shown], ["parameter", "value", "std", "ν", "95 % interval", "unit"]
     )
     parts = [head, *_titled("warnings", list(fit.warnings)), *([table] if shown else [])]
     parts += _orders(fit)
@@ -385,12 +385,13 @@ def doubt(
 
 def _row(p: Parameter) -> list[str]:
     if p.value is None:
-        return [p.name, "—", "", "", p.unit]
+        return [p.name, "—", "", "", "", p.unit]
     places = decimals(p.std or 0.0, p.value)
     number = lambda x: f"{x:z.{places}f}"  # noqa: E731
     if p.upper95 is not None:
-        return [p.name, f"< {number(p.upper95)}", number(p.std), "upper limit", p.unit]
+        return [p.name, f"< {number(p.upper95)}", number(p.std), "", "upper limit", p.unit]
+    freedom = "" if p.freedom is None else f"{p.freedom:.0f}"
     span = f"{number(p.low95)} … {number(p.high95)}"
     unlike = " (as given)" if p.name == "ratio" else doubt(p.value, p.low95, p.high95, p.reason)
     mark = "" if p.significant else unlike
-    return [p.name, number(p.value) + mark, number(p.std), span, p.unit]
+    return [p.name, number(p.value) + mark, number(p.std), freedom, span, p.unit]

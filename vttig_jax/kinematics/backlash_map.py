@@ -80,6 +80,8 @@ class BacklashMap(PlottedResult):
     - `coverage`: part of the hunting period that was measured; None for a map that is not from
       logs, or whose logs are not known.
     - `no_period`: reason why no angle comes back after the hunting period of `pair`, or None.
+    - `unknown`: reason why the smallest and the largest backlash over the hunting period are not
+      known, where the logs tell only the gap over the angles covered; or None.
     - `shift`: 95 % interval, rad, by which the whole map may be shifted because the logs leave a
       delay out of the gap; None if they do not.
 
@@ -108,6 +110,7 @@ class BacklashMap(PlottedResult):
     coverage: HuntingCoverage | None = None
     no_period: str | None = None
     shift: tuple[float, float] | None = None
+    unknown: str | None = None
 
     def at(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """Return the backlash, rad of the driven gear, at driving angles in rad.
@@ -234,11 +237,10 @@ class BacklashMap(PlottedResult):
         return number % driving + 1, number % driven + 1
 
     def __str__(self) -> str:
-        rows = [
-            *self.coverage_rows,
-            ("smallest", self._text(self.smallest)),
-            ("largest", self._text(self.largest)),
-        ]
+        rows = self.coverage_rows
+        if self.unknown:
+            return key_values([*rows, ("smallest gap", self.unknown)], title="backlash map")
+        rows += [(name, self._text(getattr(self, name))) for name in ("smallest", "largest")]
         if isinstance(self.pair, GearPair) and float(self.pair.thinning):
             closing = self.safe_closing_mm
             none = "none, because the smallest backlash may already be zero"

@@ -1,17 +1,19 @@
 """Lines of the residual that are no order of the model: their frequencies become columns."""
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from ..base.numerics.polar_spread import polar_spread
 from ..base.units import ARCSEC, DEG
 from ..logs.lines.rows import Stretch, highest_resolved
 from ..logs.lines.search import Line, find_lines
-from .mixed_fit import MixedFit
-from .rows import Rows, Shafts
+from .mixed_fit import MixedFit, residuals
+from .rows import Rows, Shafts, rows_of
 
 _SETTLED, _MOST_FITS, _RESOLVED = 0.3, 3, 2.0
 _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
@@ -24,17 +26,7 @@ def found_lines(fit: MixedFit) -> list[Line]:
     """
     left = fit.residual
     good = np.ones(len(left), bool) if fit.weights is None else np.concatenate(fit.weights) > 0.5
-    logs, first = [], 0
-    for rows in fit.rows:
-        logs.append([])
-        for a, b, side in zip(rows.first, rows.last, rows.side, strict=True):
-            own = np.arange(a, b + 1)
-            own = own[good[first + own]]
-            if len(own) > 3:
-                flank = "A" if side > 0 else "B"
-                one = np.ones((len(own), 1))
-                logs[-1].append(Stretch(rows.angle[own], left[first + own], one, flank))
-        first += len(rows.table)
+    logs = _stretches(fit.rows, left, good)
     if not any(any(one.start.spread) for one in fit.shafts):
         logs = [list(chain(*logs))]
     found: list[Line] = []
@@ -51,6 +43,52 @@ def found_lines(fit: MixedFit) -> list[Line]:
         if new and all(abs(cycles - one.cycles_per_rev) >= apart for one in lines):
             lines.append(line)
     return lines[:_MOST]
+
+
+def short_lines(fit: MixedFit) -> list[Line]:
+    """Return lines of a table of one turn or two whose cycles are shorter than the search above.
+
+    Rows of a quarter of the length show them. They are told, and not joined: an encoder has them at
+    whole orders, which the user can list.
+    """
+    if fit.scope.turns["driving"] >= _RESOLVED:
+        return []
+    problem = fit.posterior.problem
+    fine = [
+        rows_of(
+            one,
+            fit.waves,
+            0.25 * rows.samples.shape[1] * one.interval_s,
+            fit.delay_s,
+            fit.bends,
+            ratio=("ratio",) in problem.index,
+        )
+        for one, rows in zip(fit.shafts, fit.rows, strict=True)
+    ]
+    left = np.concatenate(residuals(problem, fine, fit.posterior.coefficients))
+    runs = list(chain(*_stretches(fine, left, np.isfinite(left))))
+    if (highest := highest_resolved(runs, 3.0) if runs else 0.0) <= _HIGHEST:
+        return []
+    found = find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
+    return [line for line in found if line.cycles_per_rev > _HIGHEST]
+
+
+def _stretches(
+    logs: Sequence[Rows], left: Float[np.ndarray, " n"], good: Bool[np.ndarray, " n"]
+) -> list[list[Stretch]]:
+    """Return the runs of every log with the residuals `left` of their `good` rows."""
+    found, first = [], 0
+    for rows in logs:
+        found.append([])
+        for a, b, side in zip(rows.first, rows.last, rows.side, strict=True):
+            own = np.arange(a, b + 1)
+            own = own[good[first + own]]
+            if len(own) > 3:
+                flank = "A" if side > 0 else "B"
+                one = np.ones((len(own), 1))
+                found[-1].append(Stretch(rows.angle[own], left[first + own], one, flank))
+        first += len(rows.table)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +137,10 @@ def refined(
     The frequency is not linear: its derivative is a column, and the fit is repeated until the steps
     are small. Lines that `turns` driving turns do not resolve keep their frequencies. `fit` is a
     function of the frequencies and their derivatives.
+
+    A line has the frequency, the amplitude and the phase (of the mean of both flanks) that it has
+    in the model, so that one fit has one number for each. The last step, which is not taken, counts
+    in the standard error of the frequency.
     """
     cycles = np.array([float(f"{line.cycles_per_rev:.7g}") for line in lines])
     apart = np.abs(cycles[:, None] - cycles) + np.where(np.eye(len(lines)) > 0, np.inf, 0.0)
@@ -119,21 +161,21 @@ def refined(
         moved = cycles.copy()
         for place, step in steps.items():
             moved[place] += step.value
-        waves = np.array(
-            [
-                [posterior.moved[index["line", c, part, False, 0]] for part in ("sin", "cos")]
-                for c in shifts.cycles
-            ]
-        )
+        own = [index["line", c, part, False, 0] for c in shifts.cycles for part in ("sin", "cos")]
+        waves = posterior.moved[own].reshape(-1, 2)
         settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
         if settled or number == _MOST_FITS:
             break
         cycles = np.array([float(f"{one:.7g}") for one in moved])
-    return core, [
-        replace(
-            line,
-            cycles_per_rev=float(moved[place]),
-            cycles_std=steps[place].std if place in steps else line.cycles_std,
+    spread = posterior.told(np.eye(len(index))[own], moved=True)[1]
+    found = []
+    for place, line in enumerate(lines):
+        both = slice(2 * place, 2 * place + 2)
+        amplitude, std, phase_deg, _ = polar_spread(
+            waves[place] / ARCSEC, spread[both, both] / ARCSEC**2
         )
-        for place, line in enumerate(lines)
-    ]
+        step = steps.get(place)
+        cycles_std = line.cycles_std if step is None else math.hypot(step.std, step.value)
+        seen = (shifts.cycles[place], cycles_std, amplitude, std, phase_deg)
+        found.append(Line(*seen, line.false_alarm))
+    return core, found

@@ -19,6 +19,7 @@ class Parameter:
     is given. A value below three standard errors is not `significant`: an amplitude then has an
     upper limit `upper95`, and its phase has no value. `low95` and `high95` are the bounds of the
     equal-tailed 95 % interval (Laplace approximation); for a phase they may be outside [0°, 360°).
+    They are the quantile of Student's t with ν = `freedom` degrees of freedom times `std` away.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Parameter:
     significant: bool = False
     reason: str | None = None
     upper95: float | None = None
+    freedom: float | None = None
 
     def moved(self, by: float) -> "Parameter":
         """Return the parameter with `by` added to its value and to both bounds of its interval."""
@@ -39,7 +41,7 @@ class Parameter:
         return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
 
     def to_json(self) -> dict:
-        """Return the fields in the JSON object of a fit; `upper95` only if it is not None."""
+        """Return the fields in the JSON object of a fit, the last two only if they are known."""
         record = {
             key: getattr(self, key)
             for key in (
@@ -53,7 +55,8 @@ class Parameter:
                 "reason",
             )
         }
-        return record | ({} if self.upper95 is None else {"upper95": self.upper95})
+        more = {"upper95": self.upper95, "freedom": self.freedom}
+        return record | {key: value for key, value in more.items() if value is not None}
 
 
 def undetermined(name: str, unit: str, reason: str) -> Parameter:

@@ -153,6 +153,7 @@ def scalar(
         True,
         significant,
         None if significant else BELOW,
+        freedom=freedom,
     )
 
 
@@ -182,7 +183,7 @@ def polar(
             ),
         )
     return tuple(
-        Parameter(name, u, v, s, v - quantile * s, v + quantile * s, True, True)
+        Parameter(name, u, v, s, v - quantile * s, v + quantile * s, True, True, freedom=freedom)
         for name, u, v, s in (
             (names[0], unit, amplitude, std),
             (names[1], "deg", phase, phase_std),

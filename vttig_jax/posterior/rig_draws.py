@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..identify.orders import SIDES, order_rows
+from ..identify.orders import SIDES, has_turned, order_rows
 from ..identify.result import Fit
 from ..model.density import Compressed, normal
 from ..model.gears import GEARS, Relation
@@ -133,13 +133,19 @@ def _flanks(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return offsets, cosines and sines of the terms of `fit.model` on both flanks, of all draws.
 
-    An unmeasured flank has the orders of the other one. The common level is that of the fit: no map
-    depends on it.
+    As in the model of the fit, an unmeasured flank has the orders of the other one, and orders that
+    both flanks have in common are left out if their shaft made less than a turn: the log tells only
+    their prior. The common level is that of the fit: no map depends on it.
     """
     core = fit.core
     whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
     sides = [side if side in core.scope.flanks else -side for side in SIDES]
-    rows = np.array([[order_rows(core, wave, side) for wave in whole] for side in sides])
+    rows = np.array(
+        [
+            [order_rows(core, w, side, common=float(has_turned(core, w))) for w in whole]
+            for side in sides
+        ]
+    )
     rows = rows.reshape(2, len(whole), 2, coefficients.shape[1])  # a model may have no orders
     series = np.einsum("mc,fwpc->mfwp", coefficients, rows)
     offset = np.repeat(np.asarray(fit.model.offset)[None], len(coefficients), axis=0)

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple, get_args
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..base.files.text_tables import key_values
 from ..base.results import TextResult
-from ..base.units import DEG
+from ..base.units import DEG, REV
 from ..identify.backlash import no_period, shift_of_delay
 from ..identify.given import StoredModel
 from ..identify.orders import exceeds_noise, is_fractional
@@ -20,6 +20,8 @@ from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_error import POINTS_PER_PERIOD, FlankError, errors_at, size_of
 from ..kinematics.flank_model import flank_index
 from ..kinematics.harmonic import OrderModel
+from ..model.parameters import FULL_TURN
+from ..model.rows import SHAFTS
 from ..pair.gear_pair import Flank
 from ..posterior.summary.bands import Band, streamed_band
 from ..posterior.summary.gap_draws import GapDraws
@@ -30,23 +32,26 @@ class FlankColumns(NamedTuple):
     """Transmission error of a flank at the rows of a table, rad of the driven gear.
 
     **Arguments**
-    - `error`: values, shape (rows,). - `size`: peak-to-peak value and rms over the whole span.
-    - `band`, `peaks`: bands of `error`, and the peak-to-peak value of every draw; None without
-      draws.
+    - `error`: values, shape (rows,). - `size`: peak-to-peak value and rms over the covered angles
+      of the span.
+    - `band`: bands of `error`. - `peaks`: for every draw its difference between the angles at which
+      the mean of all draws is largest and smallest, and its own peak-to-peak value, which noise
+      makes larger. Both are None without draws.
     """
 
     error: Float[np.ndarray, " rows"]
     size: FlankError
     band: Band | None = None
-    peaks: Float[np.ndarray, " m"] | None = None
+    peaks: Float[np.ndarray, "2 m"] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the sizes, °, and with draws the interval of the peak-to-peak value."""
         record = self.size.to_json()
         if self.band is None or self.peaks is None:
             return record
-        low, median, high = np.quantile(self.peaks, [0.025, 0.5, 0.975])
-        values = self.peaks.mean(), self.peaks.std(ddof=1), median, low, high
+        (fixed, *_), (low, median, high) = np.quantile(self.peaks, [0.025, 0.5, 0.975], axis=1).T
+        own = self.peaks[1]
+        values = own.mean(), own.std(ddof=1), median, min(low, fixed), high
         names = ("mean", "std", "median", "low95", "high95")
         return record | {
             "peak_to_peak_draws_deg": {
@@ -125,7 +130,10 @@ class ErrorTable(TextResult):
         text = f"{'at least ' if self.fit.coverage.unplaced else ''}{', '.join(seen)}"
         if min(covered.values()) > turns * (1 - 1e-9):
             return text
-        return f"{text}; elsewhere the error is extrapolated by the fitted orders"
+        turned = self.fit.core.scope.turns
+        short = " and the ".join(shaft for shaft in SHAFTS if turned[shaft] < FULL_TURN)
+        assumed = f", and those of the {short} shaft are assumed to be zero" if short else ""
+        return f"{text}; elsewhere the error is extrapolated by the fitted orders{assumed}"
 
     def __str__(self) -> str:
         fit, record = self.fit, self.to_json()
@@ -148,7 +156,7 @@ class ErrorTable(TextResult):
             )
         rows.append(("zero of the error", zero))
         for flank, one in self.flanks.items():
-            rows.append((f"flank {flank}", str(one.size)))
+            rows.append((f"flank {flank}", f"{one.size}, over {one.size.turns:.3g} driving turns"))
             if one.band is not None:
                 peaks = one.to_json()["peak_to_peak_draws_deg"]
                 span = f"{peaks['median']:.5f}° ({peaks['low95']:.5f}° … {peaks['high95']:.5f}°)"
@@ -194,12 +202,14 @@ def error_table(
     for flank in measured:
         error = errors_at(model, flank, fine)
         orders = [one for one in fit.orders if one.flank == flank and not is_fractional(one)]
-        size = size_of(error, turns, significant=exceeds_noise(orders))
+        seen = _is_covered(fit, flank, fine)
+        own = turns * float(seen.mean())
+        size = size_of(error[seen], own, significant=exceeds_noise(orders))
         if draws is None:
             level = error.mean() if flank in zero_mean else level
             flanks[flank] = FlankColumns(error[::split] - level, size)
             continue
-        mean, peaks = _means_and_peaks(draws, fine, flank)
+        mean, peaks = _means_and_peaks(draws, fine, flank, seen)
         level = mean if flank in zero_mean else level
         curves = (block - level for block in draws.chunks(angle, flank))
         band = streamed_band(curves, probability)
@@ -269,15 +279,33 @@ def _angles(step_deg: float, turns: float) -> Float[np.ndarray, " rows"]:
     return np.arange(math.ceil(turns * 360.0 / step_deg - 1e-9)) * step_deg * DEG
 
 
+def _is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Return whether the log covers driving angles, rad, on a flank; all, if it covers none."""
+    edges = fit.coverage.spans.get(flank, np.empty((0, 2))).ravel()
+    turned = np.mod(angle, fit.pair.hunting_turns * REV)
+    seen = np.searchsorted(edges, turned, side="right") % 2 == 1
+    return seen if seen.any() else ~seen
+
+
 def _means_and_peaks(
-    draws: GapDraws, angle: Float[np.ndarray, " n"], flank: Flank
-) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return the mean and the peak-to-peak value of TE of every draw over driving angles, rad."""
+    draws: GapDraws,
+    angle: Float[np.ndarray, " n"],
+    flank: Flank,
+    seen: Bool[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "2 m"]]:
+    """Return the mean of TE of every draw over driving angles, rad, and its `peaks` where `seen`.
+
+    See `FlankColumns`.
+    """
     total, low, high = 0.0, np.inf, -np.inf
     for block in draws.chunks(angle, flank):
         total = total + block.sum(axis=0)
+    centre = errors_at(draws.mean_model, flank, angle[seen])
+    ends = angle[seen][[centre.argmax(), centre.argmin()]]
+    for block in draws.chunks(angle[seen], flank):
         low, high = np.minimum(low, block.min(axis=0)), np.maximum(high, block.max(axis=0))
-    return np.asarray(total / len(angle)), np.asarray(high - low)
+    largest, smallest = draws.errors(ends, flank)
+    return np.asarray(total / len(angle)), np.stack([largest - smallest, high - low])
 
 
 def compensation_head(fit: "Fit", out: Path) -> dict[str, Any]:

@@ -90,9 +90,10 @@ def map_record(
         "rows": rows,
         "no_period": grid.no_period,
         "coverage": None if grid.coverage is None else grid.coverage.to_json(),
-        "smallest": _extreme(grid, grid.smallest),
-        "largest": _extreme(grid, grid.largest),
-        "safe_closing_mm": grid.safe_closing_mm,
+        "smallest": None if grid.unknown else _extreme(grid, grid.smallest),
+        "largest": None if grid.unknown else _extreme(grid, grid.largest),
+        "safe_closing_mm": None if grid.unknown else grid.safe_closing_mm,
+        "gap_over_angles_covered": fit.checks.gap_over_angles_covered.to_json(),
         "constant_backlash_deg": fit.parameters["constant_backlash_deg"].value,
         "csv": None if out is None else out.name,
     }
@@ -116,7 +117,7 @@ def banded_record(
     ) | {
         "probability": banded.band.probability,
         "critical": banded.band.critical,
-        "smallest_gap": banded.smallest.to_json(),
+        "smallest_gap": None if banded.map.unknown else banded.smallest.to_json(),
         "binding": [
             {"closing_mm": closing, "probability": chance.value, "std_error": chance.std_error}
             for closing, chance in chances

@@ -20,6 +20,7 @@ from vttig_jax.posterior.summary.draws import (
     scalar_of_draws,
     shown_unit,
 )
+from vttig_jax.posterior.summary.posterior import priors
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +136,14 @@ def test_the_rig_of_the_mean_is_near_that_of_the_fit(posterior):
 def test_an_unknown_coordinate_is_refused(posterior):
     with pytest.raises(ValueError, match="nonesuch"):
         posterior.values("nonesuch")
+
+
+def test_every_order_has_one_prior(posterior):
+    """Order 1 of gears is flat, and orders that stand out have a width of their own."""
+    told = [sentence.partition(", each coefficient")[0] for sentence in priors(posterior.fit)]
+    names = [name for text in told for name in text.removeprefix("flat: ").split(", ")]
+    assert "driving order 1" in names and len(set(names)) == len(names)
+    assert any(" order " in name and not name.endswith(" 1") for name in names)
 
 
 def test_json_fits_its_schema(posterior):

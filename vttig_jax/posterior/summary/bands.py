@@ -201,7 +201,7 @@ class BandedMap(PlottedResult):
             ("span", f"{self.turns:.6g} driving turns in steps of {self.step_deg:g}°"),
             *self.map.coverage_rows,
             *self.band.rows("map"),
-            *self.smallest.rows(),
+            *([("smallest gap", self.map.unknown)] if self.map.unknown else self.smallest.rows()),
         ]
         return key_values(rows, title="backlash map with bands")
 

@@ -17,9 +17,11 @@ from ...base.files.text_tables import decimals, key_values, listed, text_table
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...base.units import ARCSEC
+from ...identify.backlash import unknown_extremes
 from ...identify.result import Fit, doubt
 from ...kinematics.harmonic import OrderModel
 from ...model.columns import FLAT, KNOWN
+from ...model.rows import SHAFTS
 from ...pair.eccentricities import Eccentricities
 from ..chains import Chains
 from .arviz_export import arviz_data
@@ -137,12 +139,9 @@ class Posterior(PlottedResult):
 
         **Raises** `NoAnswerError` if the gap is not known, or only that over the angles covered.
         """
-        draws, gap = gap_draws(self), self.fit.parameters["constant_backlash_deg"]
-        if not gap.determined:
-            raise NoAnswerError(
-                f"{gap.reason}; the parameters state the gap over the angles covered.",
-                where=self.fit.source,
-            )
+        draws = gap_draws(self)
+        if reason := unknown_extremes(self.fit):
+            raise NoAnswerError(f"the smallest gap is {reason}.", where=self.fit.source)
         return draws.smallest
 
     def probability_of_binding(self, closing_mm: float) -> Share:
@@ -204,23 +203,28 @@ class Posterior(PlottedResult):
         return posterior_text(self)
 
 
-_FLAT = {
-    "both": "orders 1 ± i of both shafts together",
-    "driving": "driving order 1",
-    "driven": "driven order 1",
-}
-_KNOWN = _FLAT | {"mesh": "orders of the mesh", "line": "lines"}
-"""Names of columns as people read them; others are called by their own name."""
+_BESIDE_FIT = (
+    "The intervals are those of draws over all noise and all widths. A fit takes both around their"
+    " most probable values, as a normal whose spread Student's t allows for, so that its intervals"
+    " may be narrower where the log hardly tells a width."
+)
+
+
+def _called(name: tuple, given: str) -> str:
+    """Return what people call a column; `given` is what they call those of an own model."""
+    called = {"both": "orders 1 ± i of both shafts together", "given": given}
+    called |= {"mesh": "orders of the mesh", "line": "lines", "start": "start angles"}
+    shaft = str(name[0])
+    return f"{shaft} order {name[1]}" if shaft in SHAFTS else called.get(shaft, shaft)
 
 
 def priors(fit: Fit) -> tuple[str, ...]:
     """Return sentences on what the fit, and so the draws, assume before the logs are read."""
     columns = fit.core.posterior.problem.columns
-    known = {str(column.name[0]): column.width for column in columns if column.prior == KNOWN}
-    flat = {str(column.name[0]) for column in columns if column.prior == FLAT}
     given = "frequencies of lines" if fit.given is None else "your flank model"
-    names = _FLAT | {"given": given}
-    found = [f"flat: {', '.join(names.get(name, name) for name in sorted(flat))}"]
+    known = {_called(c.name, given): c.width for c in columns if c.prior == KNOWN}
+    flat = {_called(c.name, given) for c in columns if c.prior == FLAT}
+    found = [f"flat: {', '.join(sorted(flat))}"]
     if "delay" in known:
         found.append(f"delay: zero ± {1e3 * known.pop('delay'):.3g} ms")
     if "ratio" in known:
@@ -228,8 +232,7 @@ def priors(fit: Fit) -> tuple[str, ...]:
         found.append(f"ratio: as given ± {share:.2g} of it")
     if known:
         width = max(known.values()) / ARCSEC
-        whose = ", ".join(_KNOWN.get(name, name) for name in sorted(known))
-        found.append(f"{whose}, each coefficient: zero ± {width:.3g}″")
+        found.append(f"{', '.join(sorted(known))}, each coefficient: zero ± {width:.3g}″")
     found.append(
         "further orders of each shaft, their difference between the flanks, drift, a delay that"
         " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"
@@ -259,6 +262,7 @@ def posterior_text(posterior: Posterior) -> str:
     parts = [fill(f"{warning}.", _WIDTH), head, table] if warning else [head, table]
     parts += listed("undetermined", _reasons(parameters))
     parts += listed("priors", list(priors(posterior.fit)))
+    parts.append(fill(_BESIDE_FIT, _WIDTH))
     if posterior.fit.conditional_on:
         conditions = ", ".join(posterior.fit.conditional_on).replace("_", " ")
         parts.append(f"conditional on: {conditions}")
@@ -270,7 +274,7 @@ def _gap(posterior: Posterior) -> list[tuple[str, str]]:
     try:
         return posterior.smallest_gap.rows()
     except NoAnswerError as error:
-        return [("smallest gap", f"not known: {error.message}")]
+        return [("smallest gap", unknown_extremes(posterior.fit) or f"not known: {error.message}")]
 
 
 def _reasons(parameters: list[PosteriorParameter]) -> list[str]:
