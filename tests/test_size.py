@@ -24,15 +24,15 @@ BOUNDS = {
     "pair": (671, 1),  # 560
     "kinematics": (1099, 17),  # 780
     "geometry": (3533, 56),  # 2800
-    "logs": (10133, 276),  # 7400
+    "logs": (10186, 274),  # 7400
     "rig": (326, 1),  # 260
-    "model": (2075, 44),
-    "identify": (3388, 24),  # 9000 together with posterior
-    "posterior": (2974, 46),
-    "control": (6843, 80),  # 3600
+    "model": (2106, 44),
+    "identify": (3421, 24),  # 9000 together with posterior
+    "posterior": (2980, 46),
+    "control": (5768, 64),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
-    "runs": (1766, 2),  # 900
-    "cli": (3858, 19),  # 2600
+    "runs": (2237, 5),  # 900
+    "cli": (3872, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""
