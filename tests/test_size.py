@@ -20,19 +20,19 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
-    "base": (1249, 19),  # 950
+    "base": (1257, 19),  # 950
     "pair": (655, 1),  # 560
     "kinematics": (1099, 17),  # 780
     "geometry": (4558, 62),  # 2800
-    "logs": (9576, 262),  # 7400
+    "logs": (9756, 273),  # 7400
     "rig": (326, 1),  # 260
-    "model": (1952, 43),
-    "identify": (3259, 24),  # 9000 together with posterior
-    "posterior": (2975, 46),
+    "model": (2075, 44),
+    "identify": (3388, 24),  # 9000 together with posterior
+    "posterior": (2974, 46),
     "control": (6843, 80),  # 3600
-    "plotting": (1890, 52),  # 2000 together with the report
-    "runs": (1766, 2),  # 900
-    "cli": (3848, 19),  # 2600
+    "plotting": (1887, 51),  # 2000 together with the report
+    "runs": (1776, 2),  # 900
+    "cli": (3851, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

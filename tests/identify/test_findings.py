@@ -15,6 +15,7 @@ from vttig_jax.identify.findings import FINDINGS
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
 from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.readers.backlash_readings import BacklashReadings
 from vttig_jax.pair.gear_pair import Drive, GearPair
 from vttig_jax.rig.motion import PassMotion
@@ -234,7 +235,9 @@ def test_a_computed_column_is_said():
     time = np.arange(0.0, 60.0, 0.01)
     driving = 180.0 * (30.0 - np.abs(time - 30.0))
     log = EncoderLog.from_arrays(time, driving, 0.5 * driving, pair=PAIR, unit="deg")
-    assert "column-computed" in slugs(fit(log, PAIR))
+    result = fit(log, PAIR)
+    assert "column-computed" in slugs(result) and result.outcome == "contradicts"
+    assert any("computed" in note for note in inspect_log(log).notes)
 
 
 def test_readings_agree_or_contradict(plain):

@@ -258,6 +258,8 @@ def _reversals(
     beyond = max(gap.value or 0.0, 0.0) / abs(core.scope.ratio)
     found: list[Reversal] = []
     for number, (shafts, own) in enumerate(zip(core.shafts, segments, strict=True), 1):
+        if own.still:
+            continue
         moved, _ = shafts.delayed(core.delay_s)
         error = shafts.error + shafts.ratio * (shafts.driving - moved)
         found += reversal_jumps(moved, error, own.segments, number, beyond)

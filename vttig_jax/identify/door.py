@@ -63,6 +63,12 @@ def usable(
         for start, stop, side in one.runs
         if (stop - start) // max(1, round(row_s / one.interval_s)) > LAGS + 1
     }
+    if not long and any(one.still for one in found):
+        raise NoAnswerError(
+            f"no flank has {LAGS + 2} readings of this table; read more places, or every place"
+            " several times.",
+            where=where,
+        )
     if not long:
         raise NoAnswerError(
             f"no stretch of certain contact on one flank holds {LAGS + 2} averaged samples; record"

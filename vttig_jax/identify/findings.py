@@ -10,7 +10,6 @@ from pathlib import PurePath
 from typing import Literal
 
 import msgspec
-import numpy as np
 
 from ..base.units import DEG
 from ..logs.checks.ratio import SeenRatio
@@ -18,8 +17,9 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.fractions import better_fraction
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
+from ..logs.slope import computed_text, exact_slope
 from ..model.components import NEEDED
-from ..model.mixed_fit import MixedFit
+from ..model.mixed_fit import MixedFit, waves_of
 from ..model.parameter import Parameter
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
@@ -75,7 +75,12 @@ class Case:
 
 
 def contradicts(case: Case) -> bool:
-    """Return whether the gap is below zero, beyond chance and beyond the residual."""
+    """Return whether the log cannot be that of a drive.
+
+    A column was computed from the other, or the gap is below zero, beyond chance and the residual.
+    """
+    if any(computed_column(case)):
+        return True
     gap = case.checks.gap_over_angles_covered
     if gap.value is None or gap.std is None or gap.high95 is None or gap.high95 >= 0:
         return False
@@ -186,18 +191,15 @@ def short_flanks(case: Case) -> Iterator[Finding]:
 def computed_column(case: Case) -> Iterator[Finding]:
     """Say that one column was computed from the other."""
     for number, log in enumerate(case.logs):
-        part = slice(None, None, max(1, len(log) // 10_000))
-        angle, driven = log.driving_angle[part], log.driven_angle[part]
-        slope, level = np.polyfit(angle, driven, 1)
-        if np.ptp(driven - slope * angle - level) <= 1e-8 * np.ptp(driven):
+        slope = exact_slope(log.driving_angle, log.driven_angle)
+        if slope is not None:
             yield Finding(
                 "column-computed",
                 "warning",
-                f"{case.name(number)}the driven angle is {slope:.9g} times the driving angle to the"
-                " last digit: one of both columns was computed from the other and not measured, so"
-                " that this fit says nothing about gears",
+                f"{case.name(number)}{computed_text(slope)}, so that this fit says nothing about"
+                " gears",
                 "name the measured columns with --column driving=NAME and --column driven=NAME",
-                {"ratio": float(slope)},
+                {"ratio": slope},
             )
 
 
@@ -244,7 +246,7 @@ def gap_crossed_late(case: Case) -> Iterator[Finding]:
     by_motion = [
         (segments.crossing, number)
         for number, (log, segments) in enumerate(zip(case.logs, case.segments, strict=True))
-        if not segments.unclear and log.torque is None and log.direction is None
+        if not (segments.unclear or segments.still) and log.torque is log.direction is None
     ]
     if gap.low95 is None or gap.value is None or not by_motion:
         return
@@ -359,8 +361,19 @@ def hidden(case: Case) -> Iterator[Finding]:
 
 
 def equal_orders(case: Case) -> Iterator[Finding]:
-    """Say which listed orders have one frequency."""
+    """Say which listed orders have one frequency, or the same values at the places of a table."""
     ratio = case.core.scope.ratio
+    if case.segments and all(one.still for one in case.segments):
+        kept = {(wave.shaft, wave.order) for wave in case.core.waves}
+        every = waves_of(case.pair, case.core.orders)
+        lost = [f"{w.shaft} {w.order:g}" for w in every if (w.shaft, w.order) not in kept]
+        if lost:
+            yield Finding(
+                "orders-equal",
+                "note",
+                f"the orders {', '.join(lost)} are left out: the table has too few places or"
+                " readings to tell them from lower orders and from noise; read more for them",
+            )
     cycles = {w.cycles(ratio): w for w in case.core.waves if w.shaft == "driving"}
     listed = [k for k in case.core.orders.driven_orders if k * abs(ratio) in cycles]
     if listed:

@@ -119,6 +119,14 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             "--same-zero/--own-zero",
         ),
     ] = None
+    standstill: Annotated[
+        bool | None,
+        setting(
+            "Is the log a table of readings at standstill, or did the shafts turn? By default the"
+            " log says: a table has no ramps, and no clock or unequal times between equal steps.",
+            "--standstill/--running",
+        ),
+    ] = None
     use_readings: Annotated[
         bool,
         setting(

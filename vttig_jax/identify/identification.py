@@ -176,7 +176,7 @@ def identified(
     for one in logs:
         require_pair(one, pair)
         ratios.append(check_ratio(one))
-        segments.append(assigned_segments(one))
+        segments.append(assigned_segments(one, still=settings.standstill))
         refuse_slip(one, segments[-1])
     where = ", ".join(one.source for one in logs)
     shafts = [
@@ -272,6 +272,8 @@ def fitted(
     """Fit the mixed model, and once more with the lines that the residual has."""
     assumed = assumptions_of(settings)
     fixed_s = known_delay(settings)
+    if all(one.still for one in shafts):
+        assumed, fixed_s = replace(assumed, delay="known"), 0.0
     drive = Drive(pair.ratio)  # a flank model takes the place of the gears
     if given is not None:
         assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)

@@ -12,14 +12,20 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from scipy.special import stdtrit
 
 from ..base.errors import UsageError
-from ..base.units import DEG
+from ..base.files.text_tables import key_values, text_table
+from ..base.numerics.polar_spread import polar_spread
+from ..base.units import DEG, REV
+from ..logs.motion.coverage import told_orders
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.mixed_fit import MixedFit
-from ..model.parameters import gap_row
+from ..model.mixed_fit import CLEAR, MixedFit, waves_of
+from ..model.parameters import FULL_TURN, gap_row
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import HarmonicOrders
 from .fit_settings import FitSettings
-from .records import ReadingsComparison
+from .records import ReadingsComparison, Record
 
 _SPAN = 1e-9
 
@@ -80,3 +86,145 @@ def updated(core: MixedFit, readings: BacklashReadings) -> MixedFit:
         ),
     )
     return replace(core, posterior=replace(posterior, at=at))
+
+
+class GapAt(Record, frozen=True):
+    """Fitted backlash at a driving angle."""
+
+    driving_deg: float
+    backlash_deg: float
+
+
+class GapOrder(Record, frozen=True):
+    """Harmonic a sin(k φ_shaft + p) of the backlash, ° of the driven shaft."""
+
+    shaft: str
+    order: int | float
+    amplitude_deg: float
+    std_deg: float
+    phase_deg: float
+    significant: bool
+
+
+class ReadingsFit(Record, frozen=True):
+    """Backlash from readings alone: its mean and orders over the driving angle.
+
+    **Arguments**
+    - `backlash_deg`: mean over the turn. - `std_deg`, `low95_deg`, `high95_deg`: its standard error
+      and interval, None for a single reading.
+    - `scatter_deg`: standard deviation of a reading. - `orders`: those that the places tell.
+    - `least`, `largest`: of the fitted backlash between the first and the last place.
+    """
+
+    source: str
+    sha256: str
+    count: int
+    backlash_deg: float
+    std_deg: float | None
+    low95_deg: float | None
+    high95_deg: float | None
+    scatter_deg: float | None
+    orders: tuple[GapOrder, ...]
+    least: GapAt
+    largest: GapAt
+
+    def to_json(self) -> dict:
+        """Return the object of schema `vttig.readings/1`."""
+        return {"schema": "vttig.readings/1", **super().to_json()}
+
+    def __str__(self) -> str:
+        sure = "" if self.std_deg is None else f" ± {self.std_deg:.2g}°"
+        interval = f" (95 % interval {self.low95_deg:.5f} … {self.high95_deg:.5f}°)" if sure else ""
+        rows = [
+            ("readings", f"{self.count}"),
+            ("backlash", f"{self.backlash_deg:.5f}°{sure}{interval}"),
+            *(
+                (name, f"{at.backlash_deg:.5f}° at {at.driving_deg:.5g}°")
+                for name, at in (("least", self.least), ("largest", self.largest))
+            ),
+            ("scatter", "unknown" if self.scatter_deg is None else f"{self.scatter_deg:.2g}°"),
+        ]
+        table = text_table(
+            [
+                [
+                    f"{one.shaft} {one.order:g}",
+                    f"{one.amplitude_deg:.5f} ± {one.std_deg:.2g}",
+                    f"{one.phase_deg:.4g}" if one.significant else "not above its noise",
+                ]
+                for one in self.orders
+            ],
+            ["order", "amplitude [°]", "phase [°]"],
+        )
+        return "\n\n".join([key_values(rows, title=self.source), *[table] * bool(self.orders)])
+
+
+def fit_readings(
+    readings: BacklashReadings, pair: GearPair | Drive, orders: HarmonicOrders | None = None
+) -> ReadingsFit:
+    """Fit backlash readings at single driving angles, without a log.
+
+    The readings are c + Σ (a cos kφ + b sin kφ) and white noise, with the orders of both shafts
+    that their places tell; half of the readings are left for the noise. At i = 1 orders count as
+    those of the driving shaft.
+
+    **Example**
+    ```python
+    >>> import numpy as np, vttig_jax
+    >>> from vttig_jax.identify.readings import fit_readings
+    >>> from vttig_jax.logs import BacklashReadings
+    >>> from vttig_jax.pair import parse_pair_spec
+    >>> from vttig_jax.pair.load import pair_from_spec
+    >>> angle = np.arange(0.0, 360.0, 15.0)
+    >>> gap = 0.1 + 0.02 * np.sin(np.radians(angle)) + 1e-4 * np.cos(90.0 * angle)
+    >>> drive = pair_from_spec(parse_pair_spec({"drive": {"ratio": "1/5"}}))
+    >>> found = fit_readings(BacklashReadings.from_arrays(angle, gap), drive)
+    >>> [round(x, 3) for x in (found.backlash_deg, found.orders[0].amplitude_deg)]
+    [0.1, 0.02]
+
+    ```
+    """
+    angle, gap, count = readings.driving_angle, readings.backlash / DEG, len(readings)
+    ratio = float(pair.ratio)
+    # n places 360°/n apart are a turn; an order of a shaft that made a part of one is a slope.
+    steps = len(np.unique(np.round(angle, 6)))
+    turns = np.ptp(angle) / REV * steps / max(steps - 1, 1)
+    whole = {"driving": turns >= FULL_TURN, "driven": turns * abs(ratio) >= FULL_TURN}
+    waves = [w for w in waves_of(pair, orders or pair.fit) if whole.get(w.shaft)]
+    told = told_orders(angle, [wave.cycles(ratio) for wave in waves])
+    kept = [wave for wave, one in zip(waves, told, strict=True) if one]
+
+    def design(at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n p"]:
+        phase = np.outer(at, [wave.cycles(ratio) for wave in kept])
+        return np.hstack([np.ones((len(at), 1)), np.sin(phase), np.cos(phase)])
+
+    columns = design(angle)
+    found = np.linalg.lstsq(columns, gap, rcond=None)[0]
+    left, free = gap - columns @ found, count - columns.shape[1]
+    scatter = float(np.sqrt(left @ left / free)) if free else None
+    spread = np.linalg.inv(columns.T @ columns) * (scatter or 0.0) ** 2
+    rows = []
+    for k, wave in enumerate(kept, 1):
+        at = [k, k + len(kept)]
+        size, std, phase, _ = polar_spread(found[at], spread[np.ix_(at, at)])
+        order = wave.shaft, wave.order, size, std, phase
+        rows.append(GapOrder(*order, significant=size >= CLEAR * std))
+    step = max(DEG, float(np.ptp(angle)) / 1e4)
+    grid = np.append(np.arange(angle.min(), angle.max(), step), angle.max())
+    curve = design(grid) @ found
+    places = int(np.argmin(curve)), int(np.argmax(curve))
+    ends = [GapAt(float(grid[at] / DEG), float(curve[at])) for at in places]
+    std = None if scatter is None else float(np.sqrt(spread[0, 0]))
+    half = None if std is None else float(stdtrit(free, 0.975)) * std
+    mean = float(found[0])
+    return ReadingsFit(
+        readings.source,
+        readings.sha256,
+        count,
+        mean,
+        std,
+        None if half is None else mean - half,
+        None if half is None else mean + half,
+        scatter,
+        tuple(rows),
+        *ends,
+    )

@@ -1,4 +1,4 @@
-from .checks.slip import find_slip as find_slip
+from .checks.slip import find_slips as find_slips
 from .encoder_log import EncoderLog as EncoderLog
 from .inspection import Inspection as Inspection
 from .inspection import inspect_log as inspect_log

@@ -18,6 +18,7 @@ from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
 from ..pair.schema import PairSpec, as_fraction
 from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel
 from .channel.speed import Speed, smooth_speed
+from .channel.standstill import is_at_standstill
 from .channel.stuck import refuse_stuck
 from .clocks import OneClock, at_common_times
 from .readers.column_names import ACCELERATION_UNITS, LENGTH_UNITS, SPEED_UNITS
@@ -326,11 +327,12 @@ class EncoderLog:
                 raw = RawChannel(values.pop(role), units[role], scale, step)
                 channels[role], told = make_channel(role, raw, encoder, time, layout.zero, place)
                 notes += told
-        driving, driven, error = (
-            channels["driving"],
-            channels.get("driven"),
-            values.get("transmission_error"),
-        )
+        driving, driven = channels["driving"], channels.get("driven")
+        if driven is not None and statement.ratio is not None:
+            clock = "time" in place.columns
+            if is_at_standstill(driving.reading, time, clock=clock):
+                driven = driven.following(float(statement.ratio) * driving.angle)
+        error = values.get("transmission_error")
         if driven is None and layout.driven_scale != 1:
             raise LogError(
                 "the log has no driven channel; remove this scale.", where="log.driven_scale"

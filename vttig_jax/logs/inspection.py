@@ -25,7 +25,7 @@ from .checks.sampling import (
     plateaus_of,
     sampling_of,
 )
-from .checks.slip import find_slip
+from .checks.slip import find_slips, slips_text
 from .encoder_log import EncoderLog
 from .lines.blind_search import blind_lines
 from .lines.search import Line
@@ -34,13 +34,14 @@ from .motion.flank_assignment import assigned_segments
 from .motion.segments import Segments
 from .preview import ColumnReport, bullets, column_table, sampling_rows
 from .recognition.request import TwoShafts
+from .slope import computed_text, exact_slope
 
 
 @dataclass(frozen=True)
 class Inspection(TextResult):
     """Report on a log, printed by `print(inspection)` and stored by `to_json()`.
 
-    If a slip was found, `slipped` is true and the first of the notes reports the slip.
+    The first `problems` of the notes report what spoils a fit: slips, and a computed column.
     """
 
     source: str
@@ -57,7 +58,7 @@ class Inspection(TextResult):
     support: Support
     notes: tuple[str, ...]
     lines: tuple[Line, ...] = ()
-    slipped: bool = False
+    problems: int = 0
     fit_command: str = ""
     """Command that fits the log with the same columns and options; "" if a pair file was given."""
 
@@ -120,8 +121,12 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
     sampling = sampling_of(log.time)
     plateaus = plateaus_of(segments.segments)
     spectrum, spectrum_notes = order_spectrum(log, segments.segments)
-    slip = find_slip(log, segments)
-    slip_notes = () if slip is None else (slip.sentence,)
+    slips = find_slips(log, segments)
+    problems = (slips_text(slips),) if slips else ()
+    computed = exact_slope(log.driving_angle, log.driven_angle)
+    if computed is not None:
+        cure = "name the measured columns with --column driving=NAME and --column driven=NAME"
+        problems = (*problems, f"{computed_text(computed)}; {cure}")
     return Inspection(
         source=log.source,
         sha256=log.sha256,
@@ -135,8 +140,8 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
         aliased=aliased(plateaus, sampling.rate_hz, _fit_orders(log, pair)),
         spectrum=spectrum,
         support=support_of(log, segments.segments),
-        notes=(*slip_notes, *segments.notes, *log.notes, *spectrum_notes),
-        slipped=slip is not None,
+        notes=(*problems, *segments.notes, *log.notes, *spectrum_notes),
+        problems=len(problems),
         lines=blind_lines(log, segments.segments),
     )
 
@@ -229,6 +234,8 @@ def inspection_text(report: "Inspection") -> str:
 
 
 def _motion_table(report: "Inspection") -> str:
+    if report.segments.still:
+        return ""
     motion = report.segments.motion
     rows = [
         (m.kind, str(m.start), str(m.stop), f"{60 * m.speed / REV:.4g}")
@@ -244,7 +251,7 @@ def _plateau_table(report: "Inspection") -> str:
         (p.flank, f"{p.speed_rpm:.5g}", str(p.segments), str(p.samples))
         for p in report.plateaus[:MOST_LINES]
     ]
-    if not rows:
+    if not rows or report.segments.still:
         return ""
     if len(report.plateaus) > MOST_LINES:
         rows.append((f"and {len(report.plateaus) - MOST_LINES} more", "", "", ""))
@@ -267,7 +274,7 @@ def _lines(report: "Inspection") -> str:
     if not report.lines:
         return ""
     speeds = [abs(plateau.speed_rpm) for plateau in report.plateaus]
-    steady = max(speeds) <= 1.05 * min(speeds)
+    steady = 0 < max(speeds) <= 1.05 * min(speeds)
     rows = [
         (
             f"{line.cycles_per_rev:.5g}",
@@ -293,13 +300,13 @@ def _lines(report: "Inspection") -> str:
 def _remarks(report: "Inspection") -> list[str]:
     """Return the sentences of the report: first problems that spoil a fit, then the other notes.
 
-    The order of the problems is ratio, slip, sampling, coverage.
+    The order of the problems is ratio, slip, computed column, sampling, coverage.
     """
     remarks = []
     ratio = report.ratio
     if ratio.verdict not in ("agrees", "none") or ratio.better or ratio.is_doubtful:
         remarks.append(ratio.sentence)
-    remarks += report.notes[: int(report.slipped)]
+    remarks += report.notes[: report.problems]
     for plateau in report.commensurate:
         remarks.append(
             f"at {plateau.speed_rpm:.5g} rpm the {plateau.shaft} encoder passes"
@@ -315,4 +322,4 @@ def _remarks(report: "Inspection") -> list[str]:
             f"{name} {orders} of the fit lie above half the sampling rate at"
             f" {alias.speed_rpm:.4g} rpm and alias; sample faster or take them out of [fit]"
         )
-    return [*remarks, *report.support.sentences, *report.notes[int(report.slipped) :]]
+    return [*remarks, *report.support.sentences, *report.notes[report.problems :]]

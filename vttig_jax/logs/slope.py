@@ -23,6 +23,10 @@ MOST_ROWS = 20_000
 LARGEST_ORDER = 0.02
 """Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
 
+_COMPUTED = 1e-8
+"""Largest deviation of a computed angle from its line, as a share of its travel: what rounding to
+nine digits leaves, and less than any encoder (chosen)."""
+
 _EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -49,6 +53,36 @@ def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> 
     by_residual = math.sqrt(square / float(sxx.sum()) / independent)
     by_orders = _change_by_orders(driving, driven, value)
     return value, max(by_residual, _jackknife(size, sx, sy, sxx, sxy), by_orders)
+
+
+def exact_slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> float | None:
+    """Return the slope of a driven angle that was computed from the driving one, or None.
+
+    It follows a line to the last digit, as no measured angle does.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.slope import exact_slope
+    >>> angle = np.linspace(0.0, 50.0, 1000)
+    >>> [exact_slope(angle, 0.5 * angle + error) for error in (0.1, 1e-4 * np.sin(angle))]
+    [0.5, None]
+
+    ```
+    """
+    part = slice(None, None, max(1, len(driving) // 10_000))
+    x, y = driving[part] - driving.mean(), driven[part] - driven.mean()
+    value = float(x @ y / (x @ x))
+    left = y - value * x
+    return float(f"{value:.12g}") if np.ptp(left) <= _COMPUTED * np.ptp(y) else None
+
+
+def computed_text(slope: float) -> str:
+    """Return what is wrong with a driven angle that follows the driving one exactly."""
+    return (
+        f"the driven angle is {slope:.9g} times the driving angle to the last digit: one of both"
+        " columns was computed from the other and not measured"
+    )
 
 
 def _blocks(count: int) -> list[slice]:

@@ -78,6 +78,8 @@ class Shape:
       gears follow from eccentricities and have a flat prior.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
     - `clear`: shaft and order of higher orders that stand out, with the prior of first orders.
+    - `still`: whether all logs are readings at standstill, without speed.
+    - `drift`: whether the logs tell a drift: a table that has every place once does not.
     """
 
     starts: tuple[Start, ...]
@@ -88,6 +90,8 @@ class Shape:
     interval_s: float
     usual: float
     clear: frozenset[tuple[str, int | float]] = frozenset()
+    still: bool = False
+    drift: bool = True
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
@@ -127,13 +131,13 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                     row = (wave.shaft, wave.order, part)
                     yield Column((*row, differs, log), row, logs, differs, prior, width)
     for log in range(len(shape.starts)):
-        for k in range(KNOTS):
+        for k in range(KNOTS if shape.drift else 0):
             width = KNOTS**-0.5
             yield Column(("drift", log, k), ("drift", k), (log,), prior="drift", width=width)
         if assumed.delay == "fitted" and shape.both:  # on one flank it is a drift
             for k in range(PARTS):
                 yield Column(("part", log, k), ("part", k), (log,), prior="delay_parts")
-    if shape.both:
+    if shape.both and not shape.still:
         for k in range(BENDS):
             yield Column(("bend", k), ("bend", k), differs=True, prior="gap_by_speed")
 

@@ -12,6 +12,8 @@ from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
 from ..base.units import REV
+from ..logs.motion.coverage import told_orders
+from ..logs.motion.standstill import places
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .columns import GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding
@@ -31,6 +33,9 @@ and a table has some thirty."""
 _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
 """Turns below which a log is a table of one turn; the prior widths of atanh π_k, k > 1, there."""
+
+_TWICE = 1.8
+"""Readings at a place of a table, on average, above which they tell a drift (chosen)."""
 
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
@@ -110,8 +115,14 @@ class Design:
 
     @property
     def memory(self) -> Float[np.ndarray, " lags"]:
-        """Prior widths of atanh π_k: in a table longer memory and orders look the same."""
-        return np.where(np.arange(LAGS) > 0, _FORGETFUL, MEMORY) if self.table else MEMORY
+        """Prior widths of atanh π_k: in a table longer memory and orders look the same.
+
+        So does any memory where every place was read once.
+        """
+        table = self.table or self.shape.still
+        return (
+            np.where(np.arange(LAGS) >= self.shape.drift, _FORGETFUL, MEMORY) if table else MEMORY
+        )
 
     def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
         """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""
@@ -153,9 +164,11 @@ class Design:
         """
         noise = max(noise, 1e-4 * self.shape.usual)
         speed = max(float(self.bends[-1]), 1e-300)
-        usual = dict.fromkeys(GROUPS, noise * math.sqrt(2 / rows))
+        usual: dict[str, float] = dict.fromkeys(GROUPS, noise * math.sqrt(2 / rows))
         if self.table:
             usual |= dict.fromkeys(("driving", "driven"), self.shape.usual)
+        if self.shape.still:
+            return usual
         late = abs(self.shape.ratio) * speed
         return usual | {"delay_parts": noise / late, "gap_by_speed": noise / speed}
 
@@ -172,6 +185,8 @@ def design_of(
     """Return the design of logs; the arguments are those of `mixed_fit`."""
     ratio = float(pair.ratio)
     waves = waves_of(pair, orders, lines)
+    if all(one.still for one in shafts):
+        waves = told_waves(shafts, waves, ratio)
     shape = Shape(
         starts=tuple(one.start for one in shafts),
         both=len({run[2] for one in shafts for run in one.runs}) == 2,
@@ -180,6 +195,8 @@ def design_of(
         drive=isinstance(pair, Drive),
         interval_s=max(one.interval_s for one in shafts),
         usual=1.0,
+        still=all(one.still for one in shafts),
+        drift=not all(one.still and _once(one) for one in shafts),
     )
     cycles = [wave.cycles(ratio) for wave in waves]
     cycles += [] if given is None else [given.highest_order]
@@ -291,10 +308,23 @@ def mixed_fit(
         steps,
         design.shape.usual,
         weights,
-        scope_of(shafts, rows),
+        scope_of(shafts, rows, design.waves),
         orders,
         settled and bool(found.result == optx.RESULTS.successful),
     )
+
+
+def _once(table: Shafts) -> bool:
+    """Return whether a table has about every place once, so that a drift looks like orders."""
+    most = max(places(table.driving), places(table.ratio * table.driving))
+    return _TWICE * most > len(table.time)
+
+
+def told_waves(shafts: Sequence[Shafts], waves: Sequence[Wave], ratio: float) -> tuple[Wave, ...]:
+    """Return the harmonics that the places of tables tell."""
+    angles = [one.driving[a:b] for one in shafts for a, b, _ in one.runs]
+    told = told_orders(np.concatenate(angles), [wave.cycles(ratio) for wave in waves])
+    return tuple(wave for wave, one in zip(waves, told, strict=True) if one)
 
 
 def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
@@ -402,8 +432,8 @@ def range_of(shafts: Sequence[Shafts]) -> float:
 
 def row_duration(shafts: Sequence[Shafts], highest: float) -> float:
     """Return the duration of a row: a quarter of the shortest cycle, and enough rows in a run."""
-    found = []
-    for one in shafts:
+    found = [one.interval_s for one in shafts if one.still]
+    for one in (one for one in shafts if not one.still):
         speed = np.concatenate([np.abs(one.speed[a:b]) for a, b, _ in one.runs])
         lengths = [b - a for a, b, _ in one.runs]
         cycle = REV / max(float(np.quantile(speed, 0.9)), 1e-9) / highest / one.interval_s

@@ -299,6 +299,8 @@ def _backlash(fit: MixedFit, told: Quantities) -> Parameter:
 
 
 def _delay(fit: MixedFit, told: Quantities) -> Parameter:
+    if all(one.still for one in fit.shafts):
+        return undetermined("delay_s", "s", "readings at standstill have no delay")
     if "delay" not in told.names:
         reason = f"not fitted: {1e3 * fit.delay_s:.4g} ms, as stated"
         return undetermined("delay_s", "s", reason)

@@ -91,7 +91,8 @@ class Shafts:
     delay, smoother than `speed`.
     `nominal` are slope and level of the driven over the driving angle: harmonics of
     the driven shaft are taken there, since the measured angle contains the gap. Harmonics count
-    from the `start`, all other angles from the zero of the log.
+    from the `start`, all other angles from the zero of the log. `still`: whether the samples are
+    readings at standstill, which have no speed and no delay.
     """
 
     time: Float[np.ndarray, " n"]
@@ -108,6 +109,7 @@ class Shafts:
     torque: Float[np.ndarray, " n"] | None = None
     good: np.ndarray | None = None
     start: Start = Start()
+    still: bool = False
 
     @classmethod
     def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":
@@ -150,6 +152,8 @@ class Shafts:
         """Return the log with these samples left out of the interpolation and of the speed."""
         good = np.ones(len(self.time), bool)
         good[outliers] = False
+        if self.still:
+            return replace(self, good=good)
         clean = np.interp(self.time, self.time[good], self.driving[good])
         speed = smooth_speed(self.time, clean, self.resolution).value
         moved = replace(self, good=good, speed=speed)
@@ -302,7 +306,7 @@ def rows_of(
     names = names_of(waves, torque=shafts.torque is not None, ratio=ratio)
     table = np.empty((len(samples), len(names)))
     moved, moved_speed = shafts.delayed(delay_s)
-    span = shafts.time[-1] - shafts.time[0]
+    span = np.ptp(shafts.time)
     centre = moved[samples].mean() if len(samples) else 0.0
     level = shafts.level
     kinds = [names.get((kind,)) for kind in ("ratio", "torque")]
@@ -326,7 +330,7 @@ def rows_of(
             averaged = mean(wave)
             table[own, waved + 2 * place] = averaged.real
             table[own, waved + 2 * place + 1] = averaged.imag
-        x = (mean(shafts.time[index]) - shafts.time[0]) / span
+        x = (mean(shafts.time[index]) - shafts.time.min()) / span
         table[own, drift : drift + KNOTS] = np.clip(x[:, None] * KNOTS - np.arange(KNOTS), 0, 1)
         hats = np.clip(1 - np.abs(x[:, None] * (PARTS - 1) - np.arange(PARTS)), 0, None)
         table[own, drift + KNOTS : bend] = late[:, None] * hats

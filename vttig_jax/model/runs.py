@@ -2,6 +2,8 @@
 
 from itertools import pairwise
 
+import numpy as np
+
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
 from ..logs.motion.segments import Segments
@@ -19,6 +21,8 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
     overrun; they are `ramps`, of which the fit keeps those that stay on their flank. Ramps tell the
     delay from the gap.
     """
+    if segments.still:
+        return _still(log, segments)
     runs = [(s.start, s.stop, _side(s.flank)) for s in segments.segments]
     slowing: list[Run] = []
     blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
@@ -35,6 +39,39 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
         if same and inside and between.stop - between.start > 0:
             slowing.append((between.start, between.stop, _side(first.flank)))
     return Shafts.of(log, runs, slowing)
+
+
+def _still(log: EncoderLog, segments: Segments) -> Shafts:
+    """Return a table of readings at standstill, with all those of a flank in one run.
+
+    They have no speed, and no noise that goes on from one to the next.
+    """
+    own = {side: [s for s in segments.segments if _side(s.flank) == side] for side in (1, -1)}
+    index = [np.arange(s.start, s.stop) for side in (1, -1) for s in own[side]]
+    count = sum(s.stop - s.start for s in own[1])
+    order = np.concatenate([np.arange(0), *index])
+    runs = [(0, count, 1)] * (count > 0) + [(count, len(order), -1)] * (count < len(order))
+    driving, error = log.driving_angle[order], log.transmission_error[order]
+    ratio, speed = float(log.ratio), np.zeros(len(order))
+    # Over one turn a first order has a slope of its own, which is no error of the ratio.
+    phase = np.outer(ratio * driving, np.arange(1, 5))
+    columns = np.column_stack([driving, np.ones(len(order)), np.cos(phase), np.sin(phase)])
+    slope, level = np.linalg.lstsq(columns, error, rcond=1e-6)[0][:2]
+    return Shafts(
+        log.time[order],
+        driving,
+        error,
+        speed,
+        speed,
+        ratio,
+        log.interval_s,
+        tuple(runs),
+        (),
+        (ratio + float(slope), float(level)),
+        log.driving.resolution,
+        None if log.torque is None else log.torque[order],
+        still=True,
+    )
 
 
 def _side(flank: str) -> int:

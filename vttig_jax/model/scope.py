@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.units import DEG, REV
-from .rows import Rows, Shafts
+from ..logs.motion.coverage import HIGHEST, tells_first_order
+from .rows import SHAFTS, Rows, Shafts, Wave
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +34,10 @@ class Scope:
     speeds: tuple[float, ...]
 
 
-def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows]) -> Scope:
+def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], waves: Sequence[Wave]) -> Scope:
     """Return the scope of logs with their rows.
+
+    A part of a turn over which both flanks tell the first order from the others counts as a turn.
 
     The covered angles are those of the first log and of all logs that have its zero: a start angle
     does not tell the whole turns, and so not where the driven shaft stood.
@@ -56,6 +59,18 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows]) -> Scope:
         spans = [high - low for low, high in travel.values() if high > low]
         turns = max(turns, float(min(spans, default=0.0)) / REV)
     ratio = shafts[0].ratio
+    found = {"driving": turns, "driven": turns * abs(ratio)}
+    # A shaft that turns may have orders that the model does not have; a table tells few anyway.
+    others = () if all(one.still for one in shafts) else range(1, HIGHEST + 1)
+    for shaft, gain in (("driving", 1.0), ("driven", abs(ratio))):
+        orders = {wave.cycles(ratio) / gain for wave in waves if wave.shaft in SHAFTS}
+        orders = sorted({*(float(f"{order:.9g}") for order in orders), *map(float, others)})
+        on_flanks = [
+            gain * np.concatenate([one.angle[one.flank * side < 0] for one in rows])
+            for side in flanks
+        ]
+        if found[shaft] < 1 and all(tells_first_order(angle, orders) for angle in on_flanks):
+            found[shaft] = 1.0
     speed = np.concatenate([one.speed for one in rows])
     flank = np.concatenate([one.flank for one in rows])
     return Scope(
@@ -63,7 +78,7 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows]) -> Scope:
         ratio,
         shafts[0].nominal,
         tuple(one.level for one in shafts),
-        {"driving": turns, "driven": turns * abs(ratio)},
+        found,
         (np.array(sorted(set.intersection(*on.values())), float) + 0.5) * DEG,
         tuple(float(speed[flank * side < 0].mean()) for side in flanks),
     )

@@ -16,10 +16,11 @@ from ..base.files.standard_input import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..logs.recognition.request import DriveRequest
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
-from .stated_drive import stated_spec
+from .stated_drive import spec_of_file, stated_spec
 
 if TYPE_CHECKING:
     from ..base.files.run_folder import RunFolder
+    from ..identify.readings import ReadingsFit
     from ..identify.result import Fit
 
 logger = logging.getLogger("vttig_jax")
@@ -58,6 +59,22 @@ def resolve(
     options.check(len(logs), readings=readings is not None)
     spec, opened = stated_spec(logs, pair, drive, options.reading)
     return RunRecord(logs, spec, options, readings=readings, opened=opened)
+
+
+def readings_alone(
+    readings: Path, pair: Path | None, drive: DriveRequest, options: RunOptions
+) -> "ReadingsFit":
+    """Return the fit of backlash readings without a log.
+
+    **Raises** `UsageError` without a pair file or a ratio, `LogError` for a file without readings.
+    """
+    from ..identify.readings import fit_readings
+    from ..logs.readers.backlash_readings import read_backlash_readings
+    from ..pair.load import pair_from_spec
+
+    spec = drive.spec() if pair is None else spec_of_file(pair, drive)
+    found = read_backlash_readings(readings, decimal=options.reading.decimal)
+    return fit_readings(found, pair_from_spec(spec))
 
 
 def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":

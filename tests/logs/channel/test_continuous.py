@@ -105,6 +105,8 @@ def test_a_stall_that_is_made_up_for_is_no_step():
     stalled[1000:1012] = stalled[1000]
     found = made(stalled)
     assert np.flatnonzero(found.spikes).tolist() == list(range(1001, 1012))
+    (note,) = found.notes
+    assert "stands still once" in note and "disturbed" not in note
     stalled[1012:] -= 2500
     with pytest.raises(LogError, match="stays"):
         made(stalled)

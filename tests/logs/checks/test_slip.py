@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.logs.channel.test_spikes import late
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.checks.slip import Slip, find_slip, refuse_slip
+from vttig_jax.logs.checks.slip import Slip, find_slips, refuse_slip
 from vttig_jax.logs.checks.steps import find_steps
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
@@ -29,8 +29,13 @@ def rig(slip=0.0, at=0.0, length=0.0, share=0.0, delay=0.0, pair=None, **motion)
     return EncoderLog.from_arrays(time, counts(angle), counts(driven), pair=pair or spec())
 
 
+def slips_of(log) -> tuple[Slip, ...]:
+    return find_slips(log, find_segments(log))
+
+
 def found(log) -> Slip | None:
-    return find_slip(log, find_segments(log))
+    """The largest slip."""
+    return max(slips_of(log), key=lambda slip: abs(slip.size_deg), default=None)
 
 
 @pytest.mark.parametrize(
@@ -74,6 +79,23 @@ def test_the_rig_of_the_paper():
     seen = found(slipped)
     assert seen is not None and abs(seen.row - 13_000) < 20
     assert seen.size_deg == pytest.approx(0.1, abs=0.005)
+
+
+@pytest.mark.parametrize("count", [2, 4, 6, 9])
+def test_slips_do_not_hide_each_other(count):
+    """An encoder that loses 0.05° again and again: place and size of every loss are told."""
+    log = rig(passes=6)
+    inside = np.concatenate([np.arange(s.start, s.stop) for s in find_segments(log).segments])
+    at = log.time[inside[len(inside) * (10 * np.arange(count) + 4) // (10 * count)]]
+    lost = -0.05 * (log.time[:, None] > at).sum(axis=1)
+    driven = geared(np.degrees(log.driving_angle), noise=0.002)[0] + lost
+    log = EncoderLog.from_arrays(log.time, log.driving.reading, counts(driven), pair=spec())
+    seen = slips_of(log)
+    assert [slip.time_s for slip in seen] == pytest.approx(at.tolist(), abs=0.2)
+    assert [slip.size_deg for slip in seen] == pytest.approx([-0.05] * count, abs=0.005)
+    with pytest.raises(LogError) as caught:
+        refuse_slip(log, find_segments(log))
+    assert all(f"at {slip.time_s:.6g} s" in str(caught.value) for slip in seen)
 
 
 def test_slips_of_both_shafts_and_two_in_a_row():
@@ -152,9 +174,9 @@ def test_the_sentence():
 
 def test_too_little_to_tell():
     log = rig(reversal=200.0, passes=1)
-    assert find_slip(log, find_segments(log)) is None
+    assert found(log) is None
     still = find_segments(log)
-    assert find_slip(log, type(still)((), (), still.read)) is None
+    assert find_slips(log, type(still)((), (), still.read)) == ()
 
 
 def test_steps_beside_columns():

@@ -32,12 +32,14 @@ class NoiseFit:
     - `order`: order p of the autoregression.
     - `residual`: values − columns · β, in the unit of the values.
     - `weight`: weights of the innovations; outliers have small weights.
+    - `freedom`: degrees of freedom ν of the innovations.
     """
 
     log_likelihood: float
     order: int
     residual: Float[np.ndarray, " n"]
     weight: Float[np.ndarray, " n"]
+    freedom: float = 1e6
 
 
 def fit_student_noise(
@@ -46,6 +48,7 @@ def fit_student_noise(
     *starts: NoiseFit,
     order: int | None = None,
     floor: float = 0.0,
+    least_freedom: float = 0.0,
 ) -> NoiseFit:
     """Fit values = columns · β + noise by the largest likelihood.
 
@@ -61,6 +64,7 @@ def fit_student_noise(
     - `floor`: least standard deviation of white noise in every series, in the unit of `values`.
       Otherwise an autoregression would predict a series without noise exactly, and treat a step
       in it as one outlier.
+    - `least_freedom`: least ν that the likelihood may choose.
     """
     scale = max(float(np.ptp(values)), 1e-300)
     size = np.linalg.norm(columns, axis=0)
@@ -70,7 +74,7 @@ def fit_student_noise(
     here = [(NoiseFit(-np.inf, 0, first, np.ones(len(values))), order)]
     here += [(replace(one, residual=one.residual / scale), one.order) for one in starts]
     found = [
-        _iterated(scaled, columns, start, freedom, order=used, least=least)
+        _iterated(scaled, columns, start, freedom, order=used, least=least, free=least_freedom)
         for start, used in here
         for freedom in (_FREEDOMS[1], _FREEDOMS[-1])
     ]
@@ -86,10 +90,11 @@ def _iterated(
     *,
     order: int | None,
     least: float,
+    free: float,
 ) -> NoiseFit:
     """Return the best fit of several iterations with weights for `freedom` degrees of freedom.
 
-    `least` is the least variance of white noise in the series.
+    `least` is the least variance of white noise in the series, `free` the least ν of the result.
     """
     residual, weight = start.residual, start.weight.copy()
     highest = min(_HIGHEST_ORDER, len(values) // _ROWS_PER_LAG)
@@ -109,9 +114,10 @@ def _iterated(
         solution = np.linalg.lstsq(whitened * root[:, None], target * root, rcond=1e-9)[0]
         residual = values - columns @ solution
         innovation = target - whitened @ solution
-        likelihood = _best_likelihood(innovation, floor) * len(values) / len(innovation)
+        found, seen = _best_likelihood(innovation, floor, free)
+        likelihood = found * len(values) / len(innovation)
         if likelihood > best.log_likelihood:
-            best = NoiseFit(likelihood, used, residual, weight.copy())
+            best = NoiseFit(likelihood, used, residual, weight.copy(), seen)
         square = float(_scales(innovation, np.array([freedom]), floor)[0])
         weight[used:] = (freedom + 1) / (freedom + innovation**2 / square)
         weight[:used] = 1.0
@@ -150,10 +156,14 @@ def _scales(
     return found
 
 
-def _best_likelihood(innovation: Float[np.ndarray, " n"], least: float) -> float:
-    """Return the largest ln L of the innovations over scale and degrees of freedom."""
+def _best_likelihood(
+    innovation: Float[np.ndarray, " n"], least: float, free: float
+) -> tuple[float, float]:
+    """Return the largest ln L of the innovations over scale and ν ≥ `free`, and this ν."""
     count, freedoms = len(innovation), np.array(_FREEDOMS)
     width = freedoms * _scales(innovation, freedoms, least)
     constant = _LOG_RATIO - 0.5 * np.log(np.pi * width)
     tails = np.log1p(innovation**2 / width[:, None]).sum(axis=1)
-    return float(np.max(count * constant - 0.5 * (freedoms + 1) * tails))
+    found = np.where(freedoms >= free, count * constant - 0.5 * (freedoms + 1) * tails, -np.inf)
+    best = int(np.argmax(found))
+    return float(found[best]), float(freedoms[best])

@@ -11,7 +11,7 @@ from ...base.logger import LOGGER
 from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
 from ...logs.recognition.request import in_words
-from ...runs.fit_run import perform, resolve, save_fit
+from ...runs.fit_run import perform, readings_alone, resolve, save_fit
 from ...runs.options import options_of
 from ...runs.run_file import RunRecord, read_run, require_same_data
 from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
@@ -33,6 +33,7 @@ vttig fit log.csv --teeth 45/80 --counts 90000,90000 --column driving=enc1 --col
 vttig fit log.csv --pair pair.toml --out run --require constant_backlash_deg
 vttig fit monday.csv friday.csv --pair pair.toml --delay-within 0.2ms
 vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-rate 250
+vttig fit --readings dial_gauge.csv --ratio 45:1
 vttig fit --run run/run.toml
 xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
 """,
@@ -51,10 +52,12 @@ xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
 @click.option("--overwrite", is_flag=True, help="Replace the fit that is in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
 @click.option(
+    "--readings",
     "--backlash-readings",
     "readings",
     type=click.Path(path_type=Path),
-    help="CSV of driving_deg,backlash_deg (gear 1 held, gear 2 rocked) to check the fit against.",
+    help="CSV of driving_deg,backlash_deg (gear 1 held, gear 2 rocked) to check the fit against, or"
+    " without LOG to be fitted alone.",
 )
 @click.option(
     "--require",
@@ -91,6 +94,12 @@ def command(
         raise UsageError(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
+    if readings is not None and not logs and run_path is None:
+        if out is not None or require:
+            raise UsageError("readings alone have no run folder and no parameters; leave that out.")
+        found = readings_alone(readings, pair, drive.request, options_of(options))
+        output.emit(found.to_json(), found)
+        return
     if run_path is None:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options_of(options), drive.request)
@@ -125,14 +134,9 @@ def _gap_alone(gap: "CoveredGap") -> str:
 
 
 def _contradiction(result: "Fit") -> str:
-    gap = result.checks.gap_over_angles_covered
-    ratio = result.pair.ratio
-    swapped = "the columns are exchanged, " if ratio == 1 else ""
-    return (
-        f"the gap is {gap.in_words}, and no gap is below zero: {swapped}the sign of both encoders"
-        " is inverted, the load overruns and lies on the other flank, or the driving channel is"
-        " late; correct [log], or give --delay."
-    )
+    """Return what shows that the log is not that of a drive."""
+    slugs = ("column-computed", "gap-below-zero")
+    return next(one.text for one in result.findings if one.slug in slugs) + "."
 
 
 _FAILURES = {

@@ -1,6 +1,6 @@
 """Encoder channel: unwrapped readings and their conversion to a shaft angle."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -99,6 +99,18 @@ class Channel:
         if self.spikes is None:
             return self.angle
         return without_spikes(self.angle, time, self.spikes)
+
+    def following(self, expected: Float[np.ndarray, " n"]) -> "Channel":
+        """Return the channel with whole turns added where it steps by them beside an angle, rad.
+
+        A table of readings at standstill does not show where a channel wraps; the other shaft does.
+        """
+        turns = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(expected - self.angle) / REV))])
+        if not turns.any():
+            return self
+        turn = REV / self.radians_per_unit
+        added = turns * (turn if self.reading.dtype.kind == "f" else round(turn))
+        return replace(self, reading=self.reading + added.astype(self.reading.dtype))
 
     @cached_property
     def resolution(self) -> float:

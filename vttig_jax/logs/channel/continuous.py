@@ -10,6 +10,7 @@ from ...base.units import DEG
 from ..source import Source
 from .spikes import spikes, without_spikes
 from .stalls import repeats, stalls
+from .standstill import is_at_standstill
 from .unwrap import find_modulus, stray_jump, unwrap, wrap_steps
 
 GAP = 5.001
@@ -73,6 +74,9 @@ def make_continuous(
     hide wraps. Spikes keep their values and are reported in a note.
     """
     quantum = 1.0 if origin.unit == "counts" else 0.0
+    if is_at_standstill(values, time, clock="time" in origin.source.columns):
+        # There is no motion that a reading could contradict, and a step tells no wrap.
+        return Continuous(values, np.zeros(len(values), bool), None, 0, ())
     raw_spikes = spikes(values, time, quantum)
     steady = _filled(values, raw_spikes)
     given = origin.modulus
@@ -114,18 +118,24 @@ def make_continuous(
         notes.append(
             f"{origin.role}: wraps at {modulus:g} {origin.unit} ({how}), unwrapped {wraps} times"
         )
-    if outliers.any():
-        number, off = int(np.count_nonzero(outliers)), np.abs(readings - smooth).max()
+    left = "interpolates" if origin.role == "driving" else "leaves out"
+    if stalled.any():
+        ends = np.flatnonzero(np.diff(stalled, prepend=False, append=False)).reshape(-1, 2)
+        first, last = ends[np.argmax(np.diff(time[ends - 1])[:, 0])] - 1
+        count = f"{len(ends)} times, the longest" if len(ends) > 1 else "once,"
+        notes.append(
+            f"{origin.role}: while it moves it stands still {count} from {time[first]:.6g} s to"
+            f" {time[last]:.6g} s, and then jumps to where it would be: the channel froze or the"
+            f" logger stalled; a fit {left} {np.count_nonzero(stalled)} readings"
+        )
+    others = outliers & ~stalled
+    if others.any():
+        number, off = int(np.count_nonzero(others)), np.abs(readings - smooth)[others].max()
         verb = "differs" if number == 1 else "differ"
         notes.append(
             f"{origin.role}: {number} of {len(values)} readings ({number / len(values):.2g}) {verb}"
             f" from their neighbours by up to {off * abs(origin.radians) / DEG:.3g}°, as late or"
-            " disturbed readings do; "
-            + (
-                "a fit interpolates them"
-                if origin.role == "driving"
-                else "a fit leaves them out as outliers"
-            )
+            f" disturbed readings do; a fit {left} them"
         )
     return Continuous(readings, outliers, modulus, wraps, tuple(notes))
 

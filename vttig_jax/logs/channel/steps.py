@@ -23,6 +23,10 @@ _COARSER = 5.0
 """If the step of large readings exceeds that of small readings by this factor, the printed digits
 limit the large ones (chosen); one digit fewer is a factor of ten."""
 
+_FEWEST = 4
+"""Fewest different readings whose digits count: a shaft that stops at 100.0000 shows no digits, and
+one reading in ten ends in a zero by chance (chosen)."""
+
 _LEAST_ARCSEC = 0.1
 """Smallest step in arcsec that is worth a note; no encoder is more accurate (chosen)."""
 
@@ -127,7 +131,7 @@ def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:
     if size.max() == 0:
         return 0.0
     large = size >= 10.0 ** np.floor(np.log10(size.max()))
-    if min(np.count_nonzero(large), np.count_nonzero(~large)) < 2:
+    if min(len(np.unique(values[large])), np.count_nonzero(~large)) < _FEWEST:
         return 0.0
     step, finer = _last_place(values[large]), _last_place(values[~large])
     return step if finer > 0 and step > _COARSER * finer else 0.0
@@ -138,6 +142,7 @@ def _last_place(values: Float[np.ndarray, " n"]) -> float:
 
     The differences of the values would not do: a counter that moves by equal steps has larger ones.
     """
-    from_zero = np.append(0.0, values)
-    places = (10.0**-k for k in range(10))
-    return next((place for place in places if are_multiples(from_zero, place)), 0.0)
+    rounding = _ROUNDING * np.abs(values).max()
+    places = (k for k in range(10) if np.abs(np.round(values, k) - values).max() <= rounding)
+    found = 10.0 ** -next(places, 10)
+    return found if found > max(rounding, 1e-10) else 0.0

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
-from ...base.units import ARCSEC, REV
+from ...base.units import ARCSEC
 from ..encoder_log import EncoderLog
+from ..motion.coverage import HIGHEST, turns_of
 from ..motion.segments import Segment
 
-HIGHEST = 8
-CHUNK = 65536
-"""Highest order, and rows per block of the Gram matrix (chosen)."""
+CHUNK = 65536  # rows per block of the Gram matrix (chosen)
 
 SEPARABLE = 0.02
 """Orders are separable if the least eigenvalue of the normalised Gram matrix reaches this value
@@ -46,7 +45,7 @@ def order_spectrum(
         shafts = [
             shaft
             for shaft, angle in (("driving", log.driving_angle), ("driven", log.driven_angle))
-            if _turns(angle, on_flank) >= 1
+            if turns_of(angle, on_flank) >= 1
         ]
         if not shafts:
             continue
@@ -56,11 +55,6 @@ def order_spectrum(
             orders = f"only orders 1 to {highest}" if highest else "no orders"
             notes.append(f"flank {flank}: {orders} can be told apart over its few turns")
     return tuple(lines), tuple(notes)
-
-
-def _turns(angle: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:
-    ends = [angle[k] for s in segments for k in (s.start, s.stop - 1)]
-    return (max(ends) - min(ends)) / REV if ends else 0.0
 
 
 def _flank_spectrum(

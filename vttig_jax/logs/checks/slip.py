@@ -7,6 +7,7 @@ flank, delay times speed, and logged torque. Then steps are searched by least sq
 of the residual over short windows. All limits below are chosen values unless they say otherwise.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
 from ..motion.segments import Segment, Segments
 from .slip_effects import Effects
-from .steps import Step, find_steps
+from .steps import MOST, Step, find_steps
 
 MOST_ROWS = 40_000
 """Largest number of rows of the fit; longer logs are thinned."""
@@ -48,25 +49,33 @@ class Slip:
     size_deg: float
     std_deg: float
 
-    @property
-    def sentence(self) -> str:
-        """Sentence that reports the step and says what the user can do."""
+
+def slips_text(slips: Sequence[Slip]) -> str:
+    """Return a sentence that reports every slip and says what the user can do."""
+    where = [f"by {one.size_deg:.3g}° at {one.time_s:.6g} s" for one in slips]
+    if len(slips) == 1:
         return (
-            f"the transmission error steps by {self.size_deg:.3g}° at {self.time_s:.6g} s and"
-            " stays: an encoder slipped on its shaft or a tooth jumped; cut the log at"
-            f" {self.time_s:.6g} s and fit both parts as two logs."
+            f"the transmission error steps {where[0]} and stays: an encoder slipped on its shaft or"
+            f" a tooth jumped; cut the log at {slips[0].time_s:.6g} s and fit both parts as two"
+            " logs."
         )
+    many = "at least " if len(slips) == MOST else ""
+    return (
+        f"the transmission error steps {many}{len(slips)} times and stays: {', '.join(where)}: an"
+        " encoder loses counts or slips on its shaft, or teeth jump; mend this and log again, or"
+        " cut the log there and fit the parts as logs of their own."
+    )
 
 
-def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
-    """Find the largest lasting step of the transmission error, or return None.
+def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
+    """Return the lasting steps of the transmission error in the order of time.
 
     **Arguments**
     - `segments`: result of `find_segments` for `log`; samples outside the segments are not used,
       because the flank in contact is not known there.
 
-    A step is reported if it raises the likelihood enough, unless a step of the delay explains the
-    log clearly better; see `find_steps`. It cannot be detected if the flank or the speed changes
+    Steps are reported if they raise the likelihood enough, unless steps of the delay explain the
+    log clearly better; see `find_steps`. One cannot be detected if the flank or the speed changes
     permanently at the same instant.
 
     **Example**
@@ -74,14 +83,14 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     >>> import numpy as np
     >>> from vttig_jax.logs import EncoderLog
     >>> from vttig_jax.logs import find_segments
-    >>> from vttig_jax.logs import find_slip
+    >>> from vttig_jax.logs import find_slips
     >>> from vttig_jax.pair import parse_pair_spec
     >>> drive = parse_pair_spec({"drive": {"ratio": "9/16"}})
     >>> time = np.arange(4000) / 200.0
     >>> wave = 0.02 * np.sin(2 * np.pi * time)
     >>> driven = 202.5 * time + wave + 0.1 * (time > 12.0)
     >>> log = EncoderLog.from_arrays(time, 360.0 * time, driven, pair=drive, unit="deg")
-    >>> slip = find_slip(log, find_segments(log))
+    >>> (slip,) = find_slips(log, find_segments(log))
     >>> slip.row, round(slip.size_deg, 2)
     (2401, 0.1)
 
@@ -89,28 +98,26 @@ def find_slip(log: EncoderLog, segments: Segments) -> Slip | None:
     """
     rows, segment_of, group, forward = _rows(log, segments)
     if len(rows) < 4 * LEAST or np.ptp(log.driving_angle[rows]) < LEAST_TURNS * REV:
-        return None
+        return ()
     edges = _window_starts(segment_of)
     if len(edges) < 4:
-        return None
+        return ()
     effects = Effects.of(log, rows, group, forward)
     residual = _huber_residual(effects, log.transmission_error[rows])
     size = np.diff([*edges, len(rows)])
     medians, means = _medians(residual, edges, size), effects.means(edges, size)
     least, speed = _least_step(log, residual), means[:, effects.speed_place]
-    steps = find_steps(medians, means, least, rival=speed)
-    if not steps:
-        return None
-    largest = max(steps, key=lambda step: abs(step.size))
-    row = _first_row_after(rows, residual, edges, largest, effects.times(largest.coefficients))
-    return Slip(float(log.time[row]), row, largest.size / DEG, largest.std / DEG)
+    found = []
+    for step in find_steps(medians, means, least, rival=speed):
+        row = _first_row_after(rows, residual, edges, step, effects.times(step.coefficients))
+        found.append(Slip(float(log.time[row]), row, step.size / DEG, step.std / DEG))
+    return tuple(found)
 
 
 def refuse_slip(log: EncoderLog, segments: Segments) -> None:
-    """Raise `LogError` if `find_slip` finds a slip, because a fit of the log would be wrong."""
-    slip = find_slip(log, segments)
-    if slip is not None:
-        raise LogError(slip.sentence, where=log.place.at(row=slip.row))
+    """Raise `LogError` if `find_slips` finds slips, because a fit of the log would be wrong."""
+    if slips := find_slips(log, segments):
+        raise LogError(slips_text(slips), where=log.place.at(row=slips[0].row))
 
 
 _HUBER_STEPS = 5  # number of reweightings; the weights hardly change after four; chosen value

@@ -5,6 +5,7 @@ All limits below are chosen values unless they say otherwise.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -12,11 +13,13 @@ from jaxtyping import Float
 from ...base.numerics.student_noise import NoiseFit, fit_student_noise
 from ...base.numerics.well_conditioned import orthonormal_basis
 
-EVIDENCE = 100.0
-"""Least 2 Δ ln L of a step; in 100 simulated rigs without a step the largest value was 86."""
+EVIDENCE, FURTHER = 100.0, 30.0
+"""Least 2 Δ ln L of a step, in 100 simulated rigs without a step the largest value was 86, and of
+every further one."""
 
-MOST = 3
-"""Largest number of steps that are searched, one after the other."""
+FIRST, MOST = 3, 24
+"""Number of steps that are searched at first, and the largest number of them: the search goes on if
+the first ones reduce the sum of squares."""
 
 NEAR = 6
 """Two steps at most this many values apart are the same step."""
@@ -56,10 +59,12 @@ def find_steps(
 ) -> list[Step]:
     """Return the steps that raise the likelihood enough, in a fit together with other regressors.
 
-    Steps are accepted together if they raise 2 ln L by at least `EVIDENCE` for each step, and if
-    steps of the coefficient of `rival` are not clearly better. The noise is autoregressive with
-    innovations of Student's distribution. Its order, its coefficients and the degrees of freedom
-    are fitted with and without the steps.
+    Steps are accepted together if they raise 2 ln L by at least `EVIDENCE` and `FURTHER` for each
+    one but the first, and if steps of the coefficient of `rival` are not clearly better. The noise
+    is autoregressive with innovations of Student's distribution. Its order, its coefficients and
+    the degrees of freedom are fitted with and without the steps. Some steps hide others, in the
+    noise and by their places; so more of them are searched than are accepted, and the least of them
+    is left out in turn.
 
     **Arguments**
     - `values`: the series, shape (w,). `columns`: regressors of other effects, shape (w, p).
@@ -68,18 +73,15 @@ def find_steps(
     """
     series = _Series(values, columns, _FLOOR * least)
     constant = np.ones(len(values))
-    places = series.places(constant)
-    if series.squares_ratio(constant, places) < EVIDENCE / 2:
+    if series.squares_ratio(constant, series.places(constant, FIRST)) < EVIDENCE / 2:
         return []
     without = series.noise(columns)
-    accepted, score = series.judged(constant, places, without)
-    if not accepted:
+    places, score = series.judged(constant, without)
+    if not places:
         return []
-    if rival is not None:
-        other = series.judged(rival, series.places(rival), without)[1]
-        if other > score + _BETTER:
-            return []
-    return _measured(values, columns, series.sharpened(places[:accepted], without), least)
+    if rival is not None and series.judged(rival, without)[1] > score + _BETTER:
+        return []
+    return _measured(values, columns, series.sharpened(places, without), least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,19 +92,35 @@ class _Series:
     columns: Float[np.ndarray, "w p"]
     floor: float
 
-    def places(self, shape: Float[np.ndarray, " w"]) -> list[int]:
-        """Return up to `MOST` indices at which a step reduces the sum of squares most.
+    def places(self, shape: Float[np.ndarray, " w"], most: int) -> list[int]:
+        """Return up to `most` indices at which a step reduces the sum of squares most.
 
         The regressor of a step is 0 before its index and `shape` from its index on; ones give a
         step of the value. The steps are found one after the other.
         """
         places: list[int] = []
-        while len(self.values) >= 4 * NEAR and len(places) < MOST:
+        while len(self.values) >= 4 * NEAR and len(places) < most:
             place = self._best_place(shape, places)
             if place is None:
                 break
             places.append(place)
         return places
+
+    def fewer(self, shape: Float[np.ndarray, " w"], places: list[int]) -> list[int]:
+        """Return the steps without the one that is missed least, each moved to its best place."""
+        base = self._of_columns
+        steps = _without(base, _without(base, shape[:, None] * _steps(places, len(shape))))
+        inverse = np.linalg.pinv(steps)
+        missed = (inverse @ self.values) ** 2 / np.sum(inverse**2, axis=1)
+        left = np.delete(places, np.argmin(missed)).tolist()
+        found = self.squares_ratio(shape, left)
+        for k in range(len(left)):
+            place = self._best_place(shape, [*left[:k], *left[k + 1 :]])
+            if place is not None and place != left[k]:
+                other = [*left[:k], place, *left[k + 1 :]]
+                if (better := self.squares_ratio(shape, other)) > found:
+                    left, found = other, better
+        return left
 
     def squares_ratio(self, shape: Float[np.ndarray, " w"], places: list[int]) -> float:
         """Return n ln (S₀ / S₁) with the number n of values.
@@ -116,31 +134,40 @@ class _Series:
             squares.append(max(float(residual @ residual), 1e-300))
         return len(self.values) * float(np.log(squares[0] / squares[1]))
 
-    def noise(self, design: Float[np.ndarray, "w q"], *starts: NoiseFit) -> NoiseFit:
+    def noise(
+        self, design: Float[np.ndarray, "w q"], *starts: NoiseFit, **choices: Any
+    ) -> NoiseFit:
         """Return the noise model with the largest likelihood, fitted together with `design`.
 
         `starts` are further fits from which the search starts.
         """
-        return fit_student_noise(self.values, design, *starts, floor=self.floor)
+        return fit_student_noise(self.values, design, *starts, floor=self.floor, **choices)
 
-    def judged(
-        self, shape: Float[np.ndarray, " w"], places: list[int], without: NoiseFit
-    ) -> tuple[int, float]:
-        """Return how many of the steps at `places` to accept, and 2 Δ ln L minus its threshold.
+    def judged(self, shape: Float[np.ndarray, " w"], without: NoiseFit) -> tuple[list[int], float]:
+        """Return the places of the steps to accept, and 2 Δ ln L minus its threshold.
 
         `without` is the noise model without steps. If no step is accepted, the second value is 0.
+        Noise whose level wanders by innovations with heavier tails than those beside the steps is
+        no rival: it calls every step an outlier.
         """
-        accepted, best = 0, 0.0
-        for used in range(1, len(places) + 1):
-            with_steps = self.noise(self._design(shape, places[:used]), without)
-            same = fit_student_noise(
-                self.values, self.columns, with_steps, order=with_steps.order, floor=self.floor
-            )
-            usual = max(without.log_likelihood, same.log_likelihood)
-            score = 2 * (with_steps.log_likelihood - usual) - EVIDENCE * used
-            if score >= best:
-                accepted, best = used, score
-        return accepted, best
+        accepted, best = [], 0.0
+        places, usual = self.places(shape, MOST), {}
+        while places:
+            least = EVIDENCE + FURTHER * (len(places) - 1)
+            if self.squares_ratio(shape, places) >= least / 2:
+                found = self.noise(self._design(shape, places), without)
+                kinds = [(order, found.freedom) for order in (None, found.order)]
+                for order, tails in kinds:
+                    if (order, tails) not in usual:
+                        usual[order, tails] = self.noise(
+                            self.columns, without, order=order, least_freedom=tails
+                        ).log_likelihood
+                beside = max(usual[kind] for kind in kinds)
+                score = 2 * (found.log_likelihood - beside) - least
+                if score >= best:
+                    accepted, best = places, score
+            places = self.fewer(shape, places)
+        return sorted(accepted), best
 
     def sharpened(self, places: list[int], without: NoiseFit) -> list[int]:
         """Return the indices of the steps, each moved to the nearby index of largest likelihood."""

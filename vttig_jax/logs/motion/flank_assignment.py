@@ -18,6 +18,7 @@ from .crossing import crossed_gap
 from .flank_step import seen_gap
 from .overrun import overrunning_segments
 from .segments import AFTER_REVERSAL, Segment, Segments, find_segments
+from .standstill import is_table, still_segments
 
 _BETTER = 0.5
 """The torque is used if the residual sum of squares with its flanks is below this fraction of that
@@ -41,12 +42,14 @@ _MOST_SAMPLES = 20_000
 comparison uses at most about `_MOST_SAMPLES` samples (both chosen)."""
 
 
-def assigned_segments(log: EncoderLog) -> Segments:
+def assigned_segments(log: EncoderLog, *, still: bool | None = None) -> Segments:
     """Return segments whose flanks come from the direction column, the torque or the motion.
 
     The direction column has priority; the torque must fit better than the motion. A note names the
-    choice.
+    choice. `still`: whether the log is a table of readings at standstill; by default the log says.
     """
+    if is_table(log) if still is None else still:
+        return still_segments(log)
     by_torque = find_segments(log)
     if log.direction is not None:
         return by_torque

@@ -73,7 +73,7 @@ class Segments:
     `segments` are parts of the phases `motion`. `read` is the number of samples of the log.
     `crossing` is the travel of the driving shaft in rad that is left out after each sample of
     `starts`, where the flank changes or a run begins. `unclear` says why the flank of many samples
-    is unknown, and is empty otherwise.
+    is unknown, and is empty otherwise. `still`: whether the samples are readings at standstill.
     """
 
     segments: tuple[Segment, ...]
@@ -83,6 +83,7 @@ class Segments:
     crossing: float = AFTER_REVERSAL
     starts: tuple[int, ...] = ()
     unclear: str = ""
+    still: bool = False
 
     @property
     def forward(self) -> int:

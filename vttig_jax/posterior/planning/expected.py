@@ -106,7 +106,7 @@ def expected_fit(
         steps,
         usual,
         None,
-        scope_of([shafts], [rows]),
+        scope_of([shafts], [rows], design.waves),
         orders,
     )
     return fit, passes

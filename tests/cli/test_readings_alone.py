@@ -1,0 +1,42 @@
+"""`vttig fit --readings FILE` without a log: backlash by a dial gauge at n places."""
+
+import numpy as np
+import pytest
+
+PLACES = np.arange(0.0, 360.0, 30.0)
+
+
+@pytest.fixture
+def dial(tmp_path):
+    gap = 0.1 + 0.02 * np.sin(np.radians(PLACES + 50.0))
+    gap = gap + np.random.default_rng(0).normal(0.0, 5e-4, len(PLACES))
+    path = tmp_path / "dial.csv"
+    rows = zip(PLACES.tolist(), gap.tolist(), strict=True)
+    path.write_text("driving_deg,backlash_deg\n" + "".join(f"{a},{g:.6f}\n" for a, g in rows))
+    return path
+
+
+def test_mean_and_first_order(dial, vttig_json):
+    code, found = vttig_json("fit", "--readings", dial, "--ratio", "45:1")
+    assert code == 0
+    assert found["schema"] == "vttig.readings/1" and found["count"] == 12
+    assert found["low95_deg"] < 0.1 < found["high95_deg"]
+    assert found["std_deg"] < 5e-4
+    first = found["orders"][0]
+    assert (first["shaft"], first["order"], first["significant"]) == ("driving", 1, True)
+    assert abs(first["amplitude_deg"] - 0.02) < 4 * first["std_deg"]
+    assert first["phase_deg"] == pytest.approx(50.0, abs=5.0)
+    assert found["largest"]["driving_deg"] == pytest.approx(40.0, abs=10.0)
+
+
+def test_one_reading_has_no_error(dial, vttig_json):
+    dial.write_text("driving_deg,backlash_deg\n0,0.1\n")
+    code, found = vttig_json("fit", "--readings", dial, "--ratio", "45:1")
+    assert code == 0 and found["orders"] == []
+    assert found["backlash_deg"] == pytest.approx(0.1) and found["std_deg"] is None
+
+
+@pytest.mark.parametrize("options", [(), ("--ratio", "45:1", "--out", "run")])
+def test_what_is_missing_or_makes_no_sense_is_said(dial, options, vttig):
+    code, _, said = vttig("fit", "--readings", dial, *options)
+    assert code == 2 and said.count("\n") == 1

@@ -1,0 +1,62 @@
+"""Tables of readings at standstill: which logs are one, and on which flank every reading lies."""
+
+import numpy as np
+import pytest
+
+from tests.logs.profiles import drive, geared, trapezoid
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.flank_assignment import assigned_segments
+
+PLACES = np.arange(0.0, 360.0, 15.0)
+
+
+def table(angle, interval=None, **columns):
+    """A log of a 1:1 shaft that was read at places, by default at unequal times."""
+    count = len(angle)
+    took = np.random.default_rng(0).uniform(8.0, 15.0, count) if interval is None else interval
+    time = np.cumsum(np.broadcast_to(took, count))
+    driven = angle + np.sin(np.radians(angle))
+    return EncoderLog.from_arrays(time, angle, driven, pair=drive("1"), unit="deg", **columns)
+
+
+def flanks(log):
+    """The flank of every reading, as one letter each."""
+    found = assigned_segments(log)
+    assert found.still
+    text = ["-"] * len(log)
+    for one in found.segments:
+        text[one.start : one.stop] = one.flank * (one.stop - one.start)
+    return "".join(text)
+
+
+@pytest.mark.parametrize(
+    ("angle", "seen"),
+    [
+        (PLACES, "A" * 24),
+        (PLACES[::-1], "B" * 24),
+        (np.append(PLACES, PLACES[-2::-1]), "A" * 24 + "B" * 23),
+        (np.append(PLACES, PLACES[::-1]), "A" * 24 + "B" * 24),
+        (np.repeat(np.append(PLACES, PLACES[-2::-1]), 3), "A" * 72 + "B" * 69),
+        (np.repeat(np.append(PLACES, PLACES[::-1]), 3), "A" * 72 + "B" * 72),
+        (np.tile(PLACES, 3), "A" * 72),
+        (np.tile(np.repeat(PLACES, 2), 2), "A" * 96),
+    ],
+)
+def test_the_flank_is_that_of_the_approach(angle, seen):
+    """Up, down, both ways, places read three times, and ways back to the start."""
+    assert flanks(table(angle)) == seen
+
+
+def test_a_column_of_directions_says_the_approach():
+    direction = np.tile([1, -1, 0], 8)
+    assert flanks(table(PLACES, direction=direction)) == "AB-" * 8
+
+
+def test_a_shaft_that_turns_is_no_table():
+    time, angle, _ = trapezoid(rate=100.0)
+    driven, _ = geared(angle)
+    log = EncoderLog.from_arrays(time, angle, driven, pair=drive("9/16"), unit="deg")
+    assert not assigned_segments(log).still
+    assert assigned_segments(log, still=True).still
+    steady = table(3.0 * np.arange(400.0), interval=1.0)
+    assert not assigned_segments(steady).still
