@@ -29,7 +29,7 @@ BOUNDS = {
     "model": (1952, 43),
     "identify": (3259, 24),  # 9000 together with posterior
     "posterior": (2975, 46),
-    "control": (5771, 64),  # 3600
+    "control": (5773, 64),  # 3600
     "plotting": (1890, 52),  # 2000 together with the report
     "runs": (2196, 5),  # 900 and what a sweep keeps in a folder, 440
     "cli": (3846, 19),  # 2600
