@@ -38,9 +38,9 @@ Scalar = Float[Number, ""]
 
 # Chosen values:
 _SECTIONS, _TOOTH_PAIRS, _POINTS = 9, 3, 9  # of the default grid; points are roll angles
-_NEWTON_STEPS, _HALVINGS = 7, 2  # to the extreme; the first go halfway to the higher neighbour
-_END_STEPS = 5  # to the end of the driven flank
-_REFINEMENTS = 10  # of the section; ten halvings reduce the interval to a thousandth
+_STEPS = 6  # of Newton's method, to the extreme and to the ends of the driven flank
+_CLIMBS = 3  # sections are searched on the grid, and then twice on the parabola through each
+_REFINEMENTS, _NEAR = 10, 1e-4  # of the section, and least distance for a parabola, in the face
 TIE = 1e-13  # difference, rad, below which contacts are equal; the middle one is then used
 _AT_ONCE, _FEWEST = 2**17, 64  # flank points in one batch (a cache's worth), and least angles
 _MARGIN = 1.2  # contact ratio above which eccentricities are assumed to cause no edge contact
@@ -145,9 +145,9 @@ class ContactSearch(eqx.Module):
 
     def touch_at(self, share: Float[Array, "pair n"]) -> TouchPoint:
         """Return the first contact of each tooth pair in one section, given for each position."""
-        flank, driven, sense = self.mates.driving, self.mates.driven, self.mates.sense
-        low, high = jnp.asarray(flank.start), jnp.asarray(flank.tip)
-        inner, outer = (driven.base_radius * jnp.sqrt(1 + v**2) for v in (driven.start, driven.tip))
+        driving, driven, sense = self.mates.driving, self.mates.driven, self.mates.sense
+        low, high = driving.limits[:2]
+        radii = driven.base_radius * jnp.sqrt(1 + driven.limits**2)
         ones = jnp.ones_like(share)
 
         def height(roll: Values) -> Values:
@@ -159,43 +159,45 @@ class ContactSearch(eqx.Module):
         def rising(roll: Values) -> tuple[Values, Values]:
             return jax.jvp(height, (roll,), (ones,))
 
-        def newton(number: Array, state: tuple[Values, ...]) -> tuple[Values, ...]:
+        def newton(_, state: tuple[Values, ...]) -> tuple[Values, ...]:
             roll, low, high, best, highest = state
             (value, rise), (_, bend) = jax.jvp(rising, (roll,), (ones,))
             better = value > highest - TIE  # the latest of equal steps is the most precise
             best, highest = jnp.where(better, roll, best), jnp.where(better, value, highest)
             low, high = jnp.where(rise > 0, roll, low), jnp.where(rise < 0, roll, high)
-            concave = (bend < 0) & (number >= _HALVINGS)
             halfway = jnp.where(rise > 0, roll + high, roll + low) / 2
-            top = jnp.clip(roll - rise / jnp.where(concave, bend, 1.0), low, high)
-            following = jnp.where(concave, top, halfway)
+            top = jnp.clip(roll - rise / jnp.where(bend < 0, bend, 1.0), low, high)
+            following = jnp.where(bend < 0, top, halfway)
             return jnp.where(jnp.isnan(rise), roll, following), low, high, best, highest
 
-        def to_end(_, roll: Values) -> Values:
-            at, change = jax.jvp(radius, (roll,), (ones,))
-            step = (at - end) / jnp.where(change == 0, 1.0, change)
-            return jnp.clip(roll - step, low, high)
+        def to_ends(_, rolls: Values) -> Values:
+            at, change = jax.jvp(jax.vmap(radius), (rolls,), (jnp.ones_like(rolls),))
+            excess = at - radii[:, None, None]
+            return jnp.clip(rolls - excess / jnp.where(change == 0, 1.0, change), low, high)
 
-        spacing = (high - low) / (self.grid.points - 1)
-        reach = jax.vmap(self.reach, in_axes=(0, None))(
-            low + spacing * jnp.arange(self.grid.points)[:, None, None], share
-        )
-        excess = jnp.maximum(reach.radius - outer, inner - reach.radius)
-        heights = jnp.where(excess > 0, -1e6 - excess / outer, sense * reach.error)
-        start = low + spacing * jnp.argmax(heights, axis=0)
-        ends = jnp.maximum(start - spacing, low), jnp.minimum(start + spacing, high)
+        middle = jnp.broadcast_to((low + high) / 2, (len(radii), *share.shape))
+        last, first, *edges = jax.lax.fori_loop(0, _STEPS, to_ends, middle)
+        edges += [jnp.full_like(last, edge) for edge in driving.limits[2:]]
+        rolls = jnp.linspace(first, last, self.grid.points)
+        spacing, heights = rolls[1] - rolls[0], jax.vmap(height)(rolls)
+        # Of hills between points of the grid, the highest can have the lower points: the tops of
+        # the parabolas through each three points take part, and the edges at which maps end.
+        rise, bend = (heights[2:] - heights[:-2]) / 2, jnp.diff(heights, 2, axis=0)
+        step = jnp.clip(-rise / jnp.where(bend < 0, bend, jnp.inf), -1.0, 1.0)
+        tops = rolls[1:-1] + spacing[None] * step
+        tops = jnp.concatenate([tops, *(jnp.clip(edge, first, last)[None] for edge in edges)])
+        heights = jnp.concatenate([heights, jax.vmap(height)(tops)])
+        rolls = jnp.concatenate([rolls, tops])
+        start = jnp.take_along_axis(rolls, jnp.argmax(heights, axis=0)[None], 0)[0]
+        ends = jnp.maximum(start - spacing, first), jnp.minimum(start + spacing, last)
         initial = (start, *ends, start, jnp.full_like(start, -jnp.inf))
-        *_, top, _ = jax.lax.fori_loop(0, _NEWTON_STEPS, newton, initial)
-        top_radius = radius(top)
-        end = jnp.clip(top_radius, inner, outer)
-        roll = jnp.where(end == top_radius, top, jax.lax.fori_loop(0, _END_STEPS, to_end, top))
+        *_, roll, _ = jax.lax.fori_loop(0, _STEPS, newton, initial)
         at = self.reach(roll, share)
-        missed = jnp.abs(at.radius - jnp.clip(at.radius, inner, outer)) > 1e-9 * outer
+        missed = jnp.abs(at.radius - jnp.clip(at.radius, *radii[:2])) > 1e-9 * radii[1]
         nothing = missed | jnp.less(*self.mounting.face()[::-1]) | jnp.isnan(at.error)
-        place = jnp.where(roll >= high, Place.DRIVING_TIP, Place.FLANK)
-        place = jnp.where(roll <= low, Place.DRIVING_START, place)
-        place = jnp.where(top_radius > outer, Place.DRIVEN_TIP, place)
-        place = jnp.where(top_radius < inner, Place.DRIVEN_START, place)
+        upper = jnp.where(last >= high, Place.DRIVING_TIP, Place.DRIVEN_START)
+        lower = jnp.where(first <= low, Place.DRIVING_START, Place.DRIVEN_TIP)
+        place = jnp.where(roll >= last, upper, jnp.where(roll <= first, lower, Place.FLANK))
         return TouchPoint(
             error=jnp.where(nothing, -sense * jnp.inf, at.error),
             roll=roll,
@@ -212,23 +214,33 @@ class ContactSearch(eqx.Module):
         the middle of the face, there is only one row.
         """
         shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(self.pose)))
-        sections, rows = self.grid.sections, self.grid.sections + _REFINEMENTS
+        sections = self.grid.sections
         if sections == 1:
-            middle = self.touch_at(jnp.broadcast_to(share_of_middle(self.mounting), shape))
+            middle = self.touch_at(jnp.broadcast_to(share_of(self.mounting, jnp.zeros(())), shape))
             return jax.tree.map(lambda values: values[None], middle)
 
         def first(heights: Values) -> Int[Array, "pair n"]:
             """Return the row of the earliest contact, of the grid unless a later row is earlier."""
             on_grid, later = heights[:sections], heights[sections:]
-            best, refined = nearest(on_grid, (sections,)), jnp.argmax(later, axis=0)
-            earlier = jnp.max(later, axis=0) > jnp.take_along_axis(on_grid, best[None], 0)[0]
-            return jnp.where(earlier, sections + refined, best)
+            best, highest = nearest(on_grid, (sections,)), jnp.max(later, axis=0)
+            earlier = highest > jnp.take_along_axis(on_grid, best[None], 0)[0]
+            # The last of equal refinements is the most precise.
+            last = len(later) - jnp.argmax(later[::-1] >= highest[None] - TIE, axis=0)
+            return jnp.where(earlier, sections + last - 1, best)
+
+        # On a tilted axis the edges of the driven map are only nearly in one section.
+        maps = self.mates.driving.map, self.mates.driven.map
+        edges = [] if maps[0] is None else [maps[0].z[0], maps[0].z[-1]]
+        edges += [] if maps[1] is None else [-maps[1].z[k] - self.mounting.axial for k in (0, -1)]
+        given = [*jnp.linspace(0.0, 1.0, sections), *(share_of(self.mounting, z) for z in edges)]
+        climbing, rows = _CLIMBS * len(given), _CLIMBS * len(given) + _REFINEMENTS
 
         def step(known: tuple[Values, Values], row: Array) -> tuple[tuple[Values, Values], Any]:
             shares, heights = known
-            on_grid = jnp.broadcast_to(row / (sections - 1), shape)
-            following = next_share(shares, heights, first(heights))
-            touch = self.touch_at(jnp.where(row < sections, on_grid, following))
+            climbs = jnp.where(row < climbing, row - len(given), first(heights))
+            following = next_share(shares, heights, climbs)
+            on_grid = jnp.broadcast_to(jnp.stack(given)[row], shape)
+            touch = self.touch_at(jnp.where(row < len(given), on_grid, following))
             height = self.mates.sense * touch.error
             return (shares.at[row].set(touch.share), heights.at[row].set(height)), touch
 
@@ -245,7 +257,8 @@ def next_share(shares: Values, heights: Values, best: Int[Array, "pair n"]) -> V
     """Return the share at the top of the parabola through the best section and its neighbours.
 
     Without a top it is halfway to the neighbour on the longer side. At an end of the face the
-    section itself replaces the missing neighbour.
+    section itself replaces the missing neighbour. Neighbours are `_NEAR` away or more, since the
+    curvature over less is that of rounding.
     """
 
     def at(rows: Int[Array, "1 pair n"]) -> tuple[Values, Values]:
@@ -253,7 +266,7 @@ def next_share(shares: Values, heights: Values, best: Int[Array, "pair n"]) -> V
 
     best = best[None]
     middle, top = at(best)
-    below, above = shares < middle, shares > middle
+    below, above = shares < middle - _NEAR, shares > middle + _NEAR
     left = jnp.argmax(jnp.where(below, shares, -jnp.inf), axis=0, keepdims=True)
     right = jnp.argmin(jnp.where(above, shares, jnp.inf), axis=0, keepdims=True)
     back, left_top = at(jnp.where(below.any(axis=0, keepdims=True), left, best))
@@ -264,8 +277,9 @@ def next_share(shares: Values, heights: Values, best: Int[Array, "pair n"]) -> V
     good = jnp.isfinite(crossed) & (spread < -TIE * (ahead - back))
     longer = jnp.where(ahead > -back, ahead, back)
     step = jnp.where(good, crossed / jnp.where(good, 2 * spread, 1.0), longer / 2)
-    short = jnp.abs(step) < 1e-3 * jnp.abs(longer)
-    return (middle + jnp.where(short, 1e-3 * longer, step))[0]
+    short = (jnp.abs(step) < _NEAR) & (jnp.abs(longer) > 4 * _NEAR)
+    step = jnp.where(short, jnp.sign(longer) * 2 * _NEAR, step)
+    return (middle + jnp.clip(step, back, ahead))[0]
 
 
 def nearest(height: Values, sizes: tuple[int, ...]) -> Int[Array, "..."]:
@@ -283,11 +297,11 @@ def nearest(height: Values, sizes: tuple[int, ...]) -> Int[Array, "..."]:
     return jnp.argmin(jnp.where(tied, off_middle, jnp.inf), axis=0)
 
 
-def share_of_middle(mounting: Mounting) -> Values:
-    """Return the share of z = 0 in the common face, or of the closest end of the face."""
+def share_of(mounting: Mounting, z: Values) -> Values:
+    """Return the share of a height, mm, in the common face, or of the closest end of the face."""
     low, high = mounting.face()
     wide = high > low
-    return jnp.where(wide, jnp.clip(-low / jnp.where(wide, high - low, 1.0), 0.0, 1.0), 0.0)
+    return jnp.where(wide, jnp.clip((z - low) / jnp.where(wide, high - low, 1.0), 0.0, 1.0), 0.0)
 
 
 def contact_search(
@@ -479,7 +493,7 @@ def _reach(contact: TouchPoint, gears: Gears) -> Reach:
         mounting.driving_centre(driving_angle),
         mounting.driven_centre(driven_angle),
     )
-    share = share_of_middle(mounting) if contact.share is None else contact.share
+    share = share_of(mounting, jnp.zeros(())) if contact.share is None else contact.share
     return mates.reach(mounting, pose, contact.roll, share)
 
 

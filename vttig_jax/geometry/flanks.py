@@ -51,6 +51,12 @@ class Flank(eqx.Module):
     map: Bicubic | None = None
     pitch: Float[Array, " teeth"] | None = None
 
+    @property
+    def limits(self) -> Array:
+        """Roll angles, rad, at the start, at the tip and, if there is a map, at both its ends."""
+        ends = [] if self.map is None else [*self.map.roll[jnp.array([0, -1])] / self.base_radius]
+        return jnp.stack([jnp.asarray(end) for end in (self.start, self.tip, *ends)])
+
     def half_angle(self, roll: Values, z: Values, tooth: Values) -> Values:
         """Return ψ, rad, at roll angles, rad, and heights, mm, on teeth counted from 0."""
         angle = self.base_half_angle - self.recession(z) / self.reference_radius

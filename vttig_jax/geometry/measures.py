@@ -470,7 +470,6 @@ class GearMeasures:
         """Return the record of one gear in an object of schema `vttig.measure/1`."""
         circles = {"tooth_thickness": self.thickness, "tip_thickness": self.tip_thickness}
         places = ("thin_", "thin"), ("", "section"), ("thick_", "thick")
-        span, balls = self.span, self.over_balls
         return {
             "teeth": self.teeth,
             **{
@@ -486,23 +485,8 @@ class GearMeasures:
             "base_helix_deg": _named(SIDES, self.base_helix_deg),
             "chordal_thickness_mm": self.chordal_thickness_mm,
             "chordal_height_mm": self.chordal_height_mm,
-            "span_mm": {
-                "teeth": span.teeth,
-                "value": span.value_mm,
-                "transverse": span.transverse_mm,
-                "contact_diameter_mm": span.contact_diameter_mm,
-                "measurable": span.measurable,
-                "reason": span.reason,
-            },
-            "over_balls_mm": {
-                "ball_diameter_mm": balls.ball_diameter_mm,
-                "value": balls.value_mm,
-                "centre_diameter_mm": balls.centre_diameter_mm,
-                "contact_diameter_mm": _named(SIDES, balls.contact_diameters_mm),
-                "contact_z_mm": _named(SIDES, balls.contact_z_mm),
-                "reason": balls.reason,
-                "per_axial_mm": self.over_balls_slope,
-            },
+            "span_mm": _record(self.span),
+            "over_balls_mm": _record(self.over_balls) | {"per_axial_mm": self.over_balls_slope},
             "thickness_at": [
                 {"radius_mm": arc.radius_mm} | {f"{p}_mm": getattr(arc, p) for _, p in places}
                 for arc in self.thickness_at
@@ -551,11 +535,9 @@ def measure_gear(
         )
     radius, tip = float(tooth.reference_radius), float(tooth.tip_radius)
     forms = [form_radius(tooth, side) for side in SIDES]
-    helix = _base_helices(tooth, section_mm) / DEG
     diameter = usual_ball(tooth, section_mm) if ball_mm is None else ball_mm
     ball = over_balls(tooth, diameter, section_mm)
-    angles = tooth.half_angles(np.array([radius]), np.array([section_mm]))
-    mean = float(np.asarray(angles).sum() / 2)  # of the half angles at the reference circle
+    mean = float(tooth.half_angles(np.array([radius]), np.array([section_mm])).sum() / 2)
     low = max(forms)
     involutes = f"it reaches from {low:.4f} to {tip:.4f} mm."
     return GearMeasures(
@@ -567,7 +549,7 @@ def measure_gear(
         base_diameters_mm=_both(2 * tooth.base_radii),
         form_diameters_mm=_both([2 * form for form in forms]),
         undercut=any(undercut_depth(tooth, side) > 0 for side in SIDES),
-        base_helix_deg=_both(helix),
+        base_helix_deg=_both(_base_helices(tooth, section_mm) / DEG),
         thickness=_face_thickness(tooth, radius, section_mm),
         tip_thickness=_face_thickness(tooth, tip, section_mm),
         thickness_at=tuple(
@@ -624,6 +606,13 @@ def _named(names: Iterable[str], values: Any) -> Any:
     return None if values is None else dict(zip(names, map(float, values), strict=True))
 
 
+def _record(found: Span | OverBalls) -> dict[str, Any]:
+    """Return the fields of a measure by their names in JSON, pairs of flanks by their side."""
+    short = {"value_mm": "value", "transverse_mm": "transverse"}
+    named = {k: _named(SIDES, v) if isinstance(v, tuple) else v for k, v in vars(found).items()}
+    return {short.get(k, k.replace("diameters", "diameter")): v for k, v in named.items()}
+
+
 def _face_thickness(tooth: Tooth, radius: float, section: float) -> FaceThickness:
     width = float(tooth.face_width_mm)
     heights = np.array([section] if np.isnan(width) else [section, -width / 2, width / 2])
@@ -638,8 +627,7 @@ def _slope(tooth: Tooth, ball: OverBalls) -> float | None:
     """
     if ball.centre_diameter_mm is None or ball.contact_z_mm is None:
         return None
-    heights = np.array(ball.contact_z_mm)
-    slopes = recession_slopes(tooth, heights)
+    slopes = recession_slopes(tooth, np.array(ball.contact_z_mm))
     thinning = float(slopes[0, 0] + slopes[1, 1]) / float(tooth.reference_radius)
     centre = ball.centre_diameter_mm / 2
     # d(inv α)/dr = tan α / r for either flank

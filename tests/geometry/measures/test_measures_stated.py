@@ -3,7 +3,14 @@
 import pytest
 
 from tests.geometry.shop_gears import known, shop_gear
-from vttig_jax.geometry.measures import Stated, compare_stated, measure_gear, measures_text
+from vttig_jax.geometry.measures import (
+    Stated,
+    compare_stated,
+    measure_gear,
+    measure_pair,
+    measures_text,
+)
+from vttig_jax.pair.gear_pair import Gear, GearPair
 from vttig_jax.pair.schema import StatedTable
 
 TAPERED = shop_gear(helix=(3.0, 3.0))
@@ -71,7 +78,9 @@ def test_what_cannot_be_computed_is_not_compared():
 
 def table(gears, stated=None, notes=None):
     nothing = {name: {} for name in gears}
-    return measures_text(gears, stated or nothing, notes or {name: [] for name in gears}, "Title")
+    mesh = measure_pair(GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0))
+    empty = {name: [] for name in gears}
+    return measures_text(gears, stated or nothing, notes or empty, "Title", mesh)
 
 
 def cells(text: str, label: str) -> list[str]:
