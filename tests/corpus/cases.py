@@ -5,6 +5,7 @@
 - `options`: words of the command line; `pair`: text of a pair file that they replace.
 - `xfail`: why the expectation is not met yet; the test fails as soon as it is met.
 - `doors`: those of `DOORS` through which the text is read, if not all.
+- `needs`: the optional package without which the file is not read.
 - `[log]`: `rows`, verdict on the `ratio`, the `notes`, and for each role the name of its column,
   its unit, first and last value, the sum of all values, and the mean angle of a shaft in degrees.
 - `[preview]`: what `inspect` reports without a ratio: columns, notes and commands.
@@ -46,7 +47,7 @@ DOORS = ("read_log", "inspect", "stdin")
 FACTS = re.compile(
     r"`[^`\n]+`|--[a-z][a-z-]*(?:[= ][^\s`'();,]*[^\s`'();,.:])?|\bline \d+|#\d+|#row"
 )
-HEAD = ("options", "pair", "xfail", "doors")
+HEAD = ("options", "pair", "xfail", "doors", "needs")
 REPEATED = ("column", "unit", "invert")
 KEYWORDS = {"column": "columns", "sample_rate": "sample_rate_hz"}
 
@@ -62,6 +63,7 @@ class Case:
     pair: str | None = None
     xfail: str | None = None
     doors: tuple[str, ...] = DOORS
+    needs: str | None = None
     expected: Found = field(default_factory=dict)
 
     def words(self, folder: Path) -> list[str]:
@@ -254,6 +256,8 @@ def as_toml(case: Case, folder: Path) -> str:
         lines.append(f"pair = '''\n{case.pair}'''")
     if case.xfail:
         lines.append(f"xfail = {json.dumps(case.xfail, ensure_ascii=False)}")
+    if case.needs:
+        lines.append(f"needs = {json.dumps(case.needs)}")
     if case.doors != DOORS:
         lines.append(f"doors = {json.dumps(case.doors)}")
     lines += ["", f"[{kind}]"]
