@@ -6,8 +6,9 @@
 - `xfail`: why the expectation is not met yet; the test fails as soon as it is met.
 - `doors`: those of `DOORS` through which the text is read, if not all.
 - `needs`: the optional package without which the file is not read.
-- `[log]`: `rows`, verdict on the `ratio`, the `notes`, and for each role the name of its column,
-  its unit, first and last value, the sum of all values, and the mean angle of a shaft in degrees.
+- `[log]`: `rows`, the verdict on the `ratio` and what it says, the `notes`, and for each role the
+  name of its column, its unit, first and last value, the sum of all values, and the mean angle of
+  a shaft in degrees.
 - `[preview]`: what `inspect` reports without a ratio: columns, notes and commands.
 - `[error]`: exit code, place, what the sentence `says`, and its `slug` where it has one.
 
@@ -132,7 +133,7 @@ def through_read_log(case: Case, folder: Path) -> Found:
         "transmission_error": curve,
     }
     for role, column in found.items():
-        if isinstance(column, dict):
+        if isinstance(column, dict) and "name" in column:
             array = np.asarray(getattr(log, role) if role not in values else values[role])
             column |= {"first": array[0].item(), "last": array[-1].item()}
             column["sum"] = array.sum().item()
@@ -187,7 +188,8 @@ def reported(report: dict[str, Any]) -> Found:
         found["seconds"] = report["sampling"]["duration_s"]
     found |= {c["role"]: {"name": c["name"], "unit": c["unit"] or ""} for c in columns if c["role"]}
     if report["ratio"]["given"] is not None:
-        return {"log": found | {"ratio": report["ratio"]["verdict"]}}
+        told = report["ratio"]["verdict"], report["ratio"]["sentence"]
+        return {"log": found | {"ratio": dict(zip(("verdict", "says"), told, strict=True))}}
     commands = [report.get("fit_command"), *(p["command"] for p in report.get("proposals", ()))]
     source = shlex.quote(report["source"])
     told = [one.replace(source, "LOG").replace("fit - ", "fit LOG ") for one in commands if one]
@@ -233,7 +235,7 @@ def expected_at(case: Case, door: str) -> Found:
     return {
         "log": {
             key: {k: value[k] for k in ("name", "unit") if k in value}
-            if isinstance(value, dict)
+            if isinstance(value, dict) and key != "ratio"
             else value
             for key, value in told.items()
         }
@@ -267,6 +269,7 @@ def as_toml(case: Case, folder: Path) -> str:
         elif key == "notes":
             value = [facts(note) for note in value]
         if isinstance(value, dict):
+            value |= {"says": facts(value["says"])} if "says" in value else {}
             inner = ", ".join(
                 f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in value.items()
             )

@@ -12,12 +12,10 @@ from vttig_jax.logs.checks.order_spectrum import order_spectrum
 from vttig_jax.logs.checks.sampling import (
     SpeedPlateau,
     aliased,
-    plateaus_of,
-    sampling_of,
 )
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
-from vttig_jax.logs.motion.segments import Segment, find_segments
+from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.logs.read import read_log
 
 
@@ -116,24 +114,6 @@ def test_aliased_orders():
     (found,) = aliased([plateau], 10.0, {"driving": (1.0, range(1, 9))})
     assert (found.order, found.highest) == (5, 8)
     assert aliased([plateau], 10.0, {"driven": (0.5, range(1, 10))}) == ()
-
-
-def test_sampling():
-    time = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 10.0, 11.0, 12.1])
-    sampling = sampling_of(time)
-    assert (sampling.gaps, sampling.duplicates) == (1, 1)
-    assert sampling.longest_s == 7.0 and sampling.shortest_s == 0.0
-    assert sampling.rate_hz == pytest.approx(6 / 5.1) and sampling.jitter_s > 0.3
-
-
-def test_plateaus_join_equal_speeds_of_one_flank():
-    pieces = [Segment(0, 10, "A", 6.0), Segment(10, 20, "B", -6.0), Segment(20, 50, "A", 6.1)]
-    assert [(p.flank, p.segments, p.samples) for p in plateaus_of(pieces)] == [
-        ("A", 2, 40),
-        ("B", 1, 10),
-    ]
-    pieces[2] = Segment(20, 50, "A", 7.0)
-    assert len(plateaus_of(pieces)) == 3
 
 
 @pytest.mark.parametrize(
