@@ -10,7 +10,7 @@ from typing import Any
 OF_A_STD = 1e-3
 """Share of a standard error by which a number may differ."""
 
-RELATIVE, ALONE = 1e-6, 1e-4
+RELATIVE, ALONE = 1e-6, 1e-6
 """Relative difference of numbers with and without a standard error; in a list, of the largest.
 
 The search for the noise ends a hundredth of its standard error before the largest density."""

@@ -13,7 +13,7 @@ from vttig_jax.model import Posterior, largest, solved
 @pytest.fixture(scope="module")
 def posterior() -> Posterior:
     problem = drawn(1, ((300, 250), (400, 350))).problem
-    found = largest(problem.compressed, None)
+    found = largest(problem.compressed)
     return Posterior(problem, np.asarray(found.value), found.aux)
 
 

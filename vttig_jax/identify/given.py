@@ -467,6 +467,7 @@ def fitted_given(
     *,
     lines: Sequence[float] = (),
     delay_s: float = 0.0,
+    after: MixedFit | None = None,
     assumed: Assumptions,
 ) -> tuple[MixedFit, GivenModel]:
     """Fit the mixed model with the derivatives of a flank model until its parameters stand still.
@@ -481,6 +482,7 @@ def fitted_given(
             orders,
             lines=lines,
             delay_s=delay_s,
+            after=after,
             assumed=assumed,
             given=given,
         )
@@ -496,7 +498,7 @@ def fitted_given(
                 for name, value in zip(given.names, given.values, strict=True)
             ]
         )
-        delay_s = core.delay_s
+        shafts, after = core.shafts, core
     worst = max(moved, key=lambda name: abs(moved[name].value) / moved[name].std)
     raise NoAnswerError(
         f"the flank model {given.name} does not settle: {worst} still moves by"

@@ -279,30 +279,30 @@ def fitted(
         given = searched(given, shafts, drive, orders, assumed)
 
     fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed)
-    own = partial(fitted_given, shafts=shafts, drive=drive, orders=orders, assumed=assumed)
+    own = partial(fitted_given, drive=drive, orders=orders, assumed=assumed)
     turns = None
     if given is None:
         core, turns = turned(
             fit(shafts, delay_s=fixed_s),
-            lambda shafts, turns, delay_s: fit(shafts, given=turns, delay_s=delay_s),
+            lambda shafts, turns, after: fit(shafts, given=turns, after=after),
         )
     else:
-        core, given = own(given, delay_s=fixed_s)
-    lines, start = found_lines(core), core.delay_s
+        core, given = own(given, shafts, delay_s=fixed_s)
+    lines, first = found_lines(core), core
     if not lines or settings.lines != "join":
         return core, lines, given
     cycles = [float(f"{one.cycles_per_rev:.7g}") for one in lines]
     if given is not None:
-        core, given = own(given, lines=cycles, delay_s=start)
+        core, given = own(given, core.shafts, lines=cycles, after=core)
     elif any(any(one.start.spread) for one in shafts):
         # A line has a phase of its own in a log whose whole turns since the first one are unknown.
         shafts = [replace(one, start=start_of(core, log)) for log, one in enumerate(core.shafts)]
-        core = fit(shafts, lines=cycles, given=turns and Turns.of(core), delay_s=start)
+        core = fit(shafts, lines=cycles, given=turns and Turns.of(core), after=core)
     else:
         core, lines = refined(
             lines,
             core.scope.turns["driving"],
-            lambda at, shifts: fit(shafts, lines=at, given=shifts, delay_s=start),
+            lambda at, shifts: fit(first.shafts, lines=at, given=shifts, after=first),
         )
     return core, lines, given
 

@@ -29,13 +29,13 @@ _SHARE = 0.2
 
 
 def turned(
-    core: MixedFit, fit: Callable[[Sequence[Shafts], Turns, float], MixedFit]
+    core: MixedFit, fit: Callable[[Sequence[Shafts], Turns, MixedFit], MixedFit]
 ) -> tuple[MixedFit, Turns | None]:
     """Return the fit in which the logs share the orders whose phases their starts tell.
 
     A start is not linear: its derivative is a column, and the fit is repeated until the steps are
     small. Logs whose first orders contradict those of the first log keep their own. `fit` is a
-    function of the logs with their starts, the derivatives and the delay.
+    function of the logs with their starts, the derivatives and the fit before.
     """
     starts = [one.start for one in core.shafts]
     own = {log for log, start in enumerate(starts) if start == OWN}
@@ -48,7 +48,7 @@ def turned(
         number += 1
         turns = Turns.of(core)
         shafts = zip(core.shafts, starts, strict=True)
-        core = fit([replace(one, start=start) for one, start in shafts], turns, core.delay_s)
+        core = fit([replace(one, start=start) for one, start in shafts], turns, core)
         last, starts = starts, [start_of(core, log) for log in range(len(starts))]
         steps = [
             abs(new - old) < _SETTLED * std

@@ -19,6 +19,7 @@ from .lines import found_lines as found_lines
 from .mixed_fit import MixedFit as MixedFit
 from .mixed_fit import largest as largest
 from .mixed_fit import waves_of as waves_of
+from .newton import first_theta as first_theta
 from .newton import maximise as maximise
 from .outliers import is_heavy as is_heavy
 from .outliers import spread as spread
@@ -26,7 +27,6 @@ from .outliers import weights_of as weights_of
 from .parameter import Parameter as Parameter
 from .parameters import parameters_of as parameters_of
 from .problem import Problem as Problem
-from .problem import first_theta as first_theta
 from .problem import problem_of as problem_of
 from .rows import BENDS as BENDS
 from .rows import KNOTS as KNOTS

@@ -43,5 +43,5 @@ def likelihood_ratio(fit: MixedFit, group: str) -> float:
     logs, posterior = fit.posterior.problem.compressed, fit.posterior
     if not logs.on[GROUPS.index(group)]:
         return 0.0
-    found = maximise(without(logs, group), jnp.asarray(posterior.theta), jnp.asarray(0))
+    found = maximise(without(logs, group), posterior.theta)
     return max(0.0, float(found.aux.likelihood - posterior.at.likelihood))

@@ -1,5 +1,6 @@
 """Passes over the logs: rows, outliers, compression and the largest density until they settle."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,16 +14,16 @@ from ..base.errors import NoAnswerError
 from ..base.units import REV
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
-from .columns import GROUPS, Assumptions, Column, Shape, columns_of, embedding
+from .columns import GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding
 from .density import LAGS, MEMORY, Compressed
-from .functionals import Posterior
-from .newton import maximise
+from .functionals import Estimate, Posterior
+from .newton import first_theta, maximise
 from .outliers import is_heavy, spread, weights_of
-from .problem import Problem, first_theta, problem_of
-from .rows import BENDS, Extra, Rows, Shafts, Wave, joined, rows_of
+from .problem import Problem, cleared, problem_of
+from .rows import BENDS, SHAFTS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
-_MOST_PASSES, _MOMENTS = 7, 2
+_MOST_PASSES = 7
 CLEAR = 4.0
 """Standard errors of an order that stands out: noise alone passes it once in three thousand orders,
 and a table has some thirty."""
@@ -38,7 +39,7 @@ _CLEAN, _QUIET, _ROUNDING = 3e-3, 1e-2, 1e-10
 """Variance that every row has beside its noise, in u²: a log without noise has a density too."""
 
 _SETTLED = 0.1
-"""Step of the delay, in standard deviations, below which the passes end."""
+"""Change of a wave by a step of the delay, in its standard errors, at which the passes end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,17 +143,17 @@ class Design:
         columns = [replace(c, width=width) if c.name == ("delay",) else c for c in columns]
         return replace(self, shape=shape, columns=tuple(columns))
 
-    def scales(self, noise: float) -> dict[str, float]:
-        """Return the usual width τ of every group, where a row has this noise, rad.
+    def scales(self, noise: float, rows: int) -> dict[str, float]:
+        """Return the usual width τ of every group, where each of the rows has this noise, rad.
 
-        It is a tenth of the noise: what a log does not ask for stays small. A larger one lets slow
-        noise pass for orders or a drift. What changes with the speed may be as large as the noise
-        at the highest speed. The orders of a table of one turn may be as large as what it shows,
-        since nothing else tells them from noise.
+        It is the standard error of a harmonic in white noise: what a log does not ask for stays
+        smaller than what it can tell. A larger one lets slow noise pass for orders or a drift. What
+        changes with the speed may be as large as the noise at the highest speed. The orders of a
+        table of one turn may be as large as what it shows: nothing else tells them from noise.
         """
         noise = max(noise, 1e-4 * self.shape.usual)
         speed = max(float(self.bends[-1]), 1e-300)
-        usual = dict.fromkeys(GROUPS, 0.1 * noise)
+        usual = dict.fromkeys(GROUPS, noise * math.sqrt(2 / rows))
         if self.table:
             usual |= dict.fromkeys(("driving", "driven"), self.shape.usual)
         late = abs(self.shape.ratio) * speed
@@ -197,6 +198,7 @@ def mixed_fit(
     *,
     lines: Sequence[float] = (),
     delay_s: float = 0.0,
+    after: MixedFit | None = None,
     assumed: Assumptions = Assumptions(),
     given: Extra | None = None,
 ) -> MixedFit:
@@ -207,15 +209,22 @@ def mixed_fit(
       mesh.
     - `lines`: frequencies of further lines, cycles per driving turn.
     - `delay_s`: delay of the driven channel at which the first pass begins, or the known one.
+    - `after`: an earlier fit of these logs, at whose delay, outliers and orders that stand out
+      this one begins.
     - `assumed`: what is assumed before the logs are read.
     - `given`: derivatives by what is not linear, as further columns: of a flank model of the user,
       of lines by their frequencies or of logs by their starts.
     """
     shafts = tuple(shafts)
     design = design_of(shafts, pair, orders, lines=lines, assumed=assumed, given=given)
+    weights = None
+    if after is not None:
+        delay_s, weights = after.delay_s, after.weights
+        shape = replace(design.shape, clear=clear_in(after.posterior.problem.columns))
+        design = replace(design, shape=shape)
     free = any(column.name == ("delay",) for column in design.columns)
-    theta, weights, share, noise, steps = None, None, 0.0, 0.0, 0
-    number, last, settled = 0, 0.0, not free
+    theta, searched, share, noise, steps = None, False, 0.0, 0.0, 0
+    number, last = 0, 0.0
     while True:
         number += 1
         rows = design.rows(shafts, delay_s)
@@ -238,30 +247,37 @@ def mixed_fit(
             weights,
             centres={("delay",): delay_s},
             noise=_ROUNDING * design.shape.usual**2 * np.eye(1, LAGS + 1)[0],
-            usual=design.scales(noise),
+            usual=design.scales(noise, sum(len(one.table) for one in rows)),
             memory=design.memory,
         )
-        found = largest(problem.compressed, theta)
-        theta = np.asarray(found.value)
-        steps += int(found.stats["num_steps"])
-        posterior = Posterior(problem, theta, found.aux)
-        if clear := clear_orders(posterior):
-            # Beside one large order the others, which share its width, would take up slow noise.
-            shape = replace(design.shape, clear=design.shape.clear | clear)
-            design, theta = replace(design, shape=shape), None
-        if number >= _MOST_PASSES:
+        while True:
+            found = maximise(problem.compressed, theta, rough=not searched)
+            theta = np.asarray(found.value)
+            steps += int(found.stats["num_steps"])
+            posterior = Posterior(problem, theta, found.aux)
+            if clear := clear_orders(posterior):
+                # Beside one large order the others of its width would take up slow noise.
+                shape = replace(design.shape, clear=design.shape.clear | clear)
+                design = replace(design, shape=shape)
+                problem = cleared(problem, clear, assumed.orders * shape.usual)
+                theta, searched = None, False
+                continue
+            step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
+            settled = step is None or is_linear(step, posterior, design)
+            moves = number < _MOST_PASSES and (not settled or any(one.ramps for one in shafts))
+            if moves or searched:
+                break
+            theta, searched = np.asarray(largest(problem.compressed, theta).value), True
+        if not moves:
             break
-        step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
-        if any(one.ramps for one in shafts):
-            shafts = tuple(
-                with_ramps(one, log, posterior, design, delay_s) for log, one in enumerate(shafts)
-            )
-        elif not clear and (step is None or abs(step.value) < _SETTLED * step.std):
-            settled = True
-            break
+        shafts = tuple(
+            with_ramps(one, log, posterior, design, delay_s) if one.ramps else one
+            for log, one in enumerate(shafts)
+        )
         if step is not None:
-            # A step that turns back is halved, so that two delays do not follow each other forever.
-            last = step.value if step.value * last >= 0 else 0.5 * step.value
+            # A step that turns back by half or more would lead to two delays in turn.
+            back = step.value * last < 0 and abs(step.value) > 0.5 * abs(last)
+            last = 0.5 * step.value if back else step.value
             delay_s += last
     return MixedFit(
         shafts,
@@ -289,28 +305,46 @@ def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
     mean, covariance, _ = posterior.told(np.stack([posterior.row(c.name) for c in own]), moved=True)
     square = (mean**2 / np.diag(covariance)).reshape(-1, 2).mean(axis=1)
     return frozenset(
-        (str(c.name[0]), float(c.name[1]))
-        for c, size in zip(own[::2], square, strict=True)
-        if size > 0.5 * CLEAR**2
+        c.row[:2] for c, size in zip(own[::2], square, strict=True) if size > 0.5 * CLEAR**2
     )
 
 
-def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Solution:
-    """Return the largest density, from the last θ or, in the first pass, three starts.
+def clear_in(columns: Sequence[Column]) -> frozenset[tuple[str, int | float]]:
+    """Return shaft and order of the higher orders that have a width of their own."""
+    return frozenset(
+        c.row[:2]
+        for c in columns
+        if c.prior == KNOWN and c.row[0] in SHAFTS and c.row[1] != 1 and not c.differs
+    )
+
+
+def is_linear(step: Estimate, posterior: Posterior, design: Design) -> bool:
+    """Return whether the logs are as good as linear in a step of the delay.
+
+    It turns no wave by more than a tenth of its standard error, at the highest speed, and is within
+    a standard error: the column of the delay is a tenth smaller than the speed at most.
+    """
+    if abs(step.value) > step.std:
+        return False
+    problem = posterior.problem
+    std = problem.unit * np.diag(problem.natural)
+    std = std * np.sqrt(np.diag(posterior.at.spread)[: len(std)])
+    cycles = {(w.shaft, w.order): w.cycles(design.shape.ratio) for w in design.waves}
+    turned = abs(step.value) * float(design.bends[-1])
+    turned *= np.array([cycles.get(c.row[:2], 0.0) for c in problem.columns])
+    return bool(np.all(turned * np.abs(posterior.moved) <= _SETTLED * std))
+
+
+def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None = None) -> optx.Solution:
+    """Return the largest of the maxima that three starts lead to, of which `theta` is one.
 
     The density of a short log may have two maxima: one explains what repeats by orders, the other
-    by noise that remembers. Two steps of expectation and maximisation may lead from one to the
-    other, so the first start is taken with and without them.
+    by noise that remembers.
     """
-    if theta is not None:
-        return maximise(logs, jnp.asarray(theta), jnp.asarray(0))
     orders = first_theta(logs)
     noise = orders.copy()
     noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, np.log(logs.usual[:3]) - _SMALL
-    found = [
-        maximise(logs, jnp.asarray(start), jnp.asarray(moments))
-        for start, moments in ((orders, _MOMENTS), (orders, 0), (noise, 0))
-    ]
+    found = [maximise(logs, start, rough=True) for start in (theta, orders, noise)]
     height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
     best = min(found, key=height)
     usual = float(orders[LAGS + 1])
@@ -318,8 +352,8 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None) -> optx.Sol
         # A smooth log without noise is as well a noise that remembers everything.
         quiet = orders.copy()
         quiet[0], quiet[LAGS] = 0.0, usual + 0.5 * np.log(_ROUNDING) + 1.0
-        best = min(best, maximise(logs, jnp.asarray(quiet), jnp.asarray(0)), key=height)
-    return best
+        best = min(best, maximise(logs, quiet, rough=True), key=height)
+    return maximise(logs, best.value)
 
 
 def with_ramps(
@@ -405,7 +439,7 @@ def outlying(
     weight, share = weights_of(x, y)
     heavy = x * weight[:, None]
     residual = y - x @ np.linalg.solve(heavy.T @ x + hold, heavy.T @ y)
-    if share > _MOST_OUTLIERS:
+    if share > _MOST_OUTLIERS or np.all(weight > 0.5):
         return None, 0.0, spread(residual)
     residual = residual[weight > 0.5]
     ends = np.cumsum([len(one.table) for one in rows])[:-1]

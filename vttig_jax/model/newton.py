@@ -8,11 +8,15 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
+from ..base.arrays import Numbers
+from .columns import GROUPS
 from .density import LAGS, Compressed, Solved, solved
 
 _FAR = np.array([1.0] * LAGS + [1.5])
 _FAR_SCALE = 3.0
 _FLOOR, _LEAST = 0.2, 0.02
+_MOMENTS = 2
+_ROUGH = 0.1
 
 
 class _State(eqx.Module):
@@ -34,7 +38,9 @@ class Newton(optx.AbstractMinimiser):
 
     The Hessian is scaled to a unit diagonal; directions of negative curvature are followed
     downhill. No step is longer than `far` in any coordinate. A step that raises the value is
-    refused, and the damping grows. The search ends where the decrement gᵀ H⁻¹ g is below `atol`.
+    refused, and the damping grows. The search ends where the decrement gᵀ H⁻¹ g is below `atol` and
+    no longer falls to a quarter: there a step squares it, so that what is left is rounding. A
+    `rough` search ends at a decrement of a tenth already.
     The first `moments` steps are those of expectation and maximisation: from a far start the
     density is not convex in the noise.
     """
@@ -81,8 +87,11 @@ class Newton(optx.AbstractMinimiser):
         step = jnp.where(expected, told.moments - theta, step)
         decrement = jnp.sum(along**2 / size)
         promise = -(gradient @ step + 0.5 * step @ hessian @ step)
-        done = better & (decrement < self.atol) & (curvature[0] > 0)
+        rough = options["rough"]
+        near = (decrement < jnp.where(rough, _ROUGH, self.atol)) & (curvature[0] > 0)
+        done = better & near & (rough | (decrement >= 0.25 * state.decrement))
         number = state.number + 1
+        decrement = jnp.where(near, decrement, jnp.inf)
         state = _State(theta, value, gradient, hessian, damping, promise, decrement, number, done)
         return jnp.where(done, theta, theta + step), state, told
 
@@ -95,12 +104,31 @@ class Newton(optx.AbstractMinimiser):
         return state.theta, aux, {}
 
 
-@eqx.filter_jit
-def maximise(logs: Compressed, start: Float[Array, " p"], moments: Int[Array, ""]) -> optx.Solution:
+def first_theta(logs: Compressed) -> Float[np.ndarray, " p"]:
+    """Return where the search starts: correlated noise, large orders and drift, small parts."""
+    small = np.array([name in ("delay_parts", "gap_by_speed") for name in GROUPS])
+    # Large differences too: with small ones the search ends where noise remembers in their place.
+    widths = np.where(small, np.log(logs.usual) - 2.0, np.maximum(np.log(logs.usual), 0.0))
+    return np.concatenate([[1.0], np.zeros(LAGS - 1), [-0.5], widths])
+
+
+def maximise(
+    logs: Compressed, start: Float[Numbers, " p"] | None = None, *, rough: bool = False
+) -> optx.Solution:
     """Return the θ of the largest density; its `aux` is the `Solved` there.
 
-    `moments`: number of first steps by expectation and maximisation.
+    Without a `start` the search begins at large orders and drift, with two steps of expectation and
+    maximisation. `rough`: whether it is enough to tell this maximum from others.
     """
+    moments = 0 if start is not None else _MOMENTS
+    start = first_theta(logs) if start is None else start
+    return _maximise(logs, jnp.asarray(start), jnp.asarray(moments), jnp.asarray(rough))
+
+
+@eqx.filter_jit
+def _maximise(
+    logs: Compressed, start: Float[Array, " p"], moments: Int[Array, ""], rough: Bool[Array, ""]
+) -> optx.Solution:
     far = jnp.concatenate([_FAR, jnp.full(len(logs.on), _FAR_SCALE)])
 
     def negative(theta: Float[Array, " p"], logs: Compressed) -> tuple[Float[Array, ""], Solved]:
@@ -112,7 +140,7 @@ def maximise(logs: Compressed, start: Float[Array, " p"], moments: Int[Array, ""
         Newton(),
         start,
         logs,
-        {"far": far, "moments": moments},
+        {"far": far, "moments": moments, "rough": rough},
         has_aux=True,
         max_steps=60,
         throw=False,

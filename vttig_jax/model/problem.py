@@ -1,13 +1,13 @@
 """Compressed logs: rows of all logs and flanks as one `Compressed`, in scaled coefficients."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from .columns import FLAT, GROUPS, KNOWN, Column, embedding
-from .density import FIRST, LAGS, MEMORY, SECOND, Compressed
+from .density import FIRST, MEMORY, SECOND, Compressed
 from .rows import Name, Rows
 from .windows import windows
 
@@ -155,6 +155,30 @@ def problem_of(
     return Problem(columns, compressed, natural, start, unit)
 
 
+def cleared(problem: Problem, orders: Collection[tuple[str, int | float]], width: float) -> Problem:
+    """Return compressed logs in which orders (shaft and order) have this prior width of their own.
+
+    Differences between the flanks keep the width that they share.
+    """
+    old, columns = problem.compressed, list(problem.columns)
+    member, precision = np.array(old.member), np.array(old.precision)
+    for place, column in enumerate(columns):
+        if column.row[:2] in orders and not column.differs:
+            columns[place] = replace(column, prior=KNOWN, width=width)
+            precision[place] = (problem.unit * column.width / width) ** 2 * member[place].sum()
+            member[place] = 0.0
+    shared = np.asarray(old.member).sum(axis=1), member.sum(axis=1)
+    gone = shared[0][(shared[0] > 0) & (shared[1] == 0)]
+    new = replace(
+        old,
+        member=member,
+        precision=precision,
+        on=(member > 0).any(axis=0).astype(float),
+        constant=np.asarray(old.constant + np.sum(np.log(gone))),
+    )
+    return replace(problem, columns=tuple(columns), compressed=new)
+
+
 def _sparse(
     link: Float[np.ndarray, "names q"],
 ) -> tuple[Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
@@ -198,11 +222,3 @@ def bridged(rows: Rows, weight: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n
                 bridge = (1 - share) * rows.table[ends[0]] + share * rows.table[ends[-1]]
                 table[row] = weight[row] * rows.table[row] + (1 - weight[row]) * bridge
     return table
-
-
-def first_theta(logs: Compressed) -> Float[np.ndarray, " p"]:
-    """Return where the search starts: correlated noise, large orders and drift, small parts."""
-    small = np.array([name in ("delay_parts", "gap_by_speed") for name in GROUPS])
-    # Large differences too: with small ones the search ends where noise remembers in their place.
-    widths = np.where(small, np.log(logs.usual) - 2.0, np.maximum(np.log(logs.usual), 0.0))
-    return np.concatenate([[1.0], np.zeros(LAGS - 1), [-0.5], widths])

@@ -113,7 +113,7 @@ class LikeRigs:
             centres={("delay",): self.fit.delay_s},
             usual=dict(zip(GROUPS, usual.tolist(), strict=True)),
         )
-        found = largest(new.compressed, None)
+        found = largest(new.compressed)
         posterior = Posterior(new, np.asarray(found.value), found.aux)
         return replace(self.fit, rows=rows, posterior=posterior, weights=None)
 

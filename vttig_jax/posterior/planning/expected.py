@@ -86,11 +86,11 @@ def expected_fit(
         [rows],
         None,
         centres={("delay",): delay_s},
-        usual=replace(design, shape=shape).scales(float(np.sqrt(covariance[0]))),
+        usual=replace(design, shape=shape).scales(float(np.sqrt(covariance[0])), len(rows.table)),
         noise=covariance,
         memory=design.memory,
     )
-    found = largest(problem.compressed, None)
+    found = largest(problem.compressed)
     theta, at = expected_widths(np.asarray(found.value), problem.compressed)
     posterior = Posterior(problem, theta, at)
     steps = int(found.stats["num_steps"])
