@@ -17,7 +17,8 @@ numbers. The words between them may change.
 
     python -m tests.corpus.cases tests/corpus/NAME.csv --ratio 16:9 > tests/corpus/NAME.toml
 
-writes what is found today; read it before you keep it.
+prints what is found today (`--preview` for a log without its ratio), and `--again` instead of the
+text writes all expectations anew that are met today; read the difference before you keep it.
 """
 
 import contextlib
@@ -279,12 +280,22 @@ def as_toml(case: Case, folder: Path) -> str:
     return "\n".join(lines).lstrip() + "\n"
 
 
-if __name__ == "__main__":
+def record(words: list[str]) -> None:
+    """Print the TOML of a text, or with `--again` write those of all expectations that are met."""
     from tempfile import TemporaryDirectory
 
     with TemporaryDirectory() as made:
-        words = [one for one in sys.argv[2:] if one != "--preview"]
-        doors = DOORS if len(words) == len(sys.argv) - 2 else DOORS[1:]
-        sys.stdout.write(
-            as_toml(Case(Path(sys.argv[1]), shlex.join(words), doors=doors), Path(made))
-        )
+        if words == ["--again"]:
+            for case in cases():
+                if not case.xfail:
+                    path = FOLDER / f"{name_of(case.log)}.toml"
+                    path.write_text(as_toml(case, Path(made)), encoding="utf-8")
+        else:
+            options = [one for one in words[1:] if one != "--preview"]
+            doors = DOORS if options == words[1:] else DOORS[1:]
+            case = Case(Path(words[0]), shlex.join(options), doors=doors)
+            sys.stdout.write(as_toml(case, Path(made)))
+
+
+if __name__ == "__main__":
+    record(sys.argv[1:])
