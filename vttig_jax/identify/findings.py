@@ -13,11 +13,11 @@ import msgspec
 
 from ..base.units import DEG
 from ..logs.checks.ratio import SeenRatio
-from ..logs.checks.slope import computed_text, exact_slope
 from ..logs.encoder_log import EncoderLog
 from ..logs.fractions import better_fraction
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
+from ..logs.slope import computed_text, exact_slope
 from ..model.components import NEEDED
 from ..model.mixed_fit import MixedFit, waves_of
 from ..model.parameter import Parameter

@@ -26,7 +26,6 @@ from .checks.sampling import (
     sampling_of,
 )
 from .checks.slip import find_slips, slips_text
-from .checks.slope import computed_text, exact_slope
 from .encoder_log import EncoderLog
 from .lines.blind_search import blind_lines
 from .lines.search import Line
@@ -35,6 +34,7 @@ from .motion.flank_assignment import assigned_segments
 from .motion.segments import Segments
 from .preview import ColumnReport, bullets, column_table, sampling_rows
 from .recognition.request import TwoShafts
+from .slope import computed_text, exact_slope
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,7 @@ def exact_slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"
     **Example**
     ```python
     >>> import numpy as np
-    >>> from vttig_jax.logs.checks.slope import exact_slope
+    >>> from vttig_jax.logs.slope import exact_slope
     >>> angle = np.linspace(0.0, 50.0, 1000)
     >>> [exact_slope(angle, 0.5 * angle + error) for error in (0.1, 1e-4 * np.sin(angle))]
     [0.5, None]
