@@ -1,7 +1,9 @@
 """Small files with large content, claims that are not true, and objects that hold themselves."""
 
 import bz2
+import gzip
 import io
+import json
 import sqlite3
 import struct
 import zlib
@@ -15,6 +17,7 @@ from pyarrow import parquet
 
 from tests.logs.binary_logs import WRITERS
 from tests.logs.readers.seen import seen
+from tests.logs.workbooks import ods, ods_cell, xlsx
 from vttig_jax import InputError, read_log
 from vttig_jax.base.files.limits import LEAST_BYTES, most_memory
 
@@ -286,3 +289,52 @@ def test_packed_messages_of_a_bag_are_counted(tmp_path, refused):
         base.execute("CREATE TABLE messages (data BLOB)")
         base.executemany("INSERT INTO messages VALUES (?)", [(b"\0\1plain",), (big,)])
     refused("log.db3", (tmp_path / "made.db3").read_bytes(), LARGE)
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [
+        lambda: gzip.compress(bytes(1 << 29)),
+        lambda: xlsx({"far": '<row r="1"><c r="XFD1048576"><v>1</v></c></row>'}),
+        lambda: ods(
+            '<table:table-row table:number-rows-repeated="3000">'
+            f"{ods_cell(1.0, 16_000)}</table:table-row>"
+        ),
+        lambda: xlsx({"long": "<row/>" * (50 << 20)}),
+    ],
+    ids=["gzip", "a far cell", "repeated cells", "long XML"],
+)
+def test_texts_and_workbooks_are_measured_before_they_are_unpacked(refused, bomb):
+    pytest.importorskip("python_calamine")
+    refused("log.txt", bomb(), LARGE)
+
+
+def test_empty_rows_at_the_end_of_a_sheet_are_no_bomb(tmp_path):
+    pytest.importorskip("python_calamine")
+    rows = [["time_s", "a_deg"], *([k / 8, 2.0 * k] for k in range(9))]
+    table = "".join(
+        f"<table:table-row>{''.join(map(ods_cell, row))}</table:table-row>" for row in rows
+    )
+    empty = '<table:table-cell table:number-columns-repeated="16384"/>'
+    empty = f'<table:table-row table:number-rows-repeated="1048000">{empty}</table:table-row>'
+    (tmp_path / "log.ods").write_bytes(ods(table + empty))
+    assert seen(tmp_path / "log.ods") == (0, ["time_s", "a_deg"])
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (json.dumps({f"k{k}": [1, 2] for k in range(3000)}), "3000"),
+        ('{"a":' * 50_000, ""),
+        ("[" * 50_000, ""),
+        ("a," + "b " * 9000 + "\n1,2\n3,4\n", "name"),
+        ('{"t": [' + "1, " * 150_000 + "]}", ""),
+        ('"' + "x" * 10**6, ""),
+        ("1, " * 150_000, ""),
+        ("a b " * 250_000, ""),
+    ],
+    ids=["lists", "objects", "brackets", "names", "array", "quote", "numbers", "words"],
+)
+def test_texts_that_are_no_table_end_in_a_sentence(refused, text, word):
+    """Nothing in a reader costs more than linear time or depth."""
+    refused("log.txt", text.encode(), word)

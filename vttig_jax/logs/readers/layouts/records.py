@@ -240,7 +240,8 @@ def _read_side(lines: list[str], source: str) -> Found:
         numbers(
             [(number, text) for text in row[skip:]],
             decimal,
-            f"{source}: row `{printable(name)}`",
+            source,
+            f"row `{printable(name)}`",
         )
         for name, (number, row) in zip(names, rows, strict=True)
     )
