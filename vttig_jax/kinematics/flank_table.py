@@ -196,16 +196,22 @@ class FlankTable(Bounds):
         """Driving angle from the first to the last node, rad."""
         return self.step * self.intervals
 
-    def of_map(self, number: Any) -> "FlankTable":
-        """Return table `number`, counted from 0, of tables that share their nodes."""
-        return replace(self, first=np.asarray(number * (self.intervals + 1)))
+    def gap_among(self, gaps: Any, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Return what `gap` returns, from the gap and step · its slope at each node, rad (rows, 2).
+
+        There are half as many numbers to gather.
+        """
+        share, row = self._place(driving_angle)
+        return _hermite(share, *_gathered(gaps, 2 * row, 4))[0]
 
     def _interval(self, angle: Float[Array, "*shape"]):
-        """Return the share of the interval that holds a driving angle, and the numbers of its ends.
+        """Return the share of the interval that holds an angle, and the numbers of its ends."""
+        share, row = self._place(angle)
+        found = _gathered(self.nodes, 4 * row, 8)
+        return share, found[:4], found[4:]
 
-        The four numbers of a node are gathered one by one, because XLA joins such gathers with the
-        sums and products around them.
-        """
+    def _place(self, angle: Float[Array, "*shape"]):
+        """Return the share of the interval that holds a driving angle, and the row of its start."""
         place, count = (angle - self.start) * (1.0 / jnp.asarray(self.step)), self.intervals
         if self.periodic:
             whole = jnp.floor(place)
@@ -213,11 +219,16 @@ class FlankTable(Bounds):
         else:
             place = jnp.clip(place, 0.0, float(count))
             whole = row = jnp.minimum(jnp.floor(place), count - 1.0)
-        first = 4 * (row.astype(jnp.int32) + jnp.asarray(self.first, jnp.int32))
-        numbers = jnp.asarray(self.nodes).reshape(-1)
-        # XLA clamps the index of a gather, so that an angle that is not a number does no harm.
-        found = [numbers.at[first + i].get(mode="promise_in_bounds") for i in range(8)]
-        return place - whole, found[:4], found[4:]
+        return place - whole, row.astype(jnp.int32) + jnp.asarray(self.first, jnp.int32)
+
+
+def _gathered(table: Any, first: Any, count: int) -> list[Array]:
+    """Return consecutive numbers of a table, one by one: XLA joins such gathers with what follows.
+
+    XLA clamps the index of a gather, so that an angle that is not a number does no harm.
+    """
+    numbers = jnp.asarray(table).reshape(-1)
+    return [numbers.at[first + i].get(mode="promise_in_bounds") for i in range(count)]
 
 
 def _hermite(share, start, rise, end, fall):

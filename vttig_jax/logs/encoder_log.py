@@ -327,12 +327,12 @@ class EncoderLog:
                 raw = RawChannel(values.pop(role), units[role], scale, step)
                 channels[role], told = make_channel(role, raw, encoder, time, layout.zero, place)
                 notes += told
-        driving, driven, error = (
-            channels["driving"],
-            channels.get("driven"),
-            values.get("transmission_error"),
-        )
-        assert statement.ratio is not None  # `assign` asks for columns without a ratio
+        driving, driven = channels["driving"], channels.get("driven")
+        if driven is not None and statement.ratio is not None:
+            clock = "time" in place.columns
+            if is_at_standstill(driving.reading, time, clock=clock):
+                driven = driven.following(float(statement.ratio) * driving.angle)
+        error = values.get("transmission_error")
         if driven is None and layout.driven_scale != 1:
             raise LogError(
                 "the log has no driven channel; remove this scale.", where="log.driven_scale"
@@ -349,10 +349,9 @@ class EncoderLog:
                 where=place.at("driving"),
             )
         refuse_turns(driving.turns, len(time), place)
+        assert statement.ratio is not None  # `assign` asks for columns without a ratio
         if driven is not None:
             refuse_stuck(driving, driven, statement.ratio, time, place)
-            if is_at_standstill(driving.reading, time, clock="time" in place.columns):
-                driven = driven.following(float(statement.ratio) * driving.angle)
         direction = values.get("direction")
         return cls(
             time=time,

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ...base.units import REV
+from ...kinematics.flank_table import FlankTable
 from ..fields import Quantity, positive
 from .acceleration import LEAST_RPM, MARGIN_MM
 from .controller import Controller, Measurement
@@ -70,14 +71,15 @@ class Predictive(Controller):
         self, seen: Measurement, far: Float[Array, ""], least: Float[Array, ""]
     ) -> Float[Array, ""]:
         """Return `least`, or less (mm) where teeth pass up to an angle `far` (rad)."""
-        retreat = seen.retreat
-        if retreat is None:
+        retreat, table = seen.retreat, seen.map
+        if retreat is None or not isinstance(table, FlankTable):
             return least
         pause = retreat.pause(jnp.maximum(jnp.abs(seen.speed), self.least_rpm * REV / 60.0))
 
         def lower(number: Int[Array, ""], least: Float[Array, ""]) -> Float[Array, ""]:
             step = jnp.clip(seen.speed * (seen.delay + number * pause), -far, far)
-            closed = seen.map.closed_at(seen.map.gap(seen.driving + step))
+            gap = table.gap_among(retreat.gaps, seen.driving + step)
+            closed = table.closed_at(gap)
             return jnp.minimum(least, closed + retreat.distance(number * pause))
 
         # A loop is compiled to less than two thirds of the time of its unrolled steps.

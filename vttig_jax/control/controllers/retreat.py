@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...base.arrays import Number, float64
+from ...base.arrays import Number, Numbers, float64
 
 
 class Retreat(eqx.Module):
@@ -16,6 +16,7 @@ class Retreat(eqx.Module):
     **Arguments**
     - `speed`, `acceleration`: limits of the actuator, mm/s and mm/s². - `pitch`: tooth pitch, rad.
     - `swing`: largest change of the closing displacement within a pitch, mm.
+    - `gaps`: gap and step · its slope at the nodes of the map, rad.
     - `points`: number of points at which the gap is looked at.
     """
 
@@ -23,6 +24,7 @@ class Retreat(eqx.Module):
     acceleration: Float[Number, ""] = eqx.field(converter=float64)
     pitch: Float[Number, ""] = eqx.field(converter=float64)
     swing: Float[Number, ""] = eqx.field(converter=float64)
+    gaps: Float[Numbers, "rows 2"]
     points: int = eqx.field(static=True)
 
     def pause(self, speed: Float[Array, ""]) -> Float[Array, ""]:

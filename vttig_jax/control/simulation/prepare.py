@@ -137,7 +137,7 @@ def prepared(
             raise _traced("step of its map", "the number of nodes in a tooth pitch")
         limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2
         swing = waves.swing / closing_of(s.pair).sum()
-        retreat = Retreat(*limits, waves.pitch, swing, waves.points)
+        retreat = Retreat(*limits, waves.pitch, swing, waves.gaps, waves.points)
     case = Case(
         motion=motion,
         bounds=bounds,
@@ -171,11 +171,13 @@ class Waves(NamedTuple):
 
     - `pitch`: tooth pitch, rad. - `swing`: largest change of the gap within it, rad; None for a
       table whose step is traced. - `points`: number of points in it at which the gap is looked at.
+    - `gaps`: gap and step · its slope at the nodes, rad.
     """
 
     pitch: float
     swing: Any
     points: int
+    gaps: Any
 
 
 def _model(s: Scenario, which: str) -> tuple[FlankModel, bool]:
@@ -281,12 +283,11 @@ def table_of(
     bounds = replace(model, closing=closing_of(s.pair)).turned(turns)
     judged = jnp.min if which == "plant_map" else jnp.mean
     gap = judged(gaps_of(bounds)) if given else None
-    waves = _waves(s.pair, bounds, step, order)
     if which == "controller_map" and given and s.map_backlash_deg is not None:
         nodes = jnp.asarray(bounds.nodes)
         shift = s.map_backlash_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
         bounds = replace(bounds, nodes=nodes.at[:, 2].add(shift))
-    return bounds, gap, waves
+    return bounds, gap, _waves(s.pair, bounds, step, order)
 
 
 def _waves(pair: Any, table: FlankTable, step: Any, order: float) -> Waves | None:
@@ -301,7 +302,7 @@ def _waves(pair: Any, table: FlankTable, step: Any, order: float) -> Waves | Non
         shifted = [gap[row : len(gap) - rows + 1 + row] for row in range(rows)]
         xp = namespace(gap)
         swing = (reduce(xp.maximum, shifted) - reduce(xp.minimum, shifted)).max()
-    return Waves(pitch, swing, points)
+    return Waves(pitch, swing, points, table.nodes[:, 2:] - table.nodes[:, :2])
 
 
 def gaps_of(table: Any) -> Any:

@@ -26,7 +26,8 @@ _METRICS = (
 class Stage(NamedTuple):
     """Result of one stage of the search.
 
-    - `width`: step of the keys; see `FreeKey.moved`. - `values`: values of the free keys.
+    - `width`: size of the simplex in steps of the keys; see `FreeKey.moved`.
+    - `values`: values of the free keys.
     - `start_deg`, `end_deg`: objective of the cases searched, before and after the stage.
     - `evaluations`: number of simulations of these cases.
     """

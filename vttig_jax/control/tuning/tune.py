@@ -193,7 +193,9 @@ def _stage(judge: "_Judge", best: Values, step: float) -> tuple[Values, Stage]:
     }
     found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
     values = min(best, judge.moved(best, found.x), key=lambda values: judge.score(values).rank)
-    return values, Stage(step, values, before.cost_deg, judge.score(values).cost_deg, found.nfev)
+    return values, Stage(
+        abs(step), values, before.cost_deg, judge.score(values).cost_deg, found.nfev
+    )
 
 
 def _without_small_gains(judge: "_Judge", best: Values) -> Values:

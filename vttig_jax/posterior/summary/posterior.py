@@ -236,7 +236,7 @@ def priors(fit: Fit) -> tuple[str, ...]:
     found.append(
         "further orders of each shaft, their difference between the flanks, drift, a delay that"
         " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"
-        " has the prior of Student's t of three degrees of freedom"
+        " has a half-Cauchy prior"
     )
     return tuple(found)
 
