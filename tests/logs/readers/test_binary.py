@@ -44,7 +44,7 @@ def test_a_bag_whose_joints_change_their_order(tmp_path):
     assert seen(tmp_path / "folder")[0] == 3
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+@pytest.mark.parametrize("suffix", [one for one in WRITERS if one != ".jsonl"])  # a text of lines
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.97])
 def test_files_cut_off_are_refused_in_one_sentence(tmp_path, suffix, share, capfd):
     if suffix in NEEDS:
