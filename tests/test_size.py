@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (671, 1),  # 560
     "kinematics": (1099, 17),  # 780
     "geometry": (3533, 56),  # 2800
-    "logs": (10186, 274),  # 7400
+    "logs": (10185, 274),  # 7400
     "rig": (326, 1),  # 260
     "model": (2106, 44),
     "identify": (3421, 24),  # 9000 together with posterior

@@ -7,10 +7,12 @@ they are written, its lines, or the bytes of the file. `damaged_logs()` draws on
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
+from random import Random
 
 import numpy as np
 from hypothesis import strategies as st
 
+from .mutations import damaged_bytes, damaged_text
 from .profiles import counts, geared, trapezoid
 
 RATE = 250.0
@@ -45,10 +47,9 @@ class Text:
     order: tuple[int, ...] = (0, 1, 2)
     delimiter: str = ","
     decimal: str = "."
-    lines: tuple[Callable[[list[str]], list[str]], ...] = ()
-    newline: str = "\n"
+    texts: tuple[Callable[[str], str], ...] = ()
     encoding: str = "utf-8"
-    data: tuple[Callable[[bytes], bytes], ...] = ()
+    mutated: tuple[Callable[..., bytes], int] | None = None
 
     def to_bytes(self) -> bytes:
         """The file."""
@@ -59,13 +60,15 @@ class Text:
         header = self.delimiter.join(self.names[k] for k in self.order)
         rows = zip(*(columns[k].tolist() for k in self.order), strict=True)
         body = [self.delimiter.join(row).replace(".", self.decimal) for row in rows]
-        lines = [header, *body]
-        for change in self.lines:
-            lines = change(lines)
-        content = (self.newline.join(lines) + self.newline).encode(self.encoding, "replace")
-        for change in self.data:
+        content = "\n".join([header, *body, ""])
+        for change in self.texts:
             content = change(content)
-        return content
+        if self.mutated is None:
+            return content.encode(self.encoding, "replace")
+        change, seed = self.mutated
+        if change is damaged_text:
+            return damaged_text(content, Random(seed))
+        return damaged_bytes(content.encode(self.encoding, "replace"), Random(seed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,123 +218,53 @@ def swapped_names(draw: st.DrawFn, text: Text) -> Text:
     return replace(text, names=tuple(names))
 
 
-# What happens to the lines.
-
-
-def _lines(text: Text, change: Callable[[list[str]], list[str]]) -> Text:
-    return replace(text, lines=(*text.lines, change))
-
-
-def _cell(draw: st.DrawFn, text: Text, written: str) -> Text:
-    """One cell of one line reads `written`."""
-    place, column = draw(st.floats(0.01, 0.99)), draw(st.integers(0, 2))
-
-    def change(lines: list[str]) -> list[str]:
-        number = int(place * len(lines))
-        fields = lines[number].split(text.delimiter)
-        fields[min(column, len(fields) - 1)] = written
-        return [*lines[:number], text.delimiter.join(fields), *lines[number + 1 :]]
-
-    return _lines(text, change)
-
-
-def odd_cell(draw: st.DrawFn, text: Text) -> Text:
-    written = ["", " ", "nan", "inf", "-inf", "NaN", "error", "#N/A", '"', "1e400", "0x1F", "—"]
-    return _cell(draw, text, draw(st.sampled_from(written)))
-
-
-def any_cell(draw: st.DrawFn, text: Text) -> Text:
-    return _cell(draw, text, draw(st.text(max_size=12)))
+# What happens to the text.
 
 
 def thousands(draw: st.DrawFn, text: Text) -> Text:
     mark = draw(st.sampled_from([",", ".", "'", " ", "\u00a0"]))
 
-    def change(lines: list[str]) -> list[str]:
-        return [
-            text.delimiter.join(
-                f"{int(f):,}".replace(",", mark) if f.lstrip("-").isdigit() else f
-                for f in line.split(text.delimiter)
-            )
-            for line in lines
-        ]
+    def grouped(field: str) -> str:
+        return f"{int(field):,}".replace(",", mark) if field.lstrip("-").isdigit() else field
 
-    return _lines(text, change)
+    def change(content: str) -> str:
+        lines = content.split("\n")
+        return "\n".join(text.delimiter.join(map(grouped, x.split(text.delimiter))) for x in lines)
+
+    return replace(text, texts=(*text.texts, change))
 
 
 def repeated_header(draw: st.DrawFn, text: Text) -> Text:
-    place = draw(st.floats(0.01, 0.99))
+    row = _row(draw, text)
 
-    def change(lines: list[str]) -> list[str]:
-        number = int(place * len(lines))
-        return [*lines[:number], lines[0], *lines[number:]]
+    def change(content: str) -> str:
+        lines = content.split("\n")
+        return "\n".join([*lines[:row], lines[0], *lines[row:]])
 
-    return _lines(text, change)
-
-
-def missing_column(draw: st.DrawFn, text: Text) -> Text:
-    place, width = draw(st.floats(0.0, 0.99)), draw(st.integers(0, 2))
-
-    def change(lines: list[str]) -> list[str]:
-        start = int(place * len(lines))
-        cut = [text.delimiter.join(line.split(text.delimiter)[:width]) for line in lines[start:]]
-        return [*lines[:start], *cut]
-
-    return _lines(text, change)
+    return replace(text, texts=(*text.texts, change))
 
 
 def preamble(draw: st.DrawFn, text: Text) -> Text:
     above = draw(st.lists(st.text(max_size=20), max_size=3))
-    return _lines(text, lambda lines: [*above, *lines])
-
-
-# What happens to the file.
-
-
-def _data(text: Text, change: Callable[[bytes], bytes]) -> Text:
-    return replace(text, data=(*text.data, change))
-
-
-def truncated(draw: st.DrawFn, text: Text) -> Text:
-    share = draw(st.floats(0.0, 1.0))
-    return _data(text, lambda content: content[: int(share * len(content))])
-
-
-def nul_bytes(draw: st.DrawFn, text: Text) -> Text:
-    share, length = draw(st.floats(0.0, 1.0)), draw(st.integers(1, 2000))
-
-    def change(content: bytes) -> bytes:
-        at = int(share * len(content))
-        return content[:at] + bytes(length) + content[at:]
-
-    return _data(text, change)
-
-
-def mixed_line_ends(draw: st.DrawFn, text: Text) -> Text:
-    marks = [b"\r\n", b"\r", b"\n", b"\n\n", b"\r\r\n"]
-    other = draw(st.sampled_from(marks))
-    every = draw(st.integers(1, 9))
-
-    def change(content: bytes) -> bytes:
-        parts = content.split(b"\n")
-        ends = [other if k % every == 0 else b"\n" for k in range(len(parts) - 1)]
-        return b"".join(a + b for a, b in zip(parts, [*ends, b""], strict=True))
-
-    return _data(text, change)
-
-
-def encoded(draw: st.DrawFn, text: Text) -> Text:
-    kind = draw(st.sampled_from(["cp1252", "utf-16", "utf-16-le", "utf-8-sig", "utf-32"]))
-    return replace(text, encoding=kind)
+    return replace(text, texts=(*text.texts, lambda content: "\n".join([*above, content])))
 
 
 def degree_header(draw: st.DrawFn, text: Text) -> Text:
     names = ("time_s", "driving [°]", "driven [°]")
-    return replace(text, names=names, encoding=draw(st.sampled_from(["cp1252", "utf-8"])))
+    encoding = draw(st.sampled_from(["cp1252", "utf-8", "utf-16", "utf-16-le", "utf-32"]))
+    return replace(text, names=names, encoding=encoding)
 
 
 def decimal_commas(draw: st.DrawFn, text: Text) -> Text:
     return replace(text, decimal=",", delimiter=draw(st.sampled_from([";", "\t", ",", "|"])))
+
+
+def any_text(draw: st.DrawFn, text: Text) -> Text:
+    return replace(text, mutated=(damaged_text, draw(st.integers(0, 2**32))))
+
+
+def any_bytes(draw: st.DrawFn, text: Text) -> Text:
+    return replace(text, mutated=(damaged_bytes, draw(st.integers(0, 2**32))))
 
 
 READINGS = (
@@ -354,16 +287,15 @@ READINGS = (
     swapped_columns,
     swapped_names,
 )
-LINES = (odd_cell, any_cell, thousands, repeated_header, missing_column, preamble)
-FILES = (truncated, nul_bytes, mixed_line_ends, encoded, degree_header, decimal_commas)
+TEXTS = (thousands, repeated_header, preamble, degree_header, decimal_commas, any_text, any_bytes)
 
 
 @st.composite
 def damaged_logs(draw: st.DrawFn) -> Damaged:
     """A log with one to three damages."""
     text = clean_log()
-    # Readings before lines before bytes, so that each damage finds what it changes.
-    kinds = [*READINGS, *LINES, *FILES]
+    # Readings before the text, so that each damage finds what it changes.
+    kinds = [*READINGS, *TEXTS]
     chosen = draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=3, unique=True))
     for damage in sorted(chosen, key=kinds.index):
         if len(text.time) > 60 or damage not in READINGS:

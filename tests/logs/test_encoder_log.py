@@ -105,22 +105,6 @@ def test_gear_pair_serves_like_the_pair_file():
     assert plain.ratio == PAIR.ratio
 
 
-def test_notes_and_text():
-    log = from_arrays(driving=FIRST % 65_536)
-    assert any("65536" in note for note in log.notes)
-    text = str(log)
-    for words in ("2000 in 1.999 s", "0.9995 turns", "9/16", "first sample", "65536"):
-        assert words in text
-    assert "transmission error" in str(from_arrays(driven=None, transmission_error=TIME))
-
-
-def test_repeated_stamps_are_only_noted():
-    time = TIME.copy()
-    time[7] = time[6]
-    assert "1 stamps repeat" in from_arrays(time=time).notes[0]
-    assert from_arrays().notes == ()
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -173,12 +157,6 @@ def test_bad_data(options, where, words):
     with pytest.raises(LogError) as caught:
         from_arrays(**options)
     assert where in caught.value.where and words in caught.value.message, caught.value
-
-
-def test_too_few_samples():
-    with pytest.raises(LogError, match="only 3 samples"):
-        from_arrays(TIME[:3], FIRST[:3] * 1000, SECOND[:3] * 1000)
-    assert len(from_arrays(TIME[:4], FIRST[:4] * 1000, SECOND[:4] * 1000)) == 4
 
 
 def test_play_is_seen_in_the_error():

@@ -6,20 +6,16 @@ import numpy as np
 import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
-from vttig_jax.base.errors import LogError
 from vttig_jax.base.files.json_io import dumps, load_schema
+from vttig_jax.cli.main import main
 from vttig_jax.logs.checks.order_spectrum import order_spectrum
 from vttig_jax.logs.checks.sampling import (
     SpeedPlateau,
     aliased,
-    commensurate,
-    plateaus_of,
-    sampling_of,
 )
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
-from vttig_jax.logs.motion.segments import Segment, find_segments
-from vttig_jax.logs.preview import preview_log
+from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.logs.read import read_log
 
 
@@ -66,21 +62,6 @@ def test_schema_refuses_what_is_wrong(report):
             jsonschema.validate({**report.to_json(), **spoil}, schema)
 
 
-def test_text(report):
-    text = str(report)
-    for words in (
-        "65536",
-        "500 Hz",
-        "9/16 = 0.5625 given",
-        "flank A (forward)",
-        "backward",
-        "driven 1",
-        "[″]",
-    ):
-        assert words in text, text
-    assert max(map(len, text.splitlines())) <= 100
-
-
 def test_spectrum_finds_the_eccentricities(report):
     size = {(s.shaft, s.order, s.flank): s.amplitude_arcsec for s in report.spectrum}
     assert size["driving", 1, "A"] == pytest.approx(72.0, abs=1.0)
@@ -123,16 +104,6 @@ def test_commensurate_sampling_is_told():
     assert free.commensurate == () and "a whole number" not in flat(free)
 
 
-@pytest.mark.parametrize(("counts_per_sample", "told"), [(45.0004, 1), (45.004, 0), (0.0004, 0)])
-def test_commensurate_within_a_thousandth(counts_per_sample, told):
-    index = np.arange(20_000)
-    reading = np.rint(counts_per_sample * index).astype(np.int64)
-    log = EncoderLog.from_arrays(
-        index / 100, 31 * index / 250, reading, pair=spec(), unit=("deg", "counts")
-    )
-    assert len(commensurate(log, find_segments(log).segments)) == told
-
-
 def test_aliased_orders():
     slow = inspect_log(rig(rate=70.0), spec())
     named = {a.shaft: (a.order, a.highest) for a in slow.aliased}
@@ -143,24 +114,6 @@ def test_aliased_orders():
     (found,) = aliased([plateau], 10.0, {"driving": (1.0, range(1, 9))})
     assert (found.order, found.highest) == (5, 8)
     assert aliased([plateau], 10.0, {"driven": (0.5, range(1, 10))}) == ()
-
-
-def test_sampling():
-    time = np.array([0.0, 1.0, 2.0, 2.0, 3.0, 10.0, 11.0, 12.1])
-    sampling = sampling_of(time)
-    assert (sampling.gaps, sampling.duplicates) == (1, 1)
-    assert sampling.longest_s == 7.0 and sampling.shortest_s == 0.0
-    assert sampling.rate_hz == pytest.approx(6 / 5.1) and sampling.jitter_s > 0.3
-
-
-def test_plateaus_join_equal_speeds_of_one_flank():
-    pieces = [Segment(0, 10, "A", 6.0), Segment(10, 20, "B", -6.0), Segment(20, 50, "A", 6.1)]
-    assert [(p.flank, p.segments, p.samples) for p in plateaus_of(pieces)] == [
-        ("A", 2, 40),
-        ("B", 1, 10),
-    ]
-    pieces[2] = Segment(20, 50, "A", 7.0)
-    assert len(plateaus_of(pieces)) == 3
 
 
 @pytest.mark.parametrize(
@@ -175,15 +128,6 @@ def test_support(log, words):
     text = flat(inspect_log(log()))
     assert words in text
     assert words not in flat(inspect_log(rig()))
-
-
-def test_ratio_one_has_no_separate_orders():
-    time = np.arange(3000) / 100.0
-    log = EncoderLog.from_arrays(
-        time, 90 * time, 90 * time + 0.1 * np.sin(time), pair=drive("1"), unit="deg"
-    )
-    support = inspect_log(log).support
-    assert not support.driving_resolved and "share order 1" in support.sentences[0]
 
 
 def test_wrong_ratio_is_told_not_raised():
@@ -213,63 +157,6 @@ def test_measured_worm(data_dir):
     assert found.columns[1].resolution_arcsec == pytest.approx(0.036)
 
 
-def write(tmp_path, header, rows):
-    path = tmp_path / "log.csv"
-    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]) + "\n")
-    return path
-
-
-def test_preview(tmp_path):
-    time, angle, _ = trapezoid(rate=100.0, reversal=1080.0)
-    rows = zip(
-        time.round(4),
-        counts(angle) % 65_536,
-        counts(angle) * 9 // 16,
-        ["ok"] * len(time),
-        strict=True,
-    )
-    path = write(tmp_path, "time_s,driving_counts,driven_counts,state", rows)
-    seen = preview_log(path)
-    found = checked(seen)
-    assert [c["role"] for c in found["columns"]] == ["time", "driving", "driven"]
-    assert found["columns"][1]["wraps"] == 8 and found["columns"][1]["turns"] is None
-    assert found["ratio"]["seen"] == pytest.approx(0.5625, rel=1e-4)
-    assert found["samples"] == {"read": len(time)}
-    text = flat(seen)
-    assert "(9/16)" in text and "100 Hz" in text and "`state` is not read" in text
-    assert "counts_per_rev" in text
-
-
-def test_preview_names_what_is_missing(tmp_path):
-    path = write(tmp_path, "t_s,mot_deg,se_deg", [(k / 10, k % 360, k / 2) for k in range(800)])
-    seen = preview_log(path)
-    text = flat(seen)
-    for words in ("--column time=NAME", "--column driving=NAME", "driven=NAME", "--pair"):
-        assert words in text
-    assert "'None'" not in text
-    assert seen.sampling is not None and seen.ratio is None
-    assert [c.turns for c in seen.columns][1] == pytest.approx(799 / 360)
-    named = preview_log(path, columns={"driving": "mot_deg", "driven": "se_deg"}, sample_rate_hz=5)
-    assert named.ratio is not None and named.ratio[0] == pytest.approx(0.5)
-    assert named.sampling is not None and named.sampling.rate_hz == pytest.approx(5.0)
-    assert preview_log(path, columns={"time": "t_s"}).sampling is not None
-    with pytest.raises(LogError, match="no column x"):
-        preview_log(path, columns={"time": "x"})
-
-
-def test_preview_of_mixed_units_has_no_ratio(tmp_path):
-    path = write(tmp_path, "time_s,driving_deg,driven_counts", [(k, k, 2 * k) for k in range(9)])
-    assert preview_log(path).ratio is None
-
-
-def test_preview_decimal(tmp_path):
-    path = tmp_path / "log.txt"
-    path.write_text("time_s driving_deg\n" + "".join(f"{k} {k},500\n" for k in range(9)))
-    assert "`0,500` means 0.500 or 0500; give --decimal" in flat(preview_log(path))
-    assert preview_log(path, decimal=",").columns[1].high == 8.5
-    assert preview_log(path, decimal=".").columns[1].high == 8500
-
-
 def test_what_spoils_a_fit_is_noted_first(report):
     """A ratio that the log doubts, then a slip, then sampling and coverage, then the rest."""
     doubted = replace(report.ratio, seen=0.5625 + 1e-4, std=2e-5)
@@ -279,3 +166,26 @@ def test_what_spoils_a_fit_is_noted_first(report):
     places = [text.index(part) for part in ("5.0 standard errors above", slip, usual)]
     assert places == sorted(places)
     assert "standard errors above" not in flat(report)
+
+
+@pytest.mark.parametrize("options", [[], ["--ratio", "16:9"], ["--ratio", "16:9", "-v"]])
+def test_the_text_shows_what_the_object_holds(tmp_path, capsys, options):
+    """Columns, commands and notes; the columns of a large matrix share one row."""
+    time, angle, _ = trapezoid(rate=50.0, reversal=1080.0)
+    force = {f"force({k},:)": f"{k}" for k in range(1, 41)}
+    names = ["time [s]", "p [deg]", "q [deg]", *force]
+    rows = [
+        [f"{t:.3f}", f"{a:.4f}", f"{0.5625 * a:.4f}", *force.values()]
+        for t, a in zip(time, angle, strict=True)
+    ]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(";".join(row) for row in [names, *rows]))
+    assert main(["inspect", str(path), *options]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert main(["inspect", str(path), "--json", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    shown = [one["name"] for one in found["columns"] if "force" not in one["name"]]
+    commands = [found.get("fit_command"), *(one["command"] for one in found.get("proposals", []))]
+    for part in (*shown, *found["notes"], *filter(None, commands)):
+        assert " ".join(part.split()) in text, part
+    assert options or ("force(1…40,:)" in text and text.count("force") == 1 and len(commands) == 3)

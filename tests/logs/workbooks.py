@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+from collections.abc import Mapping
 
 MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
 OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
@@ -22,7 +23,7 @@ def cell(value) -> str:
     return f"<c><v>{value}</v></c>"
 
 
-def xlsx(sheets: dict[str, list]) -> bytes:
+def xlsx(sheets: Mapping[str, list | str]) -> bytes:
     """Workbook of Excel; a sheet is a list of rows, or the XML of its rows."""
     numbers = list(enumerate(sheets, 1))
     main = f'<workbook xmlns="{MAIN}" xmlns:r="{OFFICE}"><sheets>'

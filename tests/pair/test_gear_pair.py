@@ -246,26 +246,6 @@ assert jax.numpy.asarray(pair.module_mm) == 2.000000001
     assert done.returncode == 0, done.stderr
 
 
-def test_text_of_a_pair(paper_pair):
-    text = str(paper_pair)
-    for piece in (
-        "VTTIG rig",
-        "45 / 80",
-        "9/16 = 0.5625",
-        "20.0000° / 20.0000°",
-        "20.1504° / 20.1504°",
-        "3.0000° / 3.0000°",
-        "125.12 mm",
-        "45 / 80 mm",
-        "1.722 / 1.722",
-        "16 driving turns = 5760°",
-        "0.0628°",
-    ):
-        assert piece in text
-    nameless = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
-    assert str(nameless).splitlines()[0] == "gear pair"
-
-
 def test_eccentricities_as_complex_numbers():
     first, second = Eccentricities(0.02, 90.0, 0.03, -60.0).cartesian
     np.testing.assert_allclose(first, 0.02j, atol=1e-17)

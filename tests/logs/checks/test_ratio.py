@@ -9,7 +9,6 @@ from vttig_jax.logs.checks.ratio import (
     APART,
     DEVIATIONS,
     SHIFT_TURNS,
-    SeenRatio,
     check_ratio,
     seen_ratio,
 )
@@ -179,26 +178,6 @@ def test_the_better_fraction_is_said():
     found = check_ratio(EncoderLog.from_arrays(TIME, ANGLE, 23 / 64 * ANGLE, pair=pair, unit="deg"))
     assert found.verdict == "agrees" and found.better == Fraction(23, 64)
     assert "23/64 fits, so write that" in found.sentence
-
-
-def _doubted(off: float) -> SeenRatio:
-    """A log whose ratio is `off` standard errors above the given 9/16."""
-    return SeenRatio(9 / 16 + off * 1e-4, 1e-4, Fraction(9, 16), "agrees")
-
-
-def test_a_ratio_a_little_off_is_told_with_its_size_and_a_cure():
-    below = _doubted(-3.6)
-    assert below.is_doubtful
-    assert "3.6 standard errors below the given 9/16 (-640 ppm)" in below.sentence
-    assert "--free-ratio" in below.sentence
-    assert "3.2 standard errors above" in _doubted(3.2).sentence
-
-
-def test_a_ratio_within_chance_is_not_told():
-    assert not _doubted(2.9).is_doubtful and "as given" in _doubted(2.9).sentence
-    refused = SeenRatio(0.6, 1e-4, Fraction(9, 16), "differs")
-    assert not refused.is_doubtful and "correct the teeth" in refused.sentence
-    assert not seen_ratio(log()).is_doubtful
 
 
 def test_a_rounded_inverse_is_answered_with_the_fraction_of_the_log():

@@ -7,7 +7,6 @@ from tests.logs.channel.test_spikes import late
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.checks.slip import Slip, find_slips, refuse_slip
-from vttig_jax.logs.checks.steps import find_steps
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.motion.segments import find_segments
@@ -177,20 +176,6 @@ def test_too_little_to_tell():
     assert found(log) is None
     still = find_segments(log)
     assert find_slips(log, type(still)((), (), still.read)) == ()
-
-
-def test_steps_beside_columns():
-    generator = np.random.default_rng(0)
-    place = np.arange(200.0)
-    columns = np.stack([np.ones(200), place, np.sin(place / 9)], axis=1)
-    values = columns @ [1.0, 0.01, 2.0] + 0.01 * generator.standard_normal(200)
-    assert find_steps(values, columns) == []
-    (step,) = find_steps(values + 0.3 * (place >= 80), columns)
-    assert step.window == 80 and step.size == pytest.approx(0.3, abs=5 * step.std)
-    assert step.coefficients == pytest.approx([1.0, 0.01, 2.0], abs=0.02)
-    assert find_steps(values + 0.05 * (place >= 80), columns) == []
-    spans = np.stack([np.ones(200), place >= 80], axis=1).astype(float)
-    assert find_steps(values + 5.0 * (place >= 80), spans) == []
 
 
 def test_a_delay_that_steps_is_no_slip():

@@ -417,46 +417,6 @@ def test_columns_that_repeat_each_other_count_once():
     assert len(find_lines([run_of(STEADY, values, doubled)], highest=20.0)) == 1
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (
-            {"highest": 40.0},
-            r"`highest` must be at most 37\.\d+ cycles .* 0\.0133 revolutions apart",
-        ),
-        ({"highest": 20.0, "false_alarm": 0.0}, r"`false_alarm` must lie between 0 and 1"),
-        ({"highest": 20.0, "most": -1}, r"`most` must be at least 0"),
-    ],
-)
-def test_wrong_arguments(options, words):
-    with pytest.raises(ValueError, match=words):
-        find_lines([run_of(STEADY, np.ones(1500))], **options)
-
-
-def test_wrong_runs():
-    with pytest.raises(ValueError, match=r"`runs` must hold at least one run"):
-        find_lines([], highest=1.0)
-    far = REV * np.concatenate([np.linspace(0, 10, 500), 1e6 + np.linspace(0, 10, 500)])
-    halves = [run_of(far[:500], np.ones(500)), run_of(far[500:], np.ones(500))]
-    with pytest.raises(ValueError, match=r"at most 1\.049 cycles .* search fewer runs at once"):
-        find_lines(halves, highest=5.0)
-    mixed = [run_of(STEADY, np.ones(1500)), run_of(STEADY, np.ones(1500), np.ones((1500, 1)))]
-    with pytest.raises(ValueError, match=r"same columns in all runs of a group, but group ''"):
-        find_lines(mixed, highest=5.0)
-    with pytest.raises(ValueError, match=r"at least one column"):
-        Stretch(np.zeros(3), np.zeros(3), np.zeros((3, 0)))
-    with pytest.raises(ValueError, match=r"`value` must be finite in every row"):
-        Stretch(np.zeros(3), np.full(3, np.nan), np.ones((3, 1)))
-
-
-def test_a_line_in_words():
-    line = Line(3.0901, 0.0004, 4.138, 0.06, 12.0, 2e-9)
-    assert (
-        str(line)
-        == "4.14 ± 0.06″ at 3.0901 ± 0.0004 cycles per revolution (probability 2e-09 by chance)"
-    )
-
-
 @pytest.fixture(scope="module")
 def guide_log(data_dir) -> np.ndarray:
     return np.genfromtxt(data_dir / "worm_mount" / "ap_gt1100.csv", delimiter=",", names=True)

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.logs.profiles import DEG, counts, drive, geared, spec, trapezoid
-from vttig_jax.logs.channel.speed import runs, smooth_speed
+from vttig_jax.logs.channel.speed import smooth_speed
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.plateaus import levels, steady
+from vttig_jax.logs.motion.plateaus import steady
 from vttig_jax.logs.motion.segments import Segments, find_segments
 from vttig_jax.logs.read import read_log
 
@@ -232,19 +232,6 @@ def test_speed_is_free_of_counts():
     assert fine.window == 2
     noise = 1e-4 * np.random.default_rng(0).standard_normal(len(time))
     assert smooth_speed(time, 6.0 * time * DEG + noise, 1e-9).window > 50
-
-
-def test_runs():
-    state = np.array([0, 0, 1, 1, 1, 0])
-    cut = np.array([True, False, False, False, True, False])
-    assert runs(state, cut) == [(0, 2), (2, 4), (4, 5), (5, 6)]
-
-
-def test_levels():
-    speed = np.concatenate([np.linspace(1, 100, 200), np.full(600, 100.0), np.full(300, 50.0)])
-    assert levels(speed, speed) == pytest.approx([100, 50], rel=0.02)
-    sine = np.abs(np.sin(np.linspace(0.01, 3.13, 500)))
-    assert levels(sine, sine) == []
 
 
 def test_steady_leaves_out_the_rest_of_a_ramp():

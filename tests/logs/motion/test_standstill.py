@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.logs.profiles import drive, geared, trapezoid
+from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
 
@@ -60,3 +60,14 @@ def test_a_shaft_that_turns_is_no_table():
     assert assigned_segments(log, still=True).still
     steady = table(3.0 * np.arange(400.0), interval=1.0)
     assert not assigned_segments(steady).still
+
+
+@pytest.mark.parametrize("modulus", [2**16, 2**32])
+def test_a_counter_that_wraps_and_a_wild_reading_are_no_table(modulus):
+    time, angle, _ = trapezoid(rate=100.0)
+    driven, _ = geared(angle)
+    reading = counts(angle)
+    wild = np.where(np.arange(len(time)) == 70, 2**33, reading)
+    for channel in ((reading - 7000) % modulus, wild):
+        log = EncoderLog.from_arrays(time, channel, counts(driven), pair=spec())
+        assert not assigned_segments(log).still

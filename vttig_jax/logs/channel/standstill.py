@@ -35,10 +35,14 @@ def is_at_standstill(
     No step between two readings is then a part of the usual step, as on a ramp or at a reversal,
     and readings have no `clock` but a stated rate of at most two a second. With a clock the
     readings tell it if every place has several, or if unequal times made steps that are alike.
+    Small steps that go on in one direction are motion beside the wraps of a large counter.
     """
-    step, usual = np.abs(np.diff(values.astype(np.float64))), usual_step(values)
+    signed, usual = np.diff(values.astype(np.float64)), usual_step(values)
+    step = np.abs(signed)
     moved = step > SAME * usual
-    if len(step) < 3 or np.any(moved & (step < _PART * usual)):
+    small = np.where(moved, np.nan, np.sign(signed))[signed != 0]
+    goes_on = np.nansum(small[1:] * small[:-1]) > 0  # noise turns back more often than not
+    if len(step) < 3 or goes_on or np.any(moved & (step < _PART * usual)):
         return False
     took = np.diff(time)
     slow = bool(np.median(took) >= LONG_S)

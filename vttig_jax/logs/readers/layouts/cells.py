@@ -72,35 +72,36 @@ def decimal_of(rows: Sequence[Row], mark: str) -> str:
     return "," if commas else "."
 
 
-def cells_of(rows: Sequence[Row], k: int, place: str) -> list[Cell]:
+def cells_of(rows: Sequence[Row], k: int, source: str, what: str) -> list[Cell]:
     """Return the fields of column `k`; short channels end with empty fields.
 
-    **Raises** `LogError` for an empty field above other ones.
+    **Raises** `LogError` for an empty field above other ones; `what` names the column.
     """
     found = [(number, row[k]) for number, row in rows if k < len(row) and row[k]]
     for (number, _), (own, _) in zip(rows, found, strict=False):
         if number != own:
             raise LogError(
-                f"line {number}: the field is empty; write a value or remove the line.", where=place
+                "the field is empty; write a value or remove the line.",
+                where=f"{source}: line {number}, {what}",
             )
     return found
 
 
-def numbers(cells: Sequence[Cell], decimal: str, place: str) -> Real[np.ndarray, " n"]:
+def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real[np.ndarray, " n"]:
     """Return a column: int64 for whole numbers, else float64; dates in s since the first one.
 
-    **Raises** `LogError` for a field that is no number; `place` is the file and the column.
+    **Raises** `LogError` for a field that is no number; `what` names the column.
     """
     texts = [text for _, text in cells]
     if texts and looks_like_stamp(texts[0]):
-        return read_stamps(texts, place)[0] / 1e9
+        return read_stamps(texts, f"{source}: {what}")[0] / 1e9
     if texts and all(text.lstrip("+-").isdigit() and len(text) < 19 for text in texts):
         return np.array([int(text) for text in texts], np.int64)
     values = [to_number(text, decimal) for text in texts]
     if None in values:
         line, text = cells[values.index(None)]
         raise LogError(
-            f"line {line}: `{printable(text)}` is no number; correct it or remove the line.",
-            where=place,
+            f"`{printable(text)}` is no number; correct it or remove the line.",
+            where=f"{source}: line {line}, {what}",
         )
     return np.array(values, np.float64)

@@ -74,16 +74,16 @@ def _read_twincat(lines: list[str], source: str) -> Found:
     notes = [f"TwinCAT Scope: {len(times)} {kind} with a time of its own", *cut]
     columns = []
     for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
-        cells = cells_of(rows, first, f"{source}: column `time {group}`")
+        cells = cells_of(rows, first, source, f"column `time {group}`")
         if cells and all(_FILETIME.fullmatch(text) for _, text in cells):
             origin = int(rows[0][1][times[0]])
             seconds = np.array([int(text) - origin for _, text in cells]) * _TICK
         else:
-            seconds = numbers(cells, decimal, f"{source}: column `time {group}`") * MS
+            seconds = numbers(cells, decimal, source, f"column `time {group}`") * MS
         for k in range(first + 1, last):
             if name := _name(described, k):
-                place = f"{source}: column `{name}`"
-                values = numbers(cells_of(rows, k, place), decimal, place)
+                place = source, f"column `{name}`"
+                values = numbers(cells_of(rows, k, *place), decimal, *place)
                 columns.append(ClockedColumn(name, values, seconds))
     return table_of(columns, source, start=0.0), tuple(notes)
 
@@ -175,8 +175,8 @@ def _channels(
     own = header.get("X_Columns", ["One"])[0]
 
     def column(k: int) -> Float[np.ndarray, " n"]:
-        place = f"{source}: column `{names[k] if k < len(names) else k + 1}`"
-        return numbers(cells_of(rows, k, place), decimal, place)
+        place = source, f"column `{names[k] if k < len(names) else k + 1}`"
+        return numbers(cells_of(rows, k, *place), decimal, *place)
 
     def entry(key: str, place: int) -> str:
         """Return the entry of a channel in a row of the segment header, or "" without one."""
@@ -223,7 +223,7 @@ def _read_increment(lines: list[str], source: str) -> Found:
         )
     named = with_units(names, units)
     columns = {
-        name: numbers(cells_of(rows, k, f"{source}: column `{name}`"), ".", f"{source}: `{name}`")
+        name: numbers(cells_of(rows, k, source, f"`{name}`"), ".", source, f"`{name}`")
         for k, name in enumerate(named)
     }
     counted = columns.pop("X", np.arange(len(rows)))

@@ -45,7 +45,7 @@ def _read(lines: list[str], source: str) -> Found:
             rows.append((number, fields))
     names = tuple(f"#{k + 1}" for k in range(len(rows[0][1])))
     arrays = tuple(
-        numbers([(number, row[k]) for number, row in rows], ".", f"{source}: column {name}")
+        numbers([(number, row[k]) for number, row in rows], ".", source, f"column {name}")
         for k, name in enumerate(names)
     )
     inner = [gap for gap in gaps if 0 < gap < len(rows)]

@@ -234,18 +234,14 @@ def _read_side(lines: list[str], source: str) -> Found:
         )
     names, units = ([row[k] for _, row in rows] for k in (0, 1))
     skip = 1 if any(map(is_value, units)) else 2
-    names = names if skip == 1 else with_units(names, units)
+    names = tuple(map(printable, names if skip == 1 else with_units(names, units)))
     decimal = "," if any("," in text for _, row in rows for text in row[skip:]) else "."
     arrays = tuple(
-        numbers(
-            [(number, text) for text in row[skip:]],
-            decimal,
-            f"{source}: row `{printable(name)}`",
-        )
+        numbers([(number, text) for text in row[skip:]], decimal, source, f"row `{name}`")
         for name, (number, row) in zip(names, rows, strict=True)
     )
     note = f"the table lies on its side: {len(rows)} rows of {len(last) - skip} samples"
-    return Table(tuple(map(printable, names)), arrays, source), (note,)
+    return Table(names, arrays, source), (note,)
 
 
 JSON = Layout(_is_json, _read_json)

@@ -77,7 +77,7 @@ class Channels:
             raise LogError("the time stamps are no numbers; export the log again.", where=source)
         ends = np.cumsum([len(cells) for cells in kept.values()])[:-1]
         columns = (
-            ClockedColumn(name, numbers(cells, ".", f"{source}: channel `{name}`"), own)
+            ClockedColumn(name, numbers(cells, ".", source, f"channel `{name}`"), own)
             for (name, cells), own in zip(kept.items(), np.split(seconds, ends), strict=True)
         )
         return table_of(columns, source, held=held, start=float(seconds.min())), tuple(notes)

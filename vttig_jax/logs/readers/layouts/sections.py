@@ -59,9 +59,9 @@ class Section:
         self.rows = [row for row in self.rows if all(row[1][k] for k in chosen)]
         for k in chosen:
             name = printable(named[k])
-            place = f"{source}: section {number}, column `{name}`"
+            place = f"section {number}, column `{name}`"
             cells = [(line, row[k]) for line, row in self.rows]
-            yield f"{number}/{name}", numbers(cells, decimal_of(self.rows, mark), place)
+            yield f"{number}/{name}", numbers(cells, decimal_of(self.rows, mark), source, place)
 
 
 def _matches(lines: Lines) -> bool:
