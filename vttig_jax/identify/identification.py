@@ -452,7 +452,7 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
 def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
     """Return the outcome of the fit; parameters that the settings exclude do not count.
 
-    A delay that the log tells is an answer, but a log that does not tell it may be complete.
+    A delay that the log shows is an answer, but a log that does not tell it may be complete.
     """
     if contradicts(case):
         return "contradicts"
@@ -462,7 +462,7 @@ def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
         if p.name not in ("delay_s", "backlash_plus_delay_deg", "gap_over_angles_covered")
         and p.reason not in (*LEFT_OUT, GIVEN_INSTEAD)
     ]
-    if not any(p.determined for p in (*asked, parameters["delay_s"])):
+    if not (any(p.determined for p in asked) or parameters["delay_s"].significant):
         return "not_determined"
     return "ok" if all(p.determined for p in asked) else "partly_determined"
 
