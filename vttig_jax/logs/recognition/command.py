@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ...base.files.standard_input import STDIN, kept_bytes
-from .request import DriveRequest
+from .request import SHAFTS, DriveRequest
 
 
 def fit_command(
@@ -42,6 +42,9 @@ def fit_command(
         words += ["--invert", shaft]
     if request.driving_rpm is not None:
         words += ["--driving-rpm", request.driving_rpm]
+    for shaft in SHAFTS:
+        if (scale := getattr(request, f"{shaft}_scale")) is not None:
+            words += [f"--{shaft}-scale", scale]
     for role, name in columns.items():
         words += ["--column", f"{role}={name}"]
     if decimal is not None:

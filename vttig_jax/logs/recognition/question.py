@@ -191,6 +191,15 @@ def two_readings(text: str, ratio: Fraction) -> UsageError:
     )
 
 
+def bare_ratio(text: str, ratio: Fraction) -> UsageError:
+    """Return the question which shaft turns faster, of a log without the other shaft."""
+    return UsageError(
+        f"--ratio {text} may be meant as {text}:1 or as 1:{text}, and a transmission-error curve"
+        f" does not show which: write --ratio {text}:1 if {in_words(1 / ratio)}, or --ratio"
+        f" 1:{text} if {in_words(ratio)}."
+    )
+
+
 def inverted(first: Candidate, second: Candidate, source: str) -> LogError:
     """Return the error for two shafts whose readings have opposite directions."""
     return LogError(

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...base.errors import LogError, UsageError, VttigError
 from ...base.units import ANGLE_UNITS, REV
-from ...pair.schema import LogLayout, PairSpec, UnitTable
+from ...pair.schema import PairSpec, UnitTable, as_fraction
 from ..readers.column_names import ROW, default_column, index_of
 from ..readers.delimited import TextTable
 from ..readers.nested import NestedTable, has_clocks
@@ -73,6 +73,8 @@ def recognise(
     search = Search(table, str(path), request, dict(columns))
     search.take_stated(timed=sample_rate_hz is None)
     search.find(timed=sample_rate_hz is None)
+    if "transmission_error" in search.roles and request.is_bare:
+        raise question.bare_ratio(str(request.ratio), request.speed_ratio)
     return Recognition(search.spec(), tuple(search.guesses), search.column_names)
 
 
@@ -281,10 +283,9 @@ class Search:
 
     def spec(self) -> PairSpec:
         """Return the pair file that is equivalent to the request and the found columns."""
-        layout = LogLayout(driving_rpm=self.request.rpm)
         return msgspec.structs.replace(
             self.request.spec(),
-            log=msgspec.structs.replace(layout, **self.column_names),
+            log=msgspec.structs.replace(self.request.layout, **self.column_names),
             unit=msgspec.structs.replace(UnitTable(), **self.units),
         )
 
@@ -374,7 +375,8 @@ class Search:
             unit = "counts"
         if unit is None:
             return None
-        sign = -1.0 if role in self.request.inverted else 1.0
+        scale = float(as_fraction(getattr(self.request, f"{role}_scale") or 1, ""))
+        sign = (-1.0 if role in self.request.inverted else 1.0) / scale
         if unit != "counts":
             return sign * REV / ANGLE_UNITS[unit]
         if counts is None:

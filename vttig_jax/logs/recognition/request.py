@@ -6,7 +6,15 @@ from fractions import Fraction
 
 from ...base.errors import PairError, UsageError
 from ...base.units import ANGLE_UNITS
-from ...pair.schema import DriveTable, Encoder, GearTable, PairSpec, as_fraction, as_ratio
+from ...pair.schema import (
+    DriveTable,
+    Encoder,
+    GearTable,
+    LogLayout,
+    PairSpec,
+    as_fraction,
+    as_ratio,
+)
 from ..readers.column_names import ANGLES, TIME_UNITS, unit_spelt
 
 SHAFTS = ("driving", "driven")
@@ -38,6 +46,8 @@ class DriveRequest:
     - `inverted`: shafts whose encoder counts backwards ("driving", "driven").
     - `driving_rpm`: constant speed in rpm of a driving shaft without an encoder; "sidereal" if the
       driven shaft turns once per sidereal day.
+    - `driving_scale`, `driven_scale`: factor of a column, such as "757/3" for a motor column that
+      is divided by the ratio already.
     """
 
     ratio: str | None = None
@@ -46,6 +56,8 @@ class DriveRequest:
     units: Mapping[str, str] = field(default_factory=dict)
     inverted: tuple[str, ...] = ()
     driving_rpm: str | None = None
+    driving_scale: str | None = None
+    driven_scale: str | None = None
 
     @property
     def names_a_drive(self) -> bool:
@@ -79,6 +91,12 @@ class DriveRequest:
         return f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
 
     @property
+    def layout(self) -> LogLayout:
+        """Layout of the log as far as it is stated."""
+        stated = {f"{shaft}_scale": getattr(self, f"{shaft}_scale") or 1 for shaft in SHAFTS}
+        return LogLayout(driving_rpm=self.rpm, **stated)
+
+    @property
     def says_which_shaft(self) -> bool:
         """Whether each number of the ratio belongs to a known shaft.
 
@@ -86,6 +104,11 @@ class DriveRequest:
         false for other ratios of speeds such as "9/16" or 0.5625.
         """
         return self.teeth is not None or ":" in str(self.ratio) or self.speed_ratio == 1
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether the ratio is a number alone, such as 225, which may be meant as 225:1."""
+        return not self.says_which_shaft and "/" not in str(self.ratio)
 
     def spec(self) -> PairSpec:
         """Return the pair file equivalent to the statements on the drive, without a log layout.
@@ -126,11 +149,12 @@ class DriveRequest:
         for shaft in self.inverted:
             if shaft not in SHAFTS:
                 raise UsageError(f"--invert {shaft!r} must be driving or driven.")
-        if self.driving_rpm not in (None, SIDEREAL):
+        for name in ("driving_rpm", "driving_scale", "driven_scale"):
             try:
-                as_fraction(str(self.driving_rpm), "")
+                if (value := getattr(self, name)) not in (None, SIDEREAL):
+                    as_fraction(value, "")
             except PairError as error:
-                raise UsageError(f"--driving-rpm {error.message}") from None
+                raise UsageError(f"--{name.replace('_', '-')} {error.message}") from None
 
 
 def counts_of(text: str) -> tuple[int, int]:
