@@ -214,6 +214,8 @@ class _Run:
             )
             for backend in backends
         ]
+        for one in self.ensembles:
+            one.log_prob_fn = target.log_density  # emcee's wrapper prints all points on Ctrl-C
         self._states: list[Any]
         if record is None:
             self._states = self._starts()

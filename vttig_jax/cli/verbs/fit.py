@@ -18,6 +18,7 @@ from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_opt
 from ..fit_options import model_options
 from ..options import given, log_options, verb
 from ..output import Output
+from .sample import refuse_existing
 
 if TYPE_CHECKING:
     from ...identify.records import CoveredGap
@@ -91,6 +92,8 @@ def command(
         raise UsageError(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
+    if not drive.explain_columns:
+        refuse_existing(out, overwrite=overwrite, resumes=False)
     if run_path is None:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options_of(options), drive.request)
