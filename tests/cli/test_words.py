@@ -9,7 +9,7 @@ from vttig_jax.cli.words import WORDS, explained
 
 def test_words_that_occur_and_no_others():
     found = explained("noise  blocks of 5 ms (AR(2))\nhunting period  16 driving turns")
-    assert found.splitlines()[0] == "words:" and len(found.splitlines()) == 3
+    assert found.splitlines()[0] == "words:" and len(found.splitlines()) == 4
     assert "autoregression" in found and "same teeth meet" in found
     assert explained("area, hunter, profiled, stdout") == ""
 

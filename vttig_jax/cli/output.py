@@ -18,7 +18,6 @@ from ..base.errors import InputError
 from ..base.files.json_io import dumps
 from ..base.logger import LOGGER
 from ..base.shown_text import lines, one_line
-from .words import explained
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -49,8 +48,11 @@ class Output:
         """
         if not self.json:
             shown = str(text)
-            legend = explained(shown) if self.verbose else ""
-            print_text(f"{shown}\n\n{legend}" if legend else shown)
+            if self.verbose:
+                from .words import explained
+
+                shown = "\n\n".join(filter(None, [shown, explained(shown)]))
+            print_text(shown)
             return
         if self._object is not None:
             raise RuntimeError("a command gives one JSON object, but `emit` was called twice")

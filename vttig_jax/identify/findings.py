@@ -12,7 +12,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from ..base.units import DEG
+from ..base.units import DEG, duration_text
 from ..logs.checks.fractions import better_fraction
 from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
@@ -125,7 +125,7 @@ def open_delay(case: Case) -> Iterator[Finding]:
         "question",
         "the log does not tell a delay of the driven channel from the backlash: every microsecond"
         f" looks like {1e-6 * effect:.2g}° of backlash. The interval of the backlash is that of the"
-        f" assumed delay, within ± {1e3 * width:.3g} ms (one standard deviation)",
+        f" assumed delay, within ± {duration_text(width)} (one standard deviation)",
         "log a second speed or longer strokes, state the delay with --delay (such as 0.5ms), or say"
         " with --delay-within what it may be",
         {"delay_within_ms": 1e3 * width, "deg_per_us": 1e-6 * effect},
