@@ -19,8 +19,9 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
 from ..model.components import NEEDED
-from ..model.mixed_fit import MixedFit
+from ..model.mixed_fit import MixedFit, mixed_fit
 from ..model.parameter import Parameter
+from ..model.runs import shafts_of
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
 from .records import Checks, LogRecord, Noise, Record
@@ -159,10 +160,39 @@ def gap_of_speed(case: Case) -> Iterator[Finding]:
         "warning",
         f"the gap depends on the speed: {slow.value:.4f}° ± {slow.std:.2g}° at"
         f" {slow.speed_rpm:.3g} rpm of the driving shaft and {fast.value:.4f}° ± {fast.std:.2g}° at"
-        f" {fast.speed_rpm:.3g} rpm, beside the delay. No single gap describes the log",
+        f" {fast.speed_rpm:.3g} rpm, beside the delay of {1e3 * case.core.delay_s:.4g} ms. No"
+        " single gap describes the log",
         "fit slow and fast passes as logs of their own, or compare gaps of one speed only",
         {"slow_deg": slow.value, "fast_deg": fast.value, "likelihood_ratio": ratio},
     )
+
+
+def shown_delay(case: Case) -> Iterator[Finding]:
+    """Say which delay the log shows where another one is stated.
+
+    It is looked for where the gap depends on the speed. With its estimate d ± s of ν degrees of
+    freedom, 2 ln of the likelihood ratio to the stated d₀ is (ν + 1) ln(1 + (d − d₀)²/(ν s²)).
+    """
+    core = case.core
+    own = any(name.startswith("model") for name in case.parameters)
+    if case.settings.delay == "auto" or own or not any(gap_of_speed(case)):
+        return
+    lines = [wave.order for wave in core.waves if wave.shaft == "line"]
+    free = mixed_fit(core.shafts, case.pair, core.orders, lines=lines, after=core)
+    told = free.posterior.one(free.posterior.row(("delay",)), moved=True)
+    shown_s = free.delay_s + told.value
+    off = (shown_s - core.delay_s) / told.std
+    ratio = (told.freedom + 1) * float(np.log1p(off**2 / told.freedom))
+    if ratio > NEEDED:
+        yield Finding(
+            "delay-shown",
+            "warning",
+            f"this log shows a delay of {1e3 * shown_s:.3g} ± {1e3 * told.std:.2g} ms, but"
+            f" {1e3 * core.delay_s:.4g} ms is stated, so that the gap holds the rest of it and"
+            f" depends on the speed (2 ln of the likelihood ratio {ratio:.0f})",
+            f"leave out --delay, or state --delay {1e3 * shown_s:.3g}ms",
+            {"delay_s": shown_s, "std_s": told.std, "likelihood_ratio": ratio},
+        )
 
 
 def unclear_flanks(case: Case) -> Iterator[Finding]:
@@ -312,6 +342,23 @@ def no_noise(case: Case) -> Iterator[Finding]:
         )
 
 
+def ramps_left_out(case: Case) -> Iterator[Finding]:
+    """Say which ramps the fit left out, since under its numbers the load leaves the flank there."""
+    for number, (log, one) in enumerate(zip(case.logs, case.segments, strict=True)):
+        runs, ramps = case.core.shafts[number].runs, shafts_of(log, one).ramps
+        left = [(a, b) for a, b, _ in ramps if not any(c < b and a < d for c, d, _ in runs)]
+        if left and case.settings.flank is None:
+            samples = sum(b - a for a, b in left)
+            yield Finding(
+                "ramps-left-out",
+                "note",
+                f"{case.name(number)}{len(left)} of {len(ramps)} ramps that slow down, {samples}"
+                " samples, are left out: with the delay and the gap of this fit they are not"
+                " certainly on their flank, which another --delay may change",
+                numbers={"ramps": len(left), "samples": samples},
+            )
+
+
 def drift(case: Case) -> Iterator[Finding]:
     """Say that the level of the transmission error moves."""
     ratio = case.checks.likelihood_ratio["drift"]
@@ -358,9 +405,40 @@ def hidden(case: Case) -> Iterator[Finding]:
         )
 
 
+def wrong_counts(case: Case) -> Iterator[Finding]:
+    """Say that lines at one fraction 1/n of both shafts are their first orders, counted n-fold."""
+    lines = case.checks.lines
+    for one in lines:
+        times = round(1 / one.cycles_per_rev)
+        wanted = (1 / times, abs(case.core.scope.ratio) / times) if times > 1 else ()
+        if wanted and all(
+            any((x.cycles_per_rev - at) ** 2 < NEEDED * x.cycles_std**2 for x in lines)
+            for at in wanted
+        ):
+            yield Finding(
+                "counts-doubtful",
+                "warning",
+                f"both shafts have a line at exactly 1/{times} of their order 1, as if all angles"
+                f" were {times} times too large",
+                f"check counts_per_rev (--counts), which may be {times} times too few, or the unit",
+                {"times": times},
+            )
+            return
+
+
 def equal_orders(case: Case) -> Iterator[Finding]:
     """Say which listed orders have one frequency."""
     ratio = case.core.scope.ratio
+    if abs(ratio) == 1 and "driving" in {w.shaft for w in case.core.waves if w.order == 1}:
+        if 1 in case.core.orders.driven_orders:
+            yield Finding(
+                "orders-equal",
+                "warning",
+                "at a ratio of 1 the orders of both shafts have the same frequencies: what the"
+                " driving shaft is said to have may be of the driven shaft, or of both together",
+                "list no orders for a shaft that is perfect, driving_orders = [] under [fit]",
+            )
+        return
     cycles = {w.cycles(ratio): w for w in case.core.waves if w.shaft == "driving"}
     listed = [k for k in case.core.orders.driven_orders if k * abs(ratio) in cycles]
     if listed:
@@ -459,6 +537,7 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     short_flanks,
     open_delay,
     changing_delay,
+    shown_delay,
     gap_of_speed,
     gap_crossed_late,
     jumps,
@@ -466,9 +545,11 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     other_rig,
     outliers,
     no_noise,
+    ramps_left_out,
     drift,
     found_lines,
     hidden,
+    wrong_counts,
     equal_orders,
     open_starts,
     logged,
