@@ -21,7 +21,6 @@ from ..logs.motion.segments import Segments
 from ..model.components import NEEDED
 from ..model.mixed_fit import MixedFit, mixed_fit
 from ..model.parameter import Parameter
-from ..model.runs import shafts_of
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
 from .records import Checks, LogRecord, Noise, Record
@@ -170,12 +169,12 @@ def gap_of_speed(case: Case) -> Iterator[Finding]:
 def shown_delay(case: Case) -> Iterator[Finding]:
     """Say which delay the log shows where another one is stated.
 
-    It is looked for where the gap depends on the speed. With its estimate d ± s of ν degrees of
-    freedom, 2 ln of the likelihood ratio to the stated d₀ is (ν + 1) ln(1 + (d − d₀)²/(ν s²)).
+    With its estimate d ± s of ν degrees of freedom, where it is fitted, 2 ln of the likelihood
+    ratio to the stated d₀ is (ν + 1) ln(1 + (d − d₀)²/(ν s²)).
     """
     core = case.core
     own = any(name.startswith("model") for name in case.parameters)
-    if case.settings.delay == "auto" or own or not any(gap_of_speed(case)):
+    if case.settings.delay == "auto" or own or len(core.scope.flanks) < 2:
         return
     lines = [wave.order for wave in core.waves if wave.shaft == "line"]
     free = mixed_fit(core.shafts, case.pair, core.orders, lines=lines, after=core)
@@ -188,8 +187,8 @@ def shown_delay(case: Case) -> Iterator[Finding]:
             "delay-shown",
             "warning",
             f"this log shows a delay of {1e3 * shown_s:.3g} ± {1e3 * told.std:.2g} ms, but"
-            f" {1e3 * core.delay_s:.4g} ms is stated, so that the gap holds the rest of it and"
-            f" depends on the speed (2 ln of the likelihood ratio {ratio:.0f})",
+            f" {1e3 * core.delay_s:.4g} ms is stated, so that the rest of it passes for a gap"
+            f" that depends on the speed (2 ln of the likelihood ratio {ratio:.0f})",
             f"leave out --delay, or state --delay {1e3 * shown_s:.3g}ms",
             {"delay_s": shown_s, "std_s": told.std, "likelihood_ratio": ratio},
         )
@@ -340,23 +339,6 @@ def no_noise(case: Case) -> Iterator[Finding]:
             f" transmission error ({case.noise.std_deg:.1g}°), so that the standard errors are not"
             " those of a measurement",
         )
-
-
-def ramps_left_out(case: Case) -> Iterator[Finding]:
-    """Say which ramps the fit left out, since under its numbers the load leaves the flank there."""
-    for number, (log, one) in enumerate(zip(case.logs, case.segments, strict=True)):
-        runs, ramps = case.core.shafts[number].runs, shafts_of(log, one).ramps
-        left = [(a, b) for a, b, _ in ramps if not any(c < b and a < d for c, d, _ in runs)]
-        if left and case.settings.flank is None:
-            samples = sum(b - a for a, b in left)
-            yield Finding(
-                "ramps-left-out",
-                "note",
-                f"{case.name(number)}{len(left)} of {len(ramps)} ramps that slow down, {samples}"
-                " samples, are left out: with the delay and the gap of this fit they are not"
-                " certainly on their flank, which another --delay may change",
-                numbers={"ramps": len(left), "samples": samples},
-            )
 
 
 def drift(case: Case) -> Iterator[Finding]:
@@ -545,7 +527,6 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     other_rig,
     outliers,
     no_noise,
-    ramps_left_out,
     drift,
     found_lines,
     hidden,
