@@ -157,7 +157,7 @@ def dense_density(small: Small, theta: np.ndarray, digits: int = 0) -> float:
     widths = np.array([2.5, 0.7, 0.7, 0.4, 0.4, 0.4, 0.4, 0.4])
     twice += np.sum((theta[:LAGS] / widths) ** 2)
     present = np.isin(GROUPS, prior)
-    twice += np.sum(np.where(present, 2 * np.log1p(np.exp(2 * far)) - 2 * far, far**2))
+    twice += np.sum(np.where(present, 4 * np.log1p(np.exp(2 * far)) - 2 * far, far**2))
     return -0.5 * float(twice)
 
 

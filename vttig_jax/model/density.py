@@ -15,7 +15,8 @@ does not depend on the length of the logs. With D = diag(prior precision), M = G
 
 with r = (β̂, −1), N rows and R runs. θ holds the partial autocorrelations as atanh π_k, ln σ and the
 ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 1 down to 0.4;
-τ is half-Cauchy around its usual scale, as a density of ln τ.
+τ has the density ∝ (1 + τ²/s²)⁻², Student's t of three degrees of freedom, with its usual scale s,
+as a density of ln τ. With a longer tail slow noise passes for orders.
 """
 
 import equinox as eqx
@@ -123,9 +124,9 @@ def _explicit(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
 def _penalty(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
     """Return −2 ln of the prior of θ; a group that is off is held at its usual scale."""
     far = theta[LAGS + 1 :] - jnp.log(logs.usual)
-    cauchy = 2 * jnp.logaddexp(0.0, 2 * far) - 2 * far
+    student = 4 * jnp.logaddexp(0.0, 2 * far) - 2 * far
     return jnp.sum((theta[:LAGS] / jnp.asarray(logs.memory)) ** 2) + jnp.sum(
-        jnp.where(logs.on > 0, cauchy, far**2)
+        jnp.where(logs.on > 0, student, far**2)
     )
 
 

@@ -119,7 +119,7 @@ def expected_widths(
 
     Where the coefficients of a group are zero, their estimates are those of the noise alone, with
     covariance W − W D W for W = M⁻¹. The expected slope of −2 ln L by ln τ is then 2 Σ_j (1 − 2
-    d_j W_jj + d_j (W D W)_jj), and that of the half-Cauchy prior 4 r²/(1 + r²) − 2 with r = τ/u.
+    d_j W_jj + d_j (W D W)_jj), and that of the prior of τ 8 r²/(1 + r²) − 2 with r = τ/u.
     Their sum grows with τ from −2, so that it has one zero.
     """
     theta, at = theta.copy(), _solved(jnp.asarray(theta), logs)
@@ -133,7 +133,7 @@ def expected_widths(
         bent = np.einsum("ij,j,ji->i", spread, whole, spread)
         told = (member > 0).sum(0) - (2 * np.diag(spread) - bent) @ prior
         ratio = (tau / usual) ** 2
-        balance = told + 2 * ratio / (1 + ratio)  # 1 at the zero
+        balance = told + 4 * ratio / (1 + ratio)  # 1 at the zero
         theta[LAGS + 1 :] -= np.where(on, 0.25 * np.log(np.maximum(balance, 1e-6)), 0.0)
         at = _solved(jnp.asarray(theta), logs)
     return theta, at

@@ -233,7 +233,7 @@ def priors(fit: Fit) -> tuple[str, ...]:
     found.append(
         "further orders of each shaft, their difference between the flanks, drift, a delay that"
         " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"
-        " has a half-Cauchy prior"
+        " has the prior of Student's t of three degrees of freedom"
     )
     return tuple(found)
 
