@@ -20,19 +20,19 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
-    "base": (1249, 19),  # 950
+    "base": (1251, 19),  # 950
     "pair": (655, 1),  # 560
     "kinematics": (1099, 17),  # 780
     "geometry": (4558, 62),  # 2800
-    "logs": (9816, 264),  # 7400
+    "logs": (9848, 264),  # 7400
     "rig": (326, 1),  # 260
     "model": (1952, 43),
-    "identify": (3259, 24),  # 9000 together with posterior
-    "posterior": (2975, 46),
+    "identify": (3321, 24),  # 9000 together with posterior
+    "posterior": (2977, 46),
     "control": (6843, 80),  # 3600
-    "plotting": (1890, 52),  # 2000 together with the report
+    "plotting": (1887, 51),  # 2000 together with the report
     "runs": (1756, 2),  # 900
-    "cli": (3846, 19),  # 2600
+    "cli": (3782, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

@@ -215,7 +215,8 @@ class _Run:
             for backend in backends
         ]
         for one in self.ensembles:
-            one.log_prob_fn = target.log_density  # emcee's wrapper prints all points on Ctrl-C
+            # emcee's wrapper would print all points on Ctrl-C.
+            one.log_prob_fn = target.log_density  # pyright: ignore
         self._states: list[Any]
         if record is None:
             self._states = self._starts()

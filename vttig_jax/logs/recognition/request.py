@@ -93,8 +93,11 @@ class DriveRequest:
     @property
     def layout(self) -> LogLayout:
         """Layout of the log as far as it is stated."""
-        stated = {f"{shaft}_scale": getattr(self, f"{shaft}_scale") or 1 for shaft in SHAFTS}
-        return LogLayout(driving_rpm=self.rpm, **stated)
+        return LogLayout(
+            driving_rpm=self.rpm,
+            driving_scale=self.driving_scale or 1,
+            driven_scale=self.driven_scale or 1,
+        )
 
     @property
     def says_which_shaft(self) -> bool:
