@@ -135,6 +135,12 @@ def test_an_existing_result_is_refused_and_kept(vttig, vttig_json, rig_folder, t
 
 
 @pytest.mark.portable
+def test_an_existing_result_is_refused_before_anything_is_read(vttig, run_folder, tmp_path):
+    missing = ("fit", tmp_path / "no.csv", "--ratio", "1:2")
+    assert vttig(*missing, "--out", run_folder)[0] == 2
+    assert vttig(*missing, "--out", tmp_path / "run")[0] == 3
+
+
 def test_require_fails_only_for_what_is_undetermined(vttig, rig_folder):
     arguments = fit_arguments(rig_folder, "--require", "constant_backlash_deg")
     assert vttig(*arguments)[0] == 0
