@@ -12,7 +12,7 @@ from ...base.errors import InputError, LogError
 from ...geometry.deviations import Deviations, FlankMap
 from ...geometry.tooth import SHAFTS
 from ...pair.gear_pair import GearPair
-from .table import find_table
+from .delimited import find_table
 from .text import read_text
 
 MAP_COLUMNS = "roll_mm", "z_mm", "deviation_um"
@@ -102,7 +102,9 @@ def _by_flank(
             )
     places = [table.names.index(name) for name in header]
     words = [table.texts(place) for place in places[:2]]
-    numbers = np.stack([np.asarray(c, float) for c in table.columns(places[2:])], axis=-1)
+    numbers = np.stack(
+        [np.asarray(c, float) for c in table.columns(places[2:], keep_last=True)], axis=-1
+    )
     most = _MOST_MODULES * 1e3 * float(pair.module_mm)
     rows: dict[Place, Rows] = {}
     for (line, _), gear, flank, values in zip(table.rows(), *words, numbers, strict=True):
