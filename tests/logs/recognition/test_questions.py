@@ -8,7 +8,9 @@ import pytest
 from tests.logs.rig_log import angles_deg, csv
 from vttig_jax.base.errors import LogError, UsageError
 from vttig_jax.logs import read_log
+from vttig_jax.logs.read import open_log
 from vttig_jax.logs.recognition.questions import GUESSES, QUESTIONS, Question
+from vttig_jax.logs.recognition.request import DriveRequest
 from vttig_jax.pair.pair_file import parse_pair_spec
 
 T, X, Y = angles_deg()
@@ -188,6 +190,24 @@ def test_a_ratio_of_two_readings(ask, ratio):
     else:
         assert "--ratio 16:9 if the driving shaft turns 16 times" in told
         assert "--ratio 9:16 if the driving shaft turns 9 times" in told
+
+
+def test_a_number_beside_an_error_curve_has_two_readings(question, columns):
+    curve = csv("time_s,driving_deg,transmission_error_arcsec", T, X, 3600 * (Y - 9 / 16 * X))
+    asked = question(curve, ratio="0.5625")
+    assert (asked.slug, asked.exit_code) == ("bare-ratio", 2)
+    for ratio in ("9/16", "16:9"):
+        assert columns(curve, ratio=ratio).driving == "driving_deg"
+
+
+def test_the_ratio_is_that_of_scaled_readings(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text(csv("t,a [deg],b [deg]", T, X, Y / 7))
+    with pytest.raises(Question) as caught:
+        open_log(path, DriveRequest(ratio="16:9"))
+    assert caught.value.slug == "shafts-open"
+    found = open_log(path, DriveRequest(ratio="16:9", driven_scale="7")).spec.log
+    assert (found.driving, found.driven, found.driven_scale) == ("a [deg]", "b [deg]", "7")
 
 
 def test_equal_speeds_have_one_reading(columns):
