@@ -20,19 +20,19 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
-    "base": (1268, 19),  # 950
+    "base": (1270, 19),  # 950
     "pair": (671, 1),  # 560
-    "kinematics": (1099, 17),  # 780
+    "kinematics": (1104, 17),  # 780
     "geometry": (3533, 56),  # 2800
     "logs": (10185, 274),  # 7400
     "rig": (326, 1),  # 260
     "model": (2106, 44),
-    "identify": (3421, 24),  # 9000 together with posterior
-    "posterior": (2980, 46),
-    "control": (5768, 64),  # 3600
+    "identify": (3482, 24),  # 9000 together with posterior
+    "posterior": (2983, 46),
+    "control": (5773, 64),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
     "runs": (2237, 5),  # 900
-    "cli": (3872, 19),  # 2600
+    "cli": (3809, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

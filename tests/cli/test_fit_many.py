@@ -10,12 +10,11 @@ import tomli_w
 
 import vttig_jax
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.control.sweeps import cluster
 from vttig_jax.pair.load import pair_spec
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_pair, paper_rig
-from vttig_jax.runs import many_fits
+from vttig_jax.runs import cluster, many_fits
 
 
 @pytest.fixture(scope="module")

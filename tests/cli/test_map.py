@@ -128,6 +128,13 @@ def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tm
     assert record["conditional_on"] == ["perfect_encoders"]
 
 
+def test_one_flank_is_said_before_anything_is_read(vttig, tmp_path):
+    (tmp_path / "fit.json").write_text('{"flanks": ["A"]}')
+    assert vttig("map", tmp_path)[0] == 4
+    (tmp_path / "fit.json").write_text('{"flanks": ["A", "B"]}')
+    assert vttig("map", tmp_path)[0] == 2
+
+
 def test_a_long_hunting_period_is_cut_and_said(vttig, run_folder):
     code, _, err = vttig("map", run_folder, "--step-deg", "0.01")
     assert code == 0

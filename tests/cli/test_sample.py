@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -17,6 +18,7 @@ from filelock import FileLock
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.cli.main import main
 from vttig_jax.posterior.chains import read_chains
+from vttig_jax.posterior.target import FitTarget
 
 STEPS = 50
 
@@ -59,6 +61,31 @@ def test_too_few_steps_are_said_and_kept(vttig, folder, run):
     assert {"posterior.h5", "posterior.json", "fit.json", "summary.npz", "run.toml"} <= {
         path.name for path in run.iterdir()
     }
+
+
+class Interrupted:
+    """A density that is interrupted, as by Ctrl-C, at its n-th call."""
+
+    def __init__(self, after: int):
+        self.after, self.whole = after, FitTarget.log_density
+
+    def __get__(self, target: FitTarget, _: type) -> Any:
+        def density(points: np.ndarray) -> np.ndarray:
+            self.after -= 1
+            if self.after == 0:
+                raise KeyboardInterrupt
+            return self.whole(target, points)
+
+        return density
+
+
+def test_an_interrupt_says_what_is_kept(vttig, run, monkeypatch):
+    monkeypatch.setattr(FitTarget, "log_density", Interrupted(500))
+    code, out, err = vttig("sample", run, "--resume", "--steps", "100000")
+    assert code == 130 and out == "" and err.count("\n") == 1
+    assert f"{run / 'posterior.h5'}" in err and "--resume" in err
+    monkeypatch.undo()
+    assert _draws(run).shape[1] >= 8
 
 
 def test_the_run_folder_is_the_argument(vttig, folder, run, tmp_path):

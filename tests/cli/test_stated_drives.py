@@ -38,6 +38,32 @@ def test_draws_of_a_stated_drive_are_those_of_its_pair_file(vttig, log):
     assert one["run"] == two["run"]
 
 
+def test_a_scale_is_that_of_the_pair_file(vttig, vttig_json, tmp_path):
+    """A driving column that is divided by the ratio already, as controllers log a motor."""
+    scaled, pair = tmp_path / "scaled.csv", tmp_path / "pair.toml"
+    scaled.write_text(table("Zeit [s],Motorwinkel [°],Abtriebswinkel [°]", T, 9 / 16 * X, Y))
+    code, _, err = vttig("fit", scaled, *RATIO)
+    assert code in (2, 3) and err
+    named = ("--column", "driving=#2", "--column", "driven=#3")
+    assert vttig("fit", scaled, *RATIO, *named)[0] == 3
+    stated = (*RATIO, "--driving-scale", "16/9", "--delay", "off")
+    code, one = vttig_json("fit", scaled, *stated, "--write-pair", pair)
+    assert code == 0 and tomllib.loads(pair.read_text())["log"]["driving_scale"] == "16/9"
+    assert vttig_json("fit", scaled, "--pair", pair, "--delay", "off") == (0, one)
+    assert "--driving-scale 16/9" in vttig("inspect", scaled, *stated[:4])[1]
+    assert vttig("fit", scaled, "--pair", pair, "--driven-scale", "2")[0] == 2
+    assert vttig("fit", scaled, *RATIO, "--driven-scale", "two")[0] == 2
+
+
+def test_an_error_curve_does_not_tell_which_way_a_number_is_meant(vttig, tmp_path):
+    curve = tmp_path / "curve.csv"
+    head = "time_s,driving_deg,transmission_error_arcsec"
+    curve.write_text(table(head, T, X, 3600 * (Y - 9 / 16 * X)))
+    assert vttig("fit", curve, "--ratio", "0.5625")[0] == 2
+    for meant in ("16:9", "9/16"):
+        assert vttig("fit", curve, "--ratio", meant, "--delay", "off")[0] in (0, 4)
+
+
 def test_sample_explains_columns_and_writes_nothing(vttig, log):
     code, out, _ = vttig("sample", log, *RATIO, "--out", log.parent / "run", "--explain-columns")
     assert code == 0 and "Motorwinkel" in out and not (log.parent / "run").exists()

@@ -9,7 +9,7 @@ from vttig_jax.cli.words import WORDS, explained
 
 def test_words_that_occur_and_no_others():
     found = explained("noise  blocks of 5 ms (AR(2))\nhunting period  16 driving turns")
-    assert found.splitlines()[0] == "words:" and len(found.splitlines()) == 3
+    assert found.splitlines()[0] == "words:" and len(found.splitlines()) == 4
     assert "autoregression" in found and "same teeth meet" in found
     assert explained("area, hunter, profiled, stdout") == ""
 
@@ -31,3 +31,18 @@ def test_a_fit_explains_its_words_under_v(vttig, rig_folder):
         assert f"  {word}: " in legend
     assert "R-hat" not in legend and "words:" not in plain
     assert "words:" not in vttig(*command, "-v", "--json")[1]
+
+
+def test_a_plan_with_the_noise_of_a_log_expects_the_errors_of_its_fit(
+    vttig, vttig_json, rig_folder
+):
+    pair = ("--pair", rig_folder / "pair.toml")
+    fitted = ("fit", rig_folder / "log.csv", *pair)
+    (line,) = [x for x in vttig(*fitted, "-v")[1].splitlines() if x.startswith("to plan")]
+    options = re.findall(r"--[a-z-]+ [\d.e+-]+", line.rstrip(","))
+    motion = ("--turns", "8", "--speed-rpm", "120")
+    words = [word.rstrip(",") for option in options for word in option.split()]
+    _, planned = vttig_json("plan", *pair, *motion, *words)
+    name = "driving_eccentricity_mm"
+    std = vttig_json(*fitted)[1]["parameters"][name]["std"]
+    assert 0.75 < planned["parameters"][name]["std"] / std < 1.33

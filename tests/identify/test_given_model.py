@@ -304,6 +304,13 @@ def test_a_parameter_that_free_orders_explain_stays_at_its_start(white_log):
     assert (order.shaft, order.order) == ("driving", 1)
 
 
+def test_arguments_of_another_kind_are_named(white_log, white_fit, unchecked):
+    with pytest.raises(ValueError, match=r"`orders`.*HarmonicOrders"):
+        fit(white_log, DRIVE, model=START, orders={"driving": (1,)})  # pyright: ignore
+    with pytest.raises(ValueError, match=r"`fit`.*band_map"):
+        vttig_jax.backlash_map(white_fit.parameters)  # pyright: ignore
+
+
 def test_free_orders_stand_beside_a_model(white_log):
     """A model of the first order, and the meshes as free orders of each flank."""
     result = fit(white_log, DRIVE, model=Wave(ONE), orders=HarmonicOrders((5,), (), 0), **PLAIN)

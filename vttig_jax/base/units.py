@@ -1,4 +1,4 @@
-"""Unit factors for input and output; inside the package units are rad, mm and s."""
+"""Units of input and output; inside the package units are rad, mm and s."""
 
 import math
 from typing import Final
@@ -24,3 +24,8 @@ ANGLE_UNITS: Final = {
     "gon": REV / 400.0,
 }
 """Radians per unit, for every angle unit that can end a column name (counts need an encoder)."""
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration in s or ms."""
+    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"

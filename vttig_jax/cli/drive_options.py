@@ -14,7 +14,7 @@ import click
 
 from ..base.errors import UsageError
 from ..base.logger import LOGGER
-from ..logs.recognition.request import UNITS, DriveRequest, counts_of, units_of_options
+from ..logs.recognition.request import SHAFTS, UNITS, DriveRequest, counts_of, units_of_options
 from ..runs.stated_drive import write_pair
 from .output import Output
 
@@ -71,6 +71,15 @@ _OF_THE_LOG = (
         help="Speed of a driving shaft that a clock turns and that has no encoder, such as 60/479;"
         " sidereal for the worm of a telescope mount, whose driven shaft follows the stars.",
     ),
+    *(
+        click.option(
+            f"--{shaft}-scale",
+            metavar="NUMBER",
+            help=f"Factor of the {shaft} column, such as 757/3 for a column that is divided by the"
+            " ratio already.",
+        )
+        for shaft in SHAFTS
+    ),
     click.option(
         "--write-pair",
         type=click.Path(path_type=Path),
@@ -84,7 +93,7 @@ _OF_THE_LOG = (
 )
 
 
-STATED = ("ratio", "teeth", "counts", "units", "inverted", "driving_rpm")
+STATED = tuple(DriveRequest.__dataclass_fields__)
 """Names of the command parameters from which a `DriveRequest` is made."""
 
 NAMES = (*STATED, "write_pair", "explain_columns")
@@ -92,7 +101,16 @@ NAMES = (*STATED, "write_pair", "explain_columns")
 
 GROUPS = {
     "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
-    "The log": ("units", "columns", "quadrature", "explain_columns", "decimal", "sample_rate"),
+    "The log": (
+        "units",
+        "driving_scale",
+        "driven_scale",
+        "columns",
+        "quadrature",
+        "explain_columns",
+        "decimal",
+        "sample_rate",
+    ),
 }
 """Title in the help → parameters, for every verb that reads logs."""
 

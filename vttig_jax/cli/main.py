@@ -199,9 +199,9 @@ def _explain(error: BaseException, narrator: Narrator) -> tuple[int, str, str]:
     if isinstance(error, click.ClickException):
         return _explain_usage(error)
     if isinstance(error, KeyboardInterrupt):
-        return 130, "interrupted before it was done.", ""
+        return 130, str(error) or "interrupted before it was done.", ""
     if isinstance(error, _Terminated):
-        return 143, "terminated before it was done.", ""
+        return 143, str(error) or "terminated before it was done.", ""
     if isinstance(error, OSError) and error.strerror:
         return InputError.exit_code, f"{error.strerror}.", str(error.filename or "")
     if isinstance(error, MemoryError) or str(error).startswith("RESOURCE_EXHAUSTED"):  # also of jax

@@ -6,6 +6,7 @@ instead of sending them to the terminal; `tests/cli/test_printing.py` forbids ot
 
 import logging
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from ..base.errors import InputError
 from ..base.files.json_io import dumps
 from ..base.logger import LOGGER
 from ..base.shown_text import lines, one_line
-from .words import explained
+from ..base.units import duration_text
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -49,8 +50,11 @@ class Output:
         """
         if not self.json:
             shown = str(text)
-            legend = explained(shown) if self.verbose else ""
-            print_text(f"{shown}\n\n{legend}" if legend else shown)
+            if self.verbose:
+                from .words import explained
+
+                shown = "\n\n".join(filter(None, [shown, explained(shown)]))
+            print_text(shown)
             return
         if self._object is not None:
             raise RuntimeError("a command gives one JSON object, but `emit` was called twice")
@@ -178,11 +182,18 @@ class _LogLine(logging.Formatter):
 def sampling_bar(output: Output) -> Iterator["Callable[[Progress], None]"]:
     """Show a progress bar over the steps, and yield the function that updates it.
 
-    If a stop rule ends the chains, the total of the bar is an estimate that changes.
+    If a stop rule ends the chains, the total of the bar is an estimate that changes. Without a
+    terminal there is a line every half minute instead of the bar.
     """
     with output.progress(1000, "sample") as bar:
+        said_s = time.monotonic()
 
         def follow(progress: "Progress") -> None:
+            nonlocal said_s
+            if not sys.stderr.isatty() and time.monotonic() - said_s > 30.0:
+                said_s = time.monotonic()
+                left = duration_text(progress.remaining_s)
+                output.narrate(f"{progress.steps} steps, {left} left or more; {progress.diagnosis}")
             ahead = (progress.remaining_s or 0.0) * progress.steps_per_s
             bar.total = progress.total or max(int(progress.steps + ahead), bar.total)
             bar.update(progress.steps - bar.n)

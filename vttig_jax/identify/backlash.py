@@ -51,6 +51,11 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     ```
     """
     require_x64("backlash_map")
+    if not isinstance(fit, Fit):
+        raise ValueError(
+            f"Argument `fit` must be a Fit, but is a {type(fit).__name__}; draws of a posterior"
+            " have a map with bands, `vttig_jax.band_map(posterior)`."
+        )
     if isinstance(fit.given, StoredModel):
         fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2

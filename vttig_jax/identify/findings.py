@@ -10,8 +10,9 @@ from pathlib import PurePath
 from typing import Literal
 
 import msgspec
+import numpy as np
 
-from ..base.units import DEG
+from ..base.units import DEG, duration_text
 from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
 from ..logs.fractions import better_fraction
@@ -19,7 +20,7 @@ from ..logs.lines.hidden_shaft import hidden_shaft
 from ..logs.motion.segments import Segments
 from ..logs.slope import computed_text, exact_slope
 from ..model.components import NEEDED
-from ..model.mixed_fit import MixedFit, waves_of
+from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
 from ..model.parameter import Parameter
 from ..pair.gear_pair import Drive, GearPair
 from .fit_settings import FitSettings
@@ -130,7 +131,7 @@ def open_delay(case: Case) -> Iterator[Finding]:
         "question",
         "the log does not tell a delay of the driven channel from the backlash: every microsecond"
         f" looks like {1e-6 * effect:.2g}° of backlash. The interval of the backlash is that of the"
-        f" assumed delay, within ± {1e3 * width:.3g} ms (one standard deviation)",
+        f" assumed delay, within ± {duration_text(width)} (one standard deviation)",
         "log a second speed or longer strokes, state the delay with --delay (such as 0.5ms), or say"
         " with --delay-within what it may be",
         {"delay_within_ms": 1e3 * width, "deg_per_us": 1e-6 * effect},
@@ -164,10 +165,39 @@ def gap_of_speed(case: Case) -> Iterator[Finding]:
         "warning",
         f"the gap depends on the speed: {slow.value:.4f}° ± {slow.std:.2g}° at"
         f" {slow.speed_rpm:.3g} rpm of the driving shaft and {fast.value:.4f}° ± {fast.std:.2g}° at"
-        f" {fast.speed_rpm:.3g} rpm, beside the delay. No single gap describes the log",
+        f" {fast.speed_rpm:.3g} rpm, beside the delay of {1e3 * case.core.delay_s:.4g} ms. No"
+        " single gap describes the log",
         "fit slow and fast passes as logs of their own, or compare gaps of one speed only",
         {"slow_deg": slow.value, "fast_deg": fast.value, "likelihood_ratio": ratio},
     )
+
+
+def shown_delay(case: Case) -> Iterator[Finding]:
+    """Say which delay the log shows where another one is stated.
+
+    With its estimate d ± s of ν degrees of freedom, where it is fitted, 2 ln of the likelihood
+    ratio to the stated d₀ is (ν + 1) ln(1 + (d − d₀)²/(ν s²)).
+    """
+    core = case.core
+    own = any(name.startswith("model") for name in case.parameters)
+    if case.settings.delay == "auto" or own or len(core.scope.flanks) < 2:
+        return
+    lines = [wave.order for wave in core.waves if wave.shaft == "line"]
+    free = mixed_fit(core.shafts, case.pair, core.orders, lines=lines, after=core)
+    told = free.posterior.one(free.posterior.row(("delay",)), moved=True)
+    shown_s = free.delay_s + told.value
+    off = (shown_s - core.delay_s) / told.std
+    ratio = (told.freedom + 1) * float(np.log1p(off**2 / told.freedom))
+    if ratio > NEEDED:
+        yield Finding(
+            "delay-shown",
+            "warning",
+            f"this log shows a delay of {1e3 * shown_s:.3g} ± {1e3 * told.std:.2g} ms, but"
+            f" {1e3 * core.delay_s:.4g} ms is stated, so that the rest of it passes for a gap"
+            f" that depends on the speed (2 ln of the likelihood ratio {ratio:.0f})",
+            f"leave out --delay, or state --delay {1e3 * shown_s:.3g}ms",
+            {"delay_s": shown_s, "std_s": told.std, "likelihood_ratio": ratio},
+        )
 
 
 def unclear_flanks(case: Case) -> Iterator[Finding]:
@@ -368,6 +398,27 @@ def hidden(case: Case) -> Iterator[Finding]:
         )
 
 
+def wrong_counts(case: Case) -> Iterator[Finding]:
+    """Say that lines at one fraction 1/n of both shafts are their first orders, counted n-fold."""
+    lines = case.checks.lines
+    for one in lines:
+        times = round(1 / one.cycles_per_rev)
+        wanted = (1 / times, abs(case.core.scope.ratio) / times) if times > 1 else ()
+        if wanted and all(
+            any((x.cycles_per_rev - at) ** 2 < NEEDED * x.cycles_std**2 for x in lines)
+            for at in wanted
+        ):
+            yield Finding(
+                "counts-doubtful",
+                "warning",
+                f"both shafts have a line at exactly 1/{times} of their order 1, as if all angles"
+                f" were {times} times too large",
+                f"check counts_per_rev (--counts), which may be {times} times too few, or the unit",
+                {"times": times},
+            )
+            return
+
+
 def equal_orders(case: Case) -> Iterator[Finding]:
     """Say which listed orders have one frequency, or the same values at the places of a table."""
     ratio = case.core.scope.ratio
@@ -382,6 +433,16 @@ def equal_orders(case: Case) -> Iterator[Finding]:
                 f"the orders {', '.join(lost)} are left out: the table has too few places or"
                 " readings to tell them from lower orders and from noise; read more for them",
             )
+    if abs(ratio) == 1 and "driving" in {w.shaft for w in case.core.waves if w.order == 1}:
+        if 1 in case.core.orders.driven_orders:
+            yield Finding(
+                "orders-equal",
+                "warning",
+                "at a ratio of 1 the orders of both shafts have the same frequencies: what the"
+                " driving shaft is said to have may be of the driven shaft, or of both together",
+                "list no orders for a shaft that is perfect, driving_orders = [] under [fit]",
+            )
+        return
     cycles = {w.cycles(ratio): w for w in case.core.waves if w.shaft == "driving"}
     listed = [k for k in case.core.orders.driven_orders if k * abs(ratio) in cycles]
     if listed:
@@ -480,6 +541,7 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     short_flanks,
     open_delay,
     changing_delay,
+    shown_delay,
     gap_of_speed,
     gap_crossed_late,
     jumps,
@@ -490,6 +552,7 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     drift,
     found_lines,
     hidden,
+    wrong_counts,
     equal_orders,
     open_starts,
     logged,

@@ -92,7 +92,8 @@ def fit(
       was read with, `read_log(path, ratio="64:23")`.
     - `settings`: delay, ratio, lines and all other choices; see `FitSettings`. Every field of it is
       a keyword of its own as well, `fit(log, pair, delay="off")`.
-    - `orders`: harmonic orders to model; those of the pair by default.
+    - `orders`: harmonic orders to model, a `vttig_jax.pair.HarmonicOrders`; those of the pair by
+      default.
     - `readings`: backlash read at single angles of the first log, to check the fit against, or to
       join it with `use_readings=True`.
     - `model`: flank model of your own that takes the place of the exact relation: a pytree with
@@ -130,6 +131,11 @@ def fit(
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
     require_distinct(logs)
     pair = stated_drive(logs[0]) if pair is None else pair
+    if orders is not None and not isinstance(orders, HarmonicOrders):
+        raise ValueError(
+            "Argument `orders` must be `vttig_jax.pair.HarmonicOrders(driving_orders=(1,),"
+            f" driven_orders=(), mesh_orders=0)` or the like, but is {orders!r}."
+        )
     wanted = orders or (pair.fit if model is None else HarmonicOrders((), (), 0))
     found = identified(logs, pair, settings, wanted, model)
     result = result_of(

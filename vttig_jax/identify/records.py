@@ -75,7 +75,7 @@ class Disagreement(Record, frozen=True):
         return (
             f"the {self.shaft} shaft has a first order of {self.this_arcsec:.3g}″ on flank"
             f" {self.flank}, but {self.first_arcsec:.3g}″ in {first} (difference"
-            f" {self.difference_arcsec:.3g}″ ± {self.std_arcsec:.2g}″)"
+            f" as vectors {self.difference_arcsec:.3g}″ ± {self.std_arcsec:.2g}″)"
         )
 
 

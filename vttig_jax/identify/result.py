@@ -13,7 +13,7 @@ from ..base.errors import NoAnswerError
 from ..base.facade import from_front_door
 from ..base.files.text_tables import decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
-from ..base.units import ARCSEC, DEG
+from ..base.units import ARCSEC, DEG, duration_text
 from ..kinematics.flank_error import FlankError
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
@@ -246,11 +246,6 @@ _UNKNOWN_DEG = 60.0
 _ZEROS = {"start": "the first sample", "reading": "where the channel reads zero"}
 
 
-def duration_text(seconds: float) -> str:
-    """Return a duration in s or ms."""
-    return f"{seconds:.3g} s" if seconds >= 1 else f"{1e3 * seconds:.3g} ms"
-
-
 def fit_text(fit: Fit) -> str:
     """Return the report of a fit, from its logs to the notes."""
     shown = [p for p in (*fit.parameters.values(), *fit.regressors) if p.determined]
@@ -344,7 +339,7 @@ def _starts(logs: tuple[LogRecord, ...]) -> list[tuple[str, str]]:
 
     def angle(shaft: str, value: float | None, std: float | None) -> str:
         if value is None or std is None or std > _UNKNOWN_DEG:
-            return f"{shaft} unknown"
+            return f"{shaft} unknown (no order that both logs share tells it)"
         return f"{shaft} {value:.3f}° ± {std:.2g}°"
 
     return [

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.special import stdtrit
 
 from ..base.numerics.polar_spread import polar_spread, upper_limit
-from ..base.units import ARCSEC, DEG
+from ..base.units import ARCSEC, DEG, duration_text
 from ..pair.gear_pair import Drive, GearPair
 from .columns import KNOWN
 from .gears import Gears, fitted_gears
@@ -307,6 +307,6 @@ def _delay(fit: MixedFit, told: Quantities) -> Parameter:
         return undetermined("delay_s", "s", reason)
     column = fit.posterior.problem.columns[fit.posterior.problem.index["delay",]]
     if told.std("delay") > TOLD * column.width:
-        reason = f"the log does not tell it: within ± {1e3 * column.width:.3g} ms as assumed"
+        reason = f"the log does not tell it: within ± {duration_text(column.width)} as assumed"
         return undetermined("delay_s", "s", reason)
     return replace(_scalar(told, "delay", "s", 1.0), name="delay_s")

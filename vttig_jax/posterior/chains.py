@@ -214,6 +214,9 @@ class _Run:
             )
             for backend in backends
         ]
+        for one in self.ensembles:
+            # emcee's wrapper would print all points on Ctrl-C.
+            one.log_prob_fn = target.log_density  # pyright: ignore
         self._states: list[Any]
         if record is None:
             self._states = self._starts()

@@ -142,7 +142,10 @@ class Diagnosis:
 
     @property
     def needed(self) -> int:
-        """Number of steps at which there are enough effective draws, at the present rate."""
+        """Number of steps at which there are enough effective draws, at the present rate.
+
+        A chain that has not seen its slowest parts often states a rate that is too high.
+        """
         share = self.until.effective / self.effective.min()
         return math.ceil(self.steps * share / BLOCK_STEPS) * BLOCK_STEPS
 
@@ -175,7 +178,7 @@ class Diagnosis:
     def _cure(self) -> str:
         goal = 2 * self.steps if self.long_enough else max(self.needed, self.steps + BLOCK_STEPS)
         reason = "the ensembles hold different parts of the posterior: " * self.long_enough
-        return f"{reason}go on with --resume and about --steps {goal}"
+        return f"{reason}go on with --resume and at least --steps {goal}"
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON object of the diagnosis, with the values of coordinates by their names.

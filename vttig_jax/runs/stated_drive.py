@@ -52,7 +52,7 @@ def spec_of_file(pair: Path, drive: DriveRequest) -> PairSpec:
     if drive.states_something:
         raise UsageError(
             "--pair states ratio, encoders and units already; leave out --ratio, --teeth,"
-            " --counts, --unit, --invert and --driving-rpm, or leave out --pair."
+            " --counts, --unit, --invert, --driving-rpm and the scales, or leave out --pair."
         )
     return load_pair_spec(pair)
 

@@ -7,7 +7,9 @@ import pytest
 from tests.corpus.cases import cases
 from tests.logs.rig_log import angles_deg, csv
 from vttig_jax.cli.main import main
-from vttig_jax.logs.recognition.questions import GUESSES, QUESTIONS
+from vttig_jax.logs.read import open_log
+from vttig_jax.logs.recognition.questions import GUESSES, QUESTIONS, Question
+from vttig_jax.logs.recognition.request import DriveRequest
 
 
 @pytest.mark.parametrize("slug", QUESTIONS)
@@ -36,3 +38,14 @@ def test_questions_are_records_in_the_json(tmp_path, capsys):
     assert asked["columns"] == ["motor_counts"] and "--counts" in asked["options"][0]
     assert main(["inspect", str(path), "--json", "--counts", "36000"]) == 0
     assert "questions" not in json.loads(capsys.readouterr().out)
+
+
+def test_the_ratio_is_that_of_scaled_readings(tmp_path):
+    path = tmp_path / "log.csv"
+    time, x, y = angles_deg()
+    path.write_text(csv("t,a [deg],b [deg]", time, x, y / 7))
+    with pytest.raises(Question) as caught:
+        open_log(path, DriveRequest(ratio="16:9"))
+    assert caught.value.slug == "shafts-open"
+    found = open_log(path, DriveRequest(ratio="16:9", driven_scale="7")).spec.log
+    assert (found.driving, found.driven, found.driven_scale) == ("a [deg]", "b [deg]", "7")

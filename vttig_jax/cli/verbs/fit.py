@@ -1,6 +1,6 @@
 """`vttig fit`: identification of the parameters from logs, and the run folder with the result."""
 
-from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_opt
 from ..fit_options import model_options
 from ..options import given, log_options, verb
 from ..output import Output
+from .sample import refuse_existing
 
 if TYPE_CHECKING:
     from ...identify.records import CoveredGap
@@ -100,6 +101,8 @@ def command(
         found = readings_alone(readings, pair, drive.request, options_of(options))
         output.emit(found.to_json(), found)
         return
+    if not drive.explain_columns:
+        refuse_existing(out, overwrite=overwrite, resumes=False)
     if run_path is None:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options_of(options), drive.request)
@@ -112,8 +115,9 @@ def command(
     if out is not None:
         save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
-    stated = drive.request.names_a_drive
-    output.emit(result.to_json(), _Answer(result) if stated else result)
+    parts = [in_words(result.pair.ratio)] if drive.request.names_a_drive else []
+    parts += [str(result), *([_noise_to_plan(result)] if output.verbose else [])]
+    output.emit(result.to_json(), "\n\n".join(parts))
     _check_required(result, require)
     gap = result.checks.gap_over_angles_covered
     if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
@@ -145,14 +149,21 @@ _FAILURES = {
 }
 
 
-@dataclass(frozen=True)
-class _Answer:
-    """Printed result of a fit whose ratio an option states: the ratio in words, then the fit."""
+def _noise_to_plan(result: "Fit") -> str:
+    """Return the options of `vttig plan` whose noise has the power of that of a fit.
 
-    result: "Fit"
+    The plan adds counting, so that its part is taken off: 2 σ² τ = 2 s² τ − c² Δt.
+    """
+    from ...base.units import DEG
+    from ...posterior.planning.noise import counting_std
 
-    def __str__(self) -> str:
-        return f"{in_words(self.result.pair.ratio)}\n\n{self.result}"
+    noise, step_s = result.noise, result.core.shafts[0].interval_s
+    counting = (counting_std(result.pair) / DEG) ** 2 * step_s / (2 * noise.correlation_s)
+    std = math.sqrt(max(noise.std_deg**2 - counting, 0.0))
+    return (
+        f"to plan a run with this noise: vttig plan --rate-hz {1 / step_s:.5g} --noise-std-deg"
+        f" {std:.3g} --noise-correlation-s {noise.correlation_s:.3g}, with the drive and --turns"
+    )
 
 
 def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:

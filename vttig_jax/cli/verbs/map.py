@@ -1,11 +1,14 @@
 """`vttig map`: backlash or transmission error at every driving angle, from a run folder."""
 
+import shlex
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
+import msgspec
 
-from ...base.errors import UsageError
+from ...base.errors import NoAnswerError, UsageError
 from ...base.logger import LOGGER
 from ...runs.map_table import (
     banded_record,
@@ -96,10 +99,12 @@ def command(
     With --quantity error, the CSV file contains the transmission error of each measured flank, also
     of a log of one direction, and the report its peak-to-peak value and rms.
     """
-    import vttig_jax
-
     if quantity == "error" and (wrong := given({"closing_mm", "constant_backlash_deg"})):
         raise UsageError(f"--quantity error takes no {wrong[0]}; leave it out.")
+    if quantity != "error" and constant_backlash_deg is None:
+        _refuse_one_flank(run_folder)
+    import vttig_jax
+
     vttig_jax.enable_x64()
     run = Run(run_folder)
     fit = run.fit
@@ -138,6 +143,23 @@ def command(
     else:
         shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {len(table)} rows"
     output.emit(record, shown)
+
+
+class _Flanks(msgspec.Struct):
+    flanks: tuple[str, ...]
+
+
+def _refuse_one_flank(folder: Path) -> None:
+    """Raise `NoAnswerError`, before the work, for the fit of one flank, which shows no backlash."""
+    with suppress(OSError, msgspec.MsgspecError):  # `Run` says what is missing or damaged
+        found = msgspec.json.decode((folder / "fit.json").read_bytes(), type=_Flanks).flanks
+        if len(found) == 1:
+            raise NoAnswerError(
+                f"only flank {found[0]} was measured, which shows no backlash; `vttig map"
+                f" {shlex.quote(str(folder))} --quantity error` shows its transmission error,"
+                " --constant-backlash-deg states a backlash that was measured in another way.",
+                where=str(folder),
+            )
 
 
 def drawn(run: Run) -> "Posterior | None":

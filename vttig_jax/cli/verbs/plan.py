@@ -82,7 +82,8 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
     "--noise-std-deg",
     type=Finite(min=0, max=360),
     required=True,
-    help="Noise of one sample of the transmission error; counting is added from the pair.",
+    help="Noise of one sample of the transmission error, as `vttig fit -v` prints it for a log;"
+    " counting is added from the pair.",
 )
 @click.option("--noise-correlation-s", type=NOT_NEGATIVE, default=0.0, help="Its memory.")
 @click.option("--white-std-deg", type=NOT_NEGATIVE, default=0.0, help="White noise beside it.")

@@ -116,13 +116,13 @@ def command(
     logs, out = _logs_and_folder(logs, out)
     _exclude_each_other({"--resume": resume, "--overwrite": overwrite})
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
+    if not drive.explain_columns:
+        refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     import vttig_jax
 
     from ...posterior.sampler import sample
 
     vttig_jax.enable_x64()
-    if not drive.explain_columns:
-        refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
     if logs:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options_of(options), drive.request)
@@ -135,9 +135,10 @@ def command(
     settings = _settings(out / CHECKPOINT if resume else None, asked)
     length = {"steps": steps, "until": _stop_rule(until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
-    with sampling_bar(output) as follow, _walkers_in_words():
-        posterior = sample(fit, **settings, **length, **files, progress=follow)
-    _finish(output, out, posterior, figures=not no_figures)
+    with _interrupts_in_words(out):
+        with sampling_bar(output) as follow, _walkers_in_words():
+            posterior = sample(fit, **settings, **length, **files, progress=follow)
+        _finish(output, out, posterior, figures=not no_figures)
 
 
 def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Path, ...], Path]:
@@ -214,6 +215,20 @@ def _walkers_in_words() -> Iterator[None]:
         if "`walkers`" not in str(error):
             raise
         raise UsageError(str(error).replace("Argument `walkers`", "--walkers")) from None
+
+
+@contextmanager
+def _interrupts_in_words(out: Path) -> Iterator[None]:
+    """Let an interrupt say what is kept and how to go on."""
+    try:
+        yield
+    except BaseException as error:
+        if not isinstance(error, Exception) and (out / CHECKPOINT).exists():
+            error.args = (
+                f"interrupted; the draws in {out / CHECKPOINT} are kept: go on with `vttig sample"
+                f" {shlex.quote(str(out))} --resume`.",
+            )
+        raise
 
 
 def refuse_existing(

@@ -189,7 +189,7 @@ def _jump(run: "Simulation") -> str:
     paper = metrics.get("jump_paper_deg")
     if metrics["largest_jump_deg"] > 1.01 * metrics["jump_deg"] + NEAR_DEG:
         text += f"; the largest of the run {_angle(metrics['largest_jump_deg'] * DEG)}"
-    return text if paper is None else f"{text}; reading before minus reading after {paper:+.5f}°"
+    return text if paper is None else f"{text}; the paper's, before minus after, {paper:+.5f}°"
 
 
 def flanks_text(spec: ScenarioSpec, closes: bool = True) -> str:

@@ -139,9 +139,9 @@ class SeenRatio:
         far = abs(float(self.given) - 1) > 2 * _DIVIDED
         if far and self.verdict == "differs" and abs((self.seen or 0.0) - 1) < _DIVIDED:
             return (
-                "the driving column seems to be divided by the ratio already: write"
-                f' driving_scale = "{1 / self.given}" under [log] of the pair file, which'
-                " --write-pair PAIR.toml writes"
+                "the driving column seems to be divided by the ratio already: give --driving-scale"
+                f' {1 / self.given}, or write driving_scale = "{1 / self.given}" under [log] of the'
+                " pair file"
             )
         exchanged = "exchange them with --column driving=NAME --column driven=NAME or in [log]"
         turns, inverse = self._inverse

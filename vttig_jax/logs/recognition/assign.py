@@ -14,7 +14,7 @@ from jaxtyping import Float, Real
 
 from ...base.errors import LogError, VttigError
 from ...base.units import ANGLE_UNITS, REV
-from ...pair.schema import LogLayout, PairSpec, UnitTable
+from ...pair.schema import PairSpec, UnitTable, as_fraction
 from ..fractions import ratio_option
 from ..readers.column_names import (
     ANGLES,
@@ -85,12 +85,12 @@ class Roles:
     @property
     def spec(self) -> PairSpec | None:
         """Content of the pair file that states all this; None if a pair file was given."""
-        if self.statement.drive is None:
+        drive = self.statement.drive
+        if drive is None:
             return None
-        rpm = self.statement.layout.driving_rpm
         return msgspec.structs.replace(
-            self.statement.drive,
-            log=msgspec.structs.replace(LogLayout(driving_rpm=rpm), **self.names),
+            drive,
+            log=msgspec.structs.replace(drive.log, **self.names),
             unit=msgspec.structs.replace(UnitTable(), **self.units),
         )
 
@@ -167,7 +167,7 @@ class Search:
         if self.timed and "time" in self.roles:
             with self._asking():
                 self._find_time_unit()
-        for check in (self._check_names, self._check_units):
+        for check in (self._check_names, self._check_units, self._check_ratio):
             with self._asking():
                 check()
         return Roles(
@@ -339,20 +339,23 @@ class Search:
                 else ["set `sign = -1` for the encoder that does in the pair file"],
             )
         if self.statement.two_readings:
-            text = self.statement.two_readings
-            above, slash, below = text.replace(" ", "").partition("/")
-            raise ask(
-                "ratio-of-two-readings",
-                "",
-                text=text,
-                one=f"{below if slash else 1}:{above}",
-                other_ratio=f"{above}:{below if slash else 1}",
-                turns=in_words(ratio),
-                inverse=in_words(1 / ratio),
-            )
+            raise self._two_readings("ratio-of-two-readings", ratio)
         for role, one in zip(SHAFTS, pairs[0], strict=True):
             if role in missing:
                 self._take(role, one, "by-name" if one.reading.output_side else "by-ratio")
+
+    def _two_readings(self, slug: str, ratio: Fraction) -> Question:
+        text = self.statement.two_readings
+        above, slash, below = text.replace(" ", "").partition("/")
+        return ask(
+            slug,
+            "",
+            text=text,
+            one=f"{below if slash else 1}:{above}",
+            other_ratio=f"{above}:{below if slash else 1}",
+            turns=in_words(ratio),
+            inverse=in_words(1 / ratio),
+        )
 
     def _several_pairs(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> Question:
         columns = list({one.index: one for pair in pairs for one in pair}.values())
@@ -584,6 +587,12 @@ class Search:
         if self.statement.counted and not counted and not self.asked:
             raise ask("unused-counts", "")
 
+    def _check_ratio(self) -> None:
+        """Ask which shaft turns faster if a curve with a ratio such as 225 does not show it."""
+        ratio = self.statement.ratio
+        if ratio is not None and self.statement.is_bare and "transmission_error" in self.roles:
+            raise self._two_readings("bare-ratio", ratio)
+
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
         written = one.reading.unit if one.reading.unit in ANGLES else None
@@ -708,17 +717,18 @@ class Search:
     def per_turn(self, one: Candidate, role: str) -> float | None:
         """Return the readings per revolution of a column in a role, or None without a unit.
 
-        The number is negative for an inverted encoder.
+        The number is divided by the stated scale, and negative for an inverted encoder.
         """
         unit = self._unit(one, role)
         if unit is None:
             return None
         encoder = self.statement.encoders[SHAFTS.index(role)]
+        scale = float(as_fraction(getattr(self.statement.layout, f"{role}_scale"), ""))
         if unit != "counts":
-            return encoder.sign * REV / ANGLE_UNITS[unit]
+            return encoder.sign * REV / ANGLE_UNITS[unit] / scale
         if encoder.counts_per_rev is None:
             raise self._no_counts(role, one)
-        return float(encoder.sign * encoder.counts_per_rev)
+        return encoder.sign * encoder.counts_per_rev / scale
 
     def common(
         self, first: Candidate, second: Candidate

@@ -36,6 +36,9 @@ QUESTIONS = {
     "ratio-of-two-readings": "--ratio {text} has two readings, and no column name tells the shafts"
     " apart: write --ratio {one} if {turns}, or --ratio {other_ratio} if {inverse}; or name both"
     " columns with --column driving=NAME --column driven=NAME.",
+    "bare-ratio": "--ratio {text} may be meant as {other_ratio} or as {one}, and a curve of the"
+    " transmission error does not show which: write --ratio {other_ratio} if {inverse}, or --ratio"
+    " {one} if {turns}.",
     "opposite-directions": "`{a}` and `{b}` have the given ratio, but the readings of one"
     " grow while those of the other fall: one encoder counts backwards; {options}.",
     "no-unit": "the column {facts} for {role} names no unit, and degrees, radians and counts look"

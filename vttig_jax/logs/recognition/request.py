@@ -89,6 +89,8 @@ class DriveRequest:
     - `inverted`: shafts whose encoder counts backwards ("driving", "driven").
     - `driving_rpm`: constant speed in rpm of a driving shaft without an encoder; "sidereal" if the
       driven shaft turns once per sidereal day.
+    - `driving_scale`, `driven_scale`: factor of a column, such as "757/3" for a motor column that
+      is divided by the ratio already.
     """
 
     ratio: str | None = None
@@ -97,6 +99,8 @@ class DriveRequest:
     units: Mapping[str, str] = field(default_factory=dict)
     inverted: tuple[str, ...] = ()
     driving_rpm: str | None = None
+    driving_scale: str | None = None
+    driven_scale: str | None = None
 
     @property
     def names_a_drive(self) -> bool:
@@ -139,6 +143,15 @@ class DriveRequest:
         )
 
     @property
+    def layout(self) -> LogLayout:
+        """Layout of the log as far as it is stated."""
+        return LogLayout(
+            driving_rpm=self.rpm if self.names_a_drive else self.driving_rpm,
+            driving_scale=self.driving_scale or 1,
+            driven_scale=self.driven_scale or 1,
+        )
+
+    @property
     def says_which_shaft(self) -> bool:
         """Whether each number of the ratio belongs to a known shaft.
 
@@ -175,15 +188,14 @@ class DriveRequest:
         **Raises** `UsageError` for what `check` refuses and for contradictory options.
         """
         self.check()
-        layout = LogLayout(driving_rpm=self.rpm if self.names_a_drive else self.driving_rpm)
         named = self.names_a_drive
         return Statement(
-            layout=stated_layout(layout, columns or {}, decimal, sample_rate_hz),
+            layout=stated_layout(self.layout, columns or {}, decimal, sample_rate_hz),
             unit=msgspec.structs.replace(UnitTable(), **self.units),
             encoders=self.encoders,
             ratio=self.speed_ratio if named else None,
             two_readings=str(self.ratio) if named and not self.says_which_shaft else "",
-            drive=self.spec() if named else None,
+            drive=msgspec.structs.replace(self.spec(), log=self.layout) if named else None,
         )
 
     def with_driven_inverted(self) -> "DriveRequest":
@@ -200,11 +212,12 @@ class DriveRequest:
         for shaft in self.inverted:
             if shaft not in SHAFTS:
                 raise UsageError(f"--invert {shaft!r} must be driving or driven.")
-        if self.driving_rpm not in (None, SIDEREAL):
+        for name in ("driving_rpm", "driving_scale", "driven_scale"):
             try:
-                as_fraction(str(self.driving_rpm), "")
+                if (value := getattr(self, name)) not in (None, SIDEREAL):
+                    as_fraction(value, "")
             except PairError as error:
-                raise UsageError(f"--driving-rpm {error.message}") from None
+                raise UsageError(f"--{name.replace('_', '-')} {error.message}") from None
 
 
 @dataclass(frozen=True)
@@ -217,8 +230,8 @@ class Statement:
     - `encoders`: encoders of the driving and of the driven shaft.
     - `ratio`: ratio i of driven to driving speed, or None.
     - `two_readings`: the ratio as it is written if it has two readings, such as "9/16", else "".
-    - `drive`: content of the equivalent pair file without log layout; None if a pair file states
-      the drive, whose words are then in the cures of questions, or if nothing does.
+    - `drive`: content of the equivalent pair file without columns; None if a pair file states the
+      drive, whose words are then in the cures of questions, or if nothing does.
     - `in_file`: whether a pair file makes these statements.
     """
 
@@ -254,6 +267,11 @@ class Statement:
     def counted(self) -> bool:
         """Whether options state counts, so that columns without a unit are in counts."""
         return not self.in_file and self.encoders[0].counts_per_rev is not None
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether the ratio is a number alone, such as 225, which may be meant as 225:1."""
+        return bool(self.two_readings) and "/" not in self.two_readings
 
 
 def stated_layout(
@@ -355,6 +373,8 @@ def fit_command(
         *(("--unit", f"{role}={unit}") for role, unit in request.units.items()),
         *(("--invert", shaft) for shaft in request.inverted),
         ("--driving-rpm", request.driving_rpm),
+        ("--driving-scale", request.driving_scale),
+        ("--driven-scale", request.driven_scale),
         *(("--column", f"{role}={name}") for role, name in columns.items()),
         ("--decimal", decimal),
         ("--sample-rate", rate),

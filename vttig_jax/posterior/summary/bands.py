@@ -75,7 +75,7 @@ class Band:
         whole = np.median(self.critical * self.std) / DEG
         return [
             (f"{percent} at one angle", f"± {pointwise:.2g}° (median)"),
-            (f"{percent} of the whole {of}", f"± {whole:.2g}°, {self.critical:.2f} std"),
+            (f"{percent} of the whole {of}", f"± {whole:.2g}° (median), everywhere at once"),
         ]
 
 

@@ -16,7 +16,7 @@ from ...base.facade import from_front_door
 from ...base.files.text_tables import decimals, key_values, listed, text_table
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
-from ...base.units import ARCSEC
+from ...base.units import ARCSEC, duration_text
 from ...identify.backlash import unknown_extremes
 from ...identify.result import Fit, doubt
 from ...kinematics.harmonic import OrderModel
@@ -226,7 +226,7 @@ def priors(fit: Fit) -> tuple[str, ...]:
     flat = {_called(c.name, given) for c in columns if c.prior == FLAT}
     found = [f"flat: {', '.join(sorted(flat))}"]
     if "delay" in known:
-        found.append(f"delay: zero ± {1e3 * known.pop('delay'):.3g} ms")
+        found.append(f"delay: zero ± {duration_text(known.pop('delay'))}")
     if "ratio" in known:
         share = known.pop("ratio") / abs(float(fit.pair.ratio))
         found.append(f"ratio: as given ± {share:.2g} of it")
@@ -244,7 +244,8 @@ def priors(fit: Fit) -> tuple[str, ...]:
 def posterior_text(posterior: Posterior) -> str:
     """Return the report: parameters, smallest gap, priors and convergence."""
     ensembles, steps, walkers = posterior.draws.shape[:3]
-    counted = f"{ensembles} ensembles × {steps} steps × {walkers} walkers"
+    kept = f"{steps} kept of {posterior.diagnosis.steps} steps"
+    counted = f"{ensembles} ensembles × {walkers} walkers × {kept}"
     head = key_values(
         [
             ("log", posterior.fit.source),
