@@ -7,7 +7,7 @@ are arrays over the lanes, from the axes of the sweep to the leaves of the case.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -189,30 +189,33 @@ class SweepWork:
         self,
         numbers: Sequence[int],
         progress: Callable[[int], None] = lambda steps: None,
-        settings: Mapping[str, float] = MappingProxyType({}),
+        settings: Rows = MappingProxyType({}),  # type: ignore[assignment]
     ) -> Rows:
-        """Return the rows of cases with these numbers, and with other values of some keys.
+        """Return the rows of cases with these numbers, and with other values of some keys for each.
 
         `progress` as for `run`.
         """
         rows: Rows = {name: np.full(len(numbers), np.nan) for name in METRICS}
         outcome = np.full(len(numbers), REFUSED, dtype="<U9")
         for kind, specs in self._kinds(numbers, settings).items():
-            for indices, inputs, accumulators in self._ran(kind, specs, numbers, progress):
+            for indices, inputs, accumulators in self._ran(
+                kind, specs, numbers, settings, progress
+            ):
                 for name, values in metrics_of(inputs, accumulators).items():
                     rows[name][indices] = values
                 outcome[indices] = outcomes_of(inputs, accumulators)
         return self.cases.columns(numbers) | rows | {"outcome": outcome}
 
     def _kinds(
-        self, numbers: Sequence[int], settings: Mapping[str, float]
+        self, numbers: Sequence[int], settings: Rows
     ) -> dict[_Kind, dict[int, tuple[ScenarioSpec, int]]]:
         """Return the cases of a block that can run: kind → index → scenario, error of its turn."""
         began = time.perf_counter()
         kinds: dict[_Kind, dict[int, tuple[ScenarioSpec, int]]] = {}
         for index, number in enumerate(numbers):
             try:
-                spec = with_numbers(self.cases.spec_of(number), settings)
+                own = {name: float(values[index]) for name, values in settings.items()}
+                spec = with_numbers(self.cases.spec_of(number), own)
                 substeps, turns = self._substeps_of(spec), 0
                 turn = spec.judgement.turn
                 if turn == "located" and spec.controller != "none":
@@ -231,6 +234,7 @@ class SweepWork:
         kind: _Kind,
         specs: dict[int, tuple[ScenarioSpec, int]],
         numbers: Sequence[int],
+        settings: Rows,
         progress: Callable[[int], None],
     ) -> Iterator[tuple[np.ndarray, MetricInputs, Accumulators]]:
         """Yield indices and results of the cases of one kind, those of similar length together."""
@@ -239,6 +243,7 @@ class SweepWork:
         indices = np.array(list(specs))
         columns = self.cases.columns([numbers[index] for index in indices])
         columns = {name: values for name, values in columns.items() if values.dtype.kind != "U"}
+        columns |= {name: values[indices] for name, values in settings.items()}
         if kind.turn == "located":
             columns["turns"] = np.array([turns for _, turns in specs.values()])
         courses = self._courses(spec, columns)

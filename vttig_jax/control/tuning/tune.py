@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import differential_evolution, minimize
 
 from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
@@ -18,7 +18,7 @@ from ..simulation.build import Maps
 from ..simulation.metrics import NEAR_MM
 from ..sweeps.cases import cases_of
 from ..sweeps.work import Rows, SweepWork
-from .free_keys import SETTINGS, FreeKey, Limits, free_keys
+from .free_keys import REACH, SETTINGS, FreeKey, Limits, free_keys
 from .result import Objective, Score, Stage, Tuned, costs_of, score_of
 
 Values = tuple[float, ...]
@@ -30,8 +30,9 @@ STEPS = (1.0, -0.4, 0.15)
 MOST = 25
 """Most simulations of a stage for each key; a chosen value."""
 
-DRAWN = 64
-"""Places from which the best one begins the search; a chosen value."""
+DRAWN, PLACES, GENERATIONS = 32, 16, 40
+"""Largest number of cases in the search for the place where the simplex begins, its places for each
+key, and its generations; chosen values."""
 
 SEARCHED = 256
 """Largest number of cases in the search, a chosen value; all cases judge its end."""
@@ -74,11 +75,12 @@ def tune(
     therefore interferes at the best margin. For `feedforward`, which moves no gear, it minimises
     the lost motion, in which too much compensation costs as much as too little.
 
-    The search changes one key after the other, up and down, by steps that shrink from stage to
-    stage, as long as the objective falls. Every value that it tries is judged by the simulation of
-    the cases as `vttig_jax.sweep` has it, with counts, motor and everything else; of many cases a
-    sample is searched, and all of them judge the result. Values that are not better than the start
-    are rejected, and a setting that gains less than a thousandth stays.
+    With several keys a differential evolution over a sample of the cases finds where to begin. A
+    simplex that shrinks from stage to stage then follows the objective. Every value that is tried
+    is judged by the simulation of the cases as `vttig_jax.sweep` has it, with counts, motor and
+    everything else; of many cases a sample is searched, and all of them judge the result. Values
+    that are not better than the start are rejected, and a setting that gains less than a thousandth
+    stays.
 
     **Arguments**
     - `spec`, `pair`, `folder`, `maps`: as for `vttig_jax.sweep`; the axes define the
@@ -146,19 +148,18 @@ def _check_controller(spec: ScenarioSpec) -> None:
 def _tuned(judge: "_Judge", progress: Callable[[int, int], None] | None) -> Tuned:
     spec, best = judge.cases.spec, judge.start
     before = judge.score(best)
-    searched = judge.sampled()
+    searched = judge.sampled(SEARCHED)
     stages: list[Stage] = []
-    draw = np.random.default_rng(0)
     if len(judge.keys) > 1:  # the search may begin far away, where several settings fit each other
-        places = 2 * STEPS[0] * draw.normal(size=(DRAWN, len(best)))
-        far = [searched.moved(best, place) for place in places]
-        best = min([best, *far], key=lambda values: searched.score(values).rank)
+        far = _far(judge.sampled(DRAWN), best)
+        best = min(best, far, key=lambda values: searched.score(values).rank)
     for step in STEPS:
         best, stage = _stage(searched, best, step)
         stages.append(stage)
         if progress is not None:
             progress(len(stages), len(STEPS))
     best = _without_small_gains(judge, best)
+    best = min(judge.start, best, key=lambda values: judge.score(values).rank)
     values = dict(zip((key.name for key in judge.keys), best, strict=True))
     return Tuned(
         spec=with_numbers(spec, values),
@@ -174,6 +175,33 @@ def _tuned(judge: "_Judge", progress: Callable[[int, int], None] | None) -> Tune
         stages=tuple(stages),
         notes=tuple(_notes(judge, values)),
     )
+
+
+def _far(judge: "_Judge", best: Values) -> Values:
+    """Return the best values of a differential evolution (R. Storn, K. Price, 1997).
+
+    All places of a generation are simulated side by side.
+    """
+    most, size = judge.score(best).rank[0], len(best)
+
+    def costs(steps: Any) -> Any:
+        scores = judge.scores([judge.moved(best, place) for place in steps.T])
+        return [score.cost_deg if score.rank[0] <= most else math.inf for score in scores]
+
+    draw = np.random.default_rng(0)
+    found: Any = differential_evolution(
+        costs,
+        [(-math.log(REACH), math.log(REACH))] * size,
+        init=2 * STEPS[0] * draw.normal(size=(PLACES * size, size)),  # type: ignore[arg-type]
+        maxiter=GENERATIONS,
+        tol=0.0,
+        atol=_LEAST_GAIN * _LEAST_GAIN * judge.score(best).cost_deg,
+        polish=False,
+        seed=draw,  # type: ignore[call-arg]  # named `rng` from scipy 1.15 on
+        updating="deferred",
+        vectorized=True,
+    )
+    return judge.moved(best, found.x)
 
 
 def _stage(judge: "_Judge", best: Values, step: float) -> tuple[Values, Stage]:
@@ -236,16 +264,26 @@ class _Judge:
         self.start = tuple(key.start for key in keys)
         self.moves = work.cases.spec.controller == "feedforward"
         self._scores: dict[Values, Score] = {}
-        self._first = self._rows(self.start)
+        self._first = self._rows([self.start])
 
     def score(self, values: Values) -> Score:
         """Return the score of the given values of the keys."""
-        if values not in self._scores:
-            rows = self._first if values == self.start else self._rows(values)
+        return self.scores([values])[0]
+
+    def scores(self, places: Sequence[Values]) -> list[Score]:
+        """Return the score of each of the given places, simulated side by side."""
+        new = [values for values in dict.fromkeys(places) if values not in self._scores]
+        rows = self._rows(new) if new else {}
+        for index, values in enumerate(new):
+            part = slice(index * len(self.numbers), (index + 1) * len(self.numbers))
             self._scores[values] = score_of(
-                rows, self.objective, self.weight, self.cases.closing, self.moves
+                {name: column[part] for name, column in rows.items()},
+                self.objective,
+                self.weight,
+                self.cases.closing,
+                self.moves,
             )
-        return self._scores[values]
+        return [self._scores[values] for values in places]
 
     def moved(self, values: Values, steps: Any) -> Values:
         """Return the values so many steps on; see `FreeKey.moved`.
@@ -261,27 +299,27 @@ class _Judge:
             for key, value, step in zip(self.keys, values, steps, strict=True)
         )
 
-    def sampled(self) -> "_Judge":
-        """Return a judge of a sample of the cases, drawn without replacement.
+    def sampled(self, most: int) -> "_Judge":
+        """Return a judge of a sample of at most so many cases, drawn without replacement.
 
         For the objective "worst", half of the sample are the cases with the highest cost at start.
         """
         costs = costs_of(self._first, self.weight, self.cases.closing, self.moves)
         numbers = np.flatnonzero(~np.isnan(costs))
-        if len(numbers) <= SEARCHED:
+        if len(numbers) <= most:
             return self
-        worst = np.argsort(-costs[numbers])[: SEARCHED // 2]
+        worst = np.argsort(-costs[numbers])[: most // 2]
         first = numbers[worst] if self.objective == "worst" else numbers[:0]
         others = np.setdiff1d(numbers, first)
-        drawn = np.random.default_rng(0).choice(others, SEARCHED - len(first), replace=False)
+        drawn = np.random.default_rng(0).choice(others, most - len(first), replace=False)
         numbers = np.sort(np.concatenate([first, drawn]))
         return _Judge(self.work, self.keys, self.objective, self.weight, numbers)
 
-    def _rows(self, values: Values) -> Rows:
-        named = {key.name: value for key, value in zip(self.keys, values, strict=True)}
-        blocks = np.array_split(self.numbers, -(-len(self.numbers) // self.work.block_size))
-        rows = [self.work.rows(block.tolist(), settings=named) for block in blocks]
-        return {name: np.concatenate([part[name] for part in rows]) for name in rows[0]}
+    def _rows(self, places: Sequence[Values]) -> Rows:
+        """Return the rows of all cases at the first place, then at the second …"""
+        columns = np.repeat(np.asarray(places), len(self.numbers), axis=0).T
+        named = dict(zip((key.name for key in self.keys), columns, strict=True))
+        return self.work.rows(np.tile(self.numbers, len(places)).tolist(), settings=named)
 
 
 def _notes(judge: _Judge, values: Mapping[str, float]) -> list[str]:
