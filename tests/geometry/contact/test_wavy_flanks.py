@@ -35,6 +35,8 @@ MEASURED = {
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 
+pytestmark = pytest.mark.slow  # the brute force takes half a minute a map
+
 
 def waves(random: np.random.Generator, measured: str) -> list[FlankMap]:
     """Of 1 to 10 µm, with 1 to 8 periods along the profile and along the face, on both gears."""
@@ -158,7 +160,7 @@ def lateness(seed: int, measured: str, flank: Flank, count: int, **grid: Any) ->
 
 @pytest.mark.parametrize("flank", FLANKS)
 @pytest.mark.parametrize("measured", MEASURED)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(1))
 def test_first_contact_is_the_highest_of_all_points(seed, measured, flank):
     late = lateness(10 * FLANKS.index(flank) + seed, measured, flank, 4)
     np.testing.assert_allclose(late, 0.0, atol=1e-10)

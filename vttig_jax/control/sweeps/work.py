@@ -7,7 +7,7 @@ are arrays over the lanes, from the axes of the sweep to the leaves of the case.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -189,7 +189,7 @@ class SweepWork:
         self,
         numbers: Sequence[int],
         progress: Callable[[int], None] = lambda steps: None,
-        settings: Rows = MappingProxyType({}),  # type: ignore[assignment]
+        settings: Mapping[str, np.ndarray] = MappingProxyType({}),
     ) -> Rows:
         """Return the rows of cases with these numbers, and with other values of some keys for each.
 
@@ -207,7 +207,7 @@ class SweepWork:
         return self.cases.columns(numbers) | rows | {"outcome": outcome}
 
     def _kinds(
-        self, numbers: Sequence[int], settings: Rows
+        self, numbers: Sequence[int], settings: Mapping[str, np.ndarray]
     ) -> dict[_Kind, dict[int, tuple[ScenarioSpec, int]]]:
         """Return the cases of a block that can run: kind → index → scenario, error of its turn."""
         began = time.perf_counter()
@@ -234,7 +234,7 @@ class SweepWork:
         kind: _Kind,
         specs: dict[int, tuple[ScenarioSpec, int]],
         numbers: Sequence[int],
-        settings: Rows,
+        settings: Mapping[str, np.ndarray],
         progress: Callable[[int], None],
     ) -> Iterator[tuple[np.ndarray, MetricInputs, Accumulators]]:
         """Yield indices and results of the cases of one kind, those of similar length together."""
