@@ -39,7 +39,7 @@ def test_pages_with_code():
     assert len(WITH_CODE) == 7 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
 
 
-@pytest.mark.parametrize(("page", "number"), [("docs/many_fits.md", 2), ("docs/own_model.md", 2)])
+@pytest.mark.parametrize(("page", "number"), [("docs/many_fits.md", 2), ("docs/own_model.md", 3)])
 def test_examples_of_advanced_use_are_short(page, number):
     blocks = [one.text for one in fences(text_of(page)) if one.language == "python"]
     assert len(blocks) == number

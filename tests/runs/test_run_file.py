@@ -23,6 +23,7 @@ OPTIONS = RunOptions(
         delay=-0.002,
         ratio_within=0.001,
         same_zero=False,
+        standstill=False,
     ),
 )
 

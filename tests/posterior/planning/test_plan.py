@@ -95,12 +95,13 @@ def test_std_of_the_eccentricity_is_the_closed_form(white_pair, white_plan):
     reference = float(white_pair.base_radii[1, 0])
     alpha = float(white_pair.working_pressure_angles[0])
     expected = sigma * reference / (np.sqrt(2) * np.sin(alpha))
-    assert white_plan.std("driving_eccentricity_mm") == pytest.approx(expected, rel=0.03)
-    assert white_plan.std("driven_eccentricity_mm") == pytest.approx(expected, rel=0.03)
+    # What a white rig does not have, drift and differences of the flanks, costs less than a tenth.
+    assert 1.0 < white_plan.std("driving_eccentricity_mm") / expected < 1.09
+    assert 1.0 < white_plan.std("driven_eccentricity_mm") / expected < 1.09
     gap = WHITE.std_deg * np.sqrt(2 / each)
     assert gap < white_plan.std("constant_backlash_deg") < 2 * gap  # drift costs something
     phase_deg = expected / 0.02 / DEG
-    assert white_plan.std("driven_phase_deg") == pytest.approx(phase_deg, rel=0.03)
+    assert 1.0 < white_plan.std("driven_phase_deg") / phase_deg < 1.09
 
 
 def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):
@@ -121,7 +122,7 @@ def test_std_falls_with_the_square_root_of_the_turns(white_pair, white_plan):
     assert steady == pytest.approx(2.0, rel=0.01)
     for name, one in white_plan.parameters.items():
         if one.determined and name != "delay_s":  # that is told by the ramps
-            assert one.std / longer.std(name) == pytest.approx(steady, rel=0.02), name
+            assert 1.0 < one.std / longer.std(name) / steady < 1.06, name  # less is drift
 
 
 def test_one_direction_knows_no_gap_and_trusts_the_encoders(white_pair):
@@ -136,7 +137,7 @@ def test_one_direction_knows_no_gap_and_trusts_the_encoders(white_pair):
     assert one.std("constant_backlash_deg") == np.inf
     # σ = std(F) alone, seen through K only.
     sigma = WHITE.std_deg * DEG * np.sqrt(2 / one.used) * float(white_pair.base_radii[1, 0])
-    assert one.std("driving_eccentricity_mm") == pytest.approx(sigma, rel=0.03)
+    assert 1.0 < one.std("driving_eccentricity_mm") / sigma < 1.09
 
 
 def test_eccentricities_are_those_assumed_and_cost_the_phase(paper, white_plan):

@@ -122,12 +122,12 @@ def command(
     if scenario is None:
         raise UsageError("SCENARIO is missing; --print-defaults prints one to start from.")
     _check_files(trace, figure, overwrite=overwrite)
+    spec, folder = specified(scenario, sweep=False)
     if scenario.is_dir():
         output.narrate(
             "a run folder has gears only: motion, controller and sampling are the defaults, which"
             " --print-defaults lists and --set motion.reversal_deg=720 and the like replace"
         )
-    spec, folder = specified(scenario, sweep=False)
     with file_named(scenario):
         spec, thinned = _with_settings(spec, settings), every if trace else 0
         found, kept = _simulated(spec, folder, thinned, output, draws=figure is not None)

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 from msgspec import structs
 
 from ...base.errors import ScenarioError
@@ -146,7 +147,9 @@ def scenario_of(
         plant_map=plant,
         controller_map=believed,
         map_backlash_deg=(
-            changed.get("constant_backlash_deg") if isinstance(believed, FlankModel) else None
+            np.asarray(changed["constant_backlash_deg"])
+            if changed and isinstance(believed, FlankModel)
+            else None
         ),
         seed=spec.seed,
         flanks=spec.flanks,
