@@ -57,6 +57,10 @@ def delay(record: dict) -> dict:
     return record["parameters"]["delay_s"]
 
 
+def first(record: dict) -> dict:
+    return record["parameters"]["driving_amplitude_arcsec"]
+
+
 def why(record: dict) -> str:
     return delay(record)["reason"] or ""
 
@@ -102,6 +106,14 @@ CASES = [
         },
     ),
     ("late.csv", {"--delay-within 1us": lambda r: not delay(r)["determined"]}),
+    (
+        "late.csv",
+        {"--orders-within 0.01": lambda r: not first(r)["determined"]},
+    ),
+    (
+        "late.csv",
+        {"--widths-within 1e4": lambda r: r["checks"]["drift_arcsec"] > 0.1},
+    ),
     ("humming.csv", {"--lines report": lambda r: not any(x["joined"] for x in lines(r))}),
 ]
 

@@ -22,6 +22,8 @@ OPTIONS = RunOptions(
         perfect_encoders=True,
         delay=-0.002,
         ratio_within=0.001,
+        orders_within=2.0,
+        widths_within=0.5,
         same_zero=False,
         standstill=False,
     ),

@@ -102,7 +102,7 @@ def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]
     return click.option(
         field.option,
         field.name,
-        default=field.default if field.default != () else None,
+        default=field.default,
         help=field.text,
         metavar=field.metavar,
         **_kind(field),
@@ -121,10 +121,7 @@ def _kind(field: Field) -> dict[str, Any]:
     if field.name.endswith("_ms"):
         return {"type": MillisecondsParam()}
     if numbers:
-        kind, bounds = get_args(numbers[0])
-        assert kind is float
+        bounds = get_args(numbers[0])[1]
         limits = bounds.gt is None
         return {"type": click.FloatRange(bounds.ge, bounds.le) if limits else POSITIVE}
-    if get_origin(kinds[0]) is tuple:
-        return {"type": click.Choice(get_args(get_args(kinds[0])[0])), "multiple": True}
     return {"is_flag": True}

@@ -178,18 +178,13 @@ def contact_map(
 
     **Raises** `NoAnswerError` if the backlash cannot be determined, and if the log shows slip.
     """
-    _refuse_slip(fit)
+    if reason := no_period(fit):
+        raise NoAnswerError(f"{reason}.", where=fit.source)
     grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
     if len(fit.flanks) == 2:
         return grid, grid.model
     flank: Flank = "A" if fit.flanks[0] == "A" else "B"
     return grid, Contact(fit.model.ratio, fit.model, grid.model, flank)
-
-
-def _refuse_slip(fit: Fit) -> None:
-    """Raise `NoAnswerError` if the fitted ratio shows that there is no hunting period."""
-    if reason := no_period(fit):
-        raise NoAnswerError(f"{reason}.", where=fit.source)
 
 
 def no_period(fit: Fit) -> str | None:

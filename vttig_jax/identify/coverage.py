@@ -45,18 +45,14 @@ def log_coverage(
     ```
     """
     places = [_place(log.start, pair) for log in logs] or [0.0]
-    numbers = _log_numbers(curves)
-    if numbers and numbers[-1] + 1 == len(places):
+    # The time of every log starts again.
+    again = [later.time[0] < earlier.time[-1] for earlier, later in pairwise(curves)]
+    if curves and sum(again) + 1 == len(places):
+        numbers = np.cumsum([0, *again]).tolist()
         return hunting_coverage(curves, pair, [places[number] for number in numbers])
     # It is unknown which curve belongs to which log, but logs with a common zero need no place.
     common = 0.0 if all(place == 0.0 for place in places) else None
     return hunting_coverage(curves, pair, [common] * len(curves))
-
-
-def _log_numbers(curves: Sequence[TECurve]) -> list[int]:
-    """Return the number of the log of each curve, from 0: the time of every log starts again."""
-    again = [later.time[0] < earlier.time[-1] for earlier, later in pairwise(curves)]
-    return np.cumsum([0, *again]).tolist() if curves else []
 
 
 def _place(start: LogStart, pair: GearPair | Drive) -> float | None:

@@ -102,7 +102,7 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         ),
     ] = None
     ratio_within: Annotated[
-        Share | None,
+        Share,
         setting(
             "Standard deviation of the relative error of the ratio of a drive before the log is"
             " read; 0 for an exact one, 0.003 by default. The ratio of gears is that of their"
@@ -110,7 +110,27 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             "--ratio-within",
             "SHARE",
         ),
-    ] = None
+    ] = 0.003
+    orders_within: Annotated[
+        Positive,
+        setting(
+            "Standard deviation of orders before the log is read, in robust deviations of the"
+            " transmission error; 3 by default. It is that of first orders of a drive, mesh orders,"
+            " lines, and higher orders that stand out.",
+            "--orders-within",
+            "DEVIATIONS",
+        ),
+    ] = 3.0
+    widths_within: Annotated[
+        Positive,
+        setting(
+            "Scale of the width of what a log need not contain (higher orders, differences between"
+            " the flanks, drift, a delay that moves, a gap that depends on the speed), in multiples"
+            " of what the noise hides; 1 by default.",
+            "--widths-within",
+            "FACTOR",
+        ),
+    ] = 1.0
     same_zero: Annotated[
         bool | None,
         setting(
@@ -191,10 +211,10 @@ def fields() -> tuple[Field, ...]:
     defaults = dict(
         zip(FitSettings.__struct_fields__, FitSettings.__struct_defaults__, strict=True)
     )
-    described = [(name, hint, hint.__metadata__[-1]) for name, hint in hints.items()]
     return tuple(
-        Field(name, hint, defaults[name], meta.description, **meta.extra)
-        for name, hint, meta in described
+        Field(name, hint, defaults[name], hint.__metadata__[-1].description, **extra)
+        for name, hint in hints.items()
+        for extra in [hint.__metadata__[-1].extra]
     )
 
 
@@ -246,20 +266,18 @@ def _expected(kind: Any) -> str:
 def members(kind: Any) -> tuple[Any, ...]:
     """Return the members of a union, each with its own bounds only."""
     if get_origin(kind) is Annotated and kind.__metadata__[-1].extra:
-        kind = kind.__origin__
+        *bounds, _ = kind.__metadata__
+        kind = Annotated[kind.__origin__, *bounds] if bounds else kind.__origin__
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
 def _range(kind: Any) -> str:
     if get_origin(kind) is Annotated:
-        number, bounds = get_args(kind)[0], kind.__metadata__[0]
+        bounds = kind.__metadata__[0]
         if bounds.gt == 0:
             limit = "" if bounds.le == sys.float_info.max else f" of at most {bounds.le:g}"
             return f"a positive number{limit}"
-        noun = "a whole number" if number is int else "a number"
-        return f"{noun} in {bounds.ge:g} … {bounds.le:g}"
-    if get_origin(kind) is tuple:
-        return f"names of {', '.join(get_args(get_args(kind)[0]))}"
+        return f"a number in {bounds.ge:g} … {bounds.le:g}"
     return "True or False"
 
 

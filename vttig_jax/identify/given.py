@@ -104,7 +104,11 @@ class GivenModel:
                 where="model",
             )
         _require_hash(model)
-        given = cls(model, names, np.concatenate([_numbers(leaf) for leaf in _parameters(model)]))
+        given = cls(
+            model,
+            names,
+            np.concatenate([_numbers(one) for one in jax.tree.leaves(model) if _is_parameter(one)]),
+        )
         _require_shape(given)
         return given
 
@@ -214,10 +218,6 @@ def _is_parameter(leaf: Any) -> bool:
     return isinstance(leaf, jax.Array | np.ndarray | np.generic) and jnp.issubdtype(
         leaf.dtype, jnp.floating
     )
-
-
-def _parameters(model: Any) -> list[Any]:
-    return [leaf for leaf in jax.tree.leaves(model) if _is_parameter(leaf)]
 
 
 def _numbers(leaf: Any) -> Float[np.ndarray, " count"]:
@@ -619,12 +619,11 @@ class FittedModel(ImplicitModel):
 
 def fitted_model(given: GivenModel, orders: OrderModel) -> FittedModel:
     """Return the flank model of a fit from the given model at the solution and the free orders."""
-    arrays, constants = eqx.partition(jax.tree.map(_array, given.fitted), eqx.is_array)
+    numbers = jax.tree.map(
+        lambda leaf: jnp.asarray(leaf) if hasattr(leaf, "dtype") else leaf, given.fitted
+    )
+    arrays, constants = eqx.partition(numbers, eqx.is_array)
     return FittedModel(orders.ratio, orders, arrays, constants, given.highest_order)
-
-
-def _array(leaf: Any) -> Any:
-    return jnp.asarray(leaf) if hasattr(leaf, "dtype") else leaf
 
 
 class StoredModel(FlankModel):

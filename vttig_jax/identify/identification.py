@@ -150,8 +150,10 @@ def fit(
         short=found.short,
         given=found.given,
     )
+    first, *others = (one.keywords for one in logs)
+    common = {k: value for k, value in first.items() if all(o.get(k) == value for o in others)}
     paths = tuple(one.path for one in logs)
-    return replace(result, request=FitRequest(settings, wanted, _reading(logs), paths))
+    return replace(result, request=FitRequest(settings, wanted, common, paths))
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +192,8 @@ def identified(
         for log, own in zip(logs, segments, strict=True)
     ]
     shafts, short = usable(shafts, waves_of(pair, orders), where)
-    one_zero = have_one_zero(logs, settings)
+    one_zero = len(logs) == 1 or all(one.zero == "reading" for one in logs)
+    one_zero = one_zero if settings.same_zero is None else settings.same_zero
     if not one_zero:
         shafts = [shafts[0], *(replace(one, start=OWN) for one in shafts[1:])]
     given = None
@@ -247,21 +250,16 @@ def without_axial(shafts: Shafts, log: EncoderLog, pair: GearPair | Drive) -> Sh
     return replace(shafts, error=error)
 
 
-def have_one_zero(logs: Sequence[EncoderLog], settings: FitSettings) -> bool:
-    """Return whether the angles of all logs count from one zero."""
-    if settings.same_zero is not None:
-        return settings.same_zero
-    return len(logs) == 1 or all(one.zero == "reading" for one in logs)
-
-
 def assumptions_of(settings: FitSettings) -> Assumptions:
     """Return what the settings assume before the logs are read."""
-    within, ratio = settings.delay_within_ms, settings.ratio_within
-    assumed = Assumptions(
+    within_ms = settings.delay_within_ms
+    return Assumptions(
         delay="fitted" if settings.delay == "auto" else "known",
-        delay_within_s=None if within is None else 1e-3 * within,
+        delay_within_s=None if within_ms is None else 1e-3 * within_ms,
+        ratio=float(settings.ratio_within),
+        orders=float(settings.orders_within),
+        widths=float(settings.widths_within),
     )
-    return assumed if ratio is None else replace(assumed, ratio=float(ratio))
 
 
 def known_delay(settings: FitSettings) -> float:
@@ -284,8 +282,11 @@ def fitted(
         assumed, fixed_s = replace(assumed, delay="known"), 0.0
     drive = Drive(pair.ratio)  # a flank model takes the place of the gears
     if given is not None:
-        assumed = assumed if isinstance(pair, Drive) else replace(assumed, ratio=0.0)
-        orders = with_mesh(orders, pair)
+        if not isinstance(pair, Drive):
+            mesh = (k * pair.driving.teeth for k in range(1, orders.mesh_orders + 1))
+            driving = (*orders.driving_orders, *mesh)
+            orders = HarmonicOrders(driving, orders.driven_orders, 0)
+            assumed = replace(assumed, ratio=0.0)
         given = searched(given, shafts, drive, orders, assumed)
 
     fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed)
@@ -318,14 +319,6 @@ def fitted(
             lambda at, shifts: fit(first.shafts, lines=at, given=shifts, after=first),
         )
     return core, lines, given
-
-
-def with_mesh(orders: HarmonicOrders, pair: GearPair | Drive) -> HarmonicOrders:
-    """Return orders in which those of the mesh are driving orders."""
-    if isinstance(pair, Drive):
-        return orders
-    mesh = tuple(k * pair.driving.teeth for k in range(1, orders.mesh_orders + 1))
-    return HarmonicOrders((*orders.driving_orders, *mesh), orders.driven_orders, 0)
 
 
 def result_of(
@@ -499,11 +492,3 @@ def conditions_of(
         width_ms = 1e3 * core.posterior.problem.columns[index["delay",]].width
         return (*conditions, f"delay_within_{width_ms:.3g}_ms")
     return conditions
-
-
-def _reading(logs: Sequence[EncoderLog]) -> Mapping[str, Any]:
-    """Return the keywords of `read_log` that all logs have in common."""
-    first, *others = (log.keywords for log in logs)
-    return {
-        name: value for name, value in first.items() if all(o.get(name) == value for o in others)
-    }

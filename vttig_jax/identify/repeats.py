@@ -4,9 +4,8 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from ..base.numerics.counting import pieces
 from ..base.units import DEG, REV
 from ..kinematics.te_curve import TECurve
 from ..logs.motion.segments import Segment
@@ -76,7 +75,10 @@ def reversal_jumps(
             continue
         window = slice(before.start, after.stop)
         sense = 1.0 if before.flank == "A" else -1.0
-        near, turn = _near_turn(driving[window], sense, max(_NEAR_DEG, beyond) + 2 * WINDOW_DEG)
+        along = sense * driving[window]
+        within = (max(_NEAR_DEG, beyond) + 2 * WINDOW_DEG) * DEG
+        near = np.flatnonzero(along >= along.max() - within)
+        turn = int(np.searchsorted(near, np.argmax(along)))
         angle, te = driving[window][near], error[window][near]
         left = sense * (angle[turn] - angle) / DEG
         for start in sorted({max(_NEAR_DEG, beyond), _NEAR_DEG}, reverse=True):
@@ -100,24 +102,6 @@ def reversal_jumps(
             )
             break
     return jumps
-
-
-def _near_turn(
-    driving: Float[np.ndarray, " n"], sense: float, within_deg: float
-) -> tuple[Int[np.ndarray, " m"], int]:
-    """Return the indices of the samples within an angle of the turning point, and its place there.
-
-    `sense` is +1 if the turning point is the largest of the driving angles, rad, else −1.
-    """
-    turn = int(np.argmax(driving) if sense > 0 else np.argmin(driving))
-    least = sense * driving[turn] - within_deg * DEG
-    near = np.concatenate(
-        [
-            part.start + np.flatnonzero(sense * driving[part] >= least)
-            for part in pieces(len(driving))
-        ]
-    )
-    return near, int(np.searchsorted(near, turn))
 
 
 def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> tuple[float, float]:

@@ -11,7 +11,6 @@ import numpy as np
 from ..base.errors import LogError
 from ..base.numerics.polar_spread import polar_spread
 from ..base.units import ARCSEC, DEG, REV
-from ..logs.channel.channel import Channel
 from ..logs.encoder_log import EncoderLog
 from ..model.mixed_fit import MixedFit
 from ..model.rows import SHAFTS, UNTOLD, Shafts, Start
@@ -116,8 +115,10 @@ def log_records(core: MixedFit, logs: Sequence[EncoderLog]) -> tuple[LogRecord, 
                 zero=log.zero,
                 start=_log_start(start_of(core, number)),
                 zero_readings={
-                    shaft: None if channel is None else _zero_reading(channel, log.zero)
-                    for shaft, channel in (("driving", log.driving), ("driven", log.driven))
+                    shaft: None
+                    if one is None
+                    else (one.origin if log.zero == "start" else one.reading[0].item())
+                    for shaft, one in (("driving", log.driving), ("driven", log.driven))
                 },
                 samples={
                     "read": len(log),
@@ -129,10 +130,6 @@ def log_records(core: MixedFit, logs: Sequence[EncoderLog]) -> tuple[LogRecord, 
             )
         )
     return tuple(found)
-
-
-def _zero_reading(channel: Channel, zero: str) -> int | float:
-    return channel.origin if zero == "start" else channel.reading[0].item()
 
 
 def _log_start(start: Start) -> LogStart:

@@ -42,12 +42,14 @@ class Assumptions:
       misstated by a rounded number of teeth. 0 for an exact one.
     - `orders`: prior standard deviation of first orders, mesh orders and lines, in robust
       deviations u of the transmission error.
+    - `widths`: scale of the width τ of every group, in standard errors of a harmonic in the noise.
     """
 
     delay: Literal["fitted", "known"] = "fitted"
     delay_within_s: float | None = None
     ratio: float = 3e-3
     orders: float = 3.0
+    widths: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Whether logs need a component: the likelihood ratio of a fit with it and a fit without it."""
 
-import equinox as eqx
-import jax.numpy as jnp
+from dataclasses import replace
+
 import numpy as np
 
 from .columns import GROUPS
@@ -19,18 +19,16 @@ _HELD = 1e12
 def without(logs: Compressed, group: str) -> Compressed:
     """Return the logs with the coefficients of a group of columns held at zero."""
     place = GROUPS.index(group)
-    member = np.asarray(logs.member)
+    member, on = np.array(logs.member), np.array(logs.on)
     own = member[:, place] > 0
     left = float(np.sum(np.log(member[own, place]))) - own.sum() * np.log(_HELD)
-    return eqx.tree_at(
-        lambda c: (c.on, c.precision, c.member, c.constant),
+    member[:, place], on[place] = 0.0, 0.0
+    return replace(
         logs,
-        (
-            jnp.asarray(logs.on).at[place].set(0.0),
-            jnp.where(own, _HELD, logs.precision),
-            jnp.asarray(logs.member).at[:, place].set(0.0),
-            logs.constant + left,
-        ),
+        on=on,
+        precision=np.where(own, _HELD, logs.precision),
+        member=member,
+        constant=np.asarray(logs.constant + left),
     )
 
 

@@ -162,11 +162,11 @@ class Design:
         changes with the speed may be as large as the noise at the highest speed. The orders of a
         table of one turn may be as large as what it shows: nothing else tells them from noise.
         """
-        noise = max(noise, 1e-4 * self.shape.usual)
+        noise = self.assumed.widths * max(noise, 1e-4 * self.shape.usual)
         speed = max(float(self.bends[-1]), 1e-300)
         usual: dict[str, float] = dict.fromkeys(GROUPS, noise * math.sqrt(2 / rows))
         if self.table:
-            usual |= dict.fromkeys(("driving", "driven"), self.shape.usual)
+            usual |= dict.fromkeys(("driving", "driven"), self.assumed.widths * self.shape.usual)
         if self.shape.still:
             return usual
         late = abs(self.shape.ratio) * speed

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -141,7 +142,7 @@ def problem_of(
     shift = np.array([centres.get(c.name, 0.0) for c in columns])
     centre[:size] = np.where(dead, 0.0, start + shift * norm) / unit
     compressed = Compressed(
-        windows=whole,
+        windows=jnp.asarray(whole),  # the only large part: each search would copy it
         rows=np.asarray(float(total if weights is None else sum(np.sum(w) for w in weights))),
         runs=np.asarray(float(sum(len(first) for (_, first, _), *_ in parts))),
         member=member,

@@ -103,7 +103,7 @@ def alone(fit: MixedFit) -> MixedFit:
     new, theta = problem.compressed, posterior.theta.copy()
     theta[len(old.memory) :] += np.log(posterior.problem.unit / problem.unit)
     weight, pairs = np.asarray(weights(jnp.asarray(theta), new.on)), len(FIRST)
-    gram = np.tensordot(weight[:pairs], new.windows, 1)
+    gram = np.tensordot(weight[:pairs], np.asarray(new.windows), 1)
     prior = new.precision + new.member @ weight[pairs:]
     spread = np.linalg.inv(gram[:-1, :-1] + np.diag(prior))
     beta = spread @ (gram[:-1, -1] - prior * new.centre)
