@@ -29,10 +29,10 @@ BOUNDS = {
     "model": (2106, 44),
     "identify": (3482, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
-    "control": (5807, 66),  # 3600
+    "control": (5960, 70),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
-    "runs": (2237, 5),  # 900
-    "cli": (3809, 19),  # 2600
+    "runs": (2470, 9),  # 900
+    "cli": (3941, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

@@ -188,7 +188,7 @@ def error_table(
 
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
     """
-    measured, zero_mean = _flanks(fit)
+    measured, zero_mean = measured_flanks(fit)
     draws, model = None, fit.model
     if posterior is not None:
         draws = flank_draws(posterior) if zero_mean == measured else gap_draws(posterior)
@@ -202,7 +202,7 @@ def error_table(
     for flank in measured:
         error = errors_at(model, flank, fine)
         orders = [one for one in fit.orders if one.flank == flank and not is_fractional(one)]
-        seen = _is_covered(fit, flank, fine)
+        seen = is_covered(fit, flank, fine)
         own = turns * float(seen.mean())
         size = size_of(error[seen], own, significant=exceeds_noise(orders))
         if draws is None:
@@ -230,7 +230,7 @@ def error_harmonics(fit: Fit, out: Path, left_out_rad: float = 0.0) -> dict[str,
     """
     from ..control.compensation.map_harmonics import compensation_of
 
-    measured, zero_mean = _flanks(fit)
+    measured, zero_mean = measured_flanks(fit)
     found: dict[Flank, dict[str, Any]] = {}
     level = 0.0
     for flank in measured:
@@ -262,7 +262,7 @@ def error_harmonics(fit: Fit, out: Path, left_out_rad: float = 0.0) -> dict[str,
     }
 
 
-def _flanks(fit: Fit) -> tuple[tuple[Flank, ...], tuple[Flank, ...]]:
+def measured_flanks(fit: Fit) -> tuple[tuple[Flank, ...], tuple[Flank, ...]]:
     """Return the measured flanks, and those whose mean is taken off: A alone if the gap is known.
 
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
@@ -279,7 +279,7 @@ def _angles(step_deg: float, turns: float) -> Float[np.ndarray, " rows"]:
     return np.arange(math.ceil(turns * 360.0 / step_deg - 1e-9)) * step_deg * DEG
 
 
-def _is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Return whether the log covers driving angles, rad, on a flank; all, if it covers none."""
     edges = fit.coverage.spans.get(flank, np.empty((0, 2))).ravel()
     turned = np.mod(angle, fit.pair.hunting_turns * REV)

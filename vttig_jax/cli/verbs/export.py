@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import click
 
@@ -15,7 +15,7 @@ from ...runs.maps import lowered_map
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
-from ..options import STEP_DEG, Finite, given, verb
+from ..options import POSITIVE, STEP_DEG, Finite, given, verb
 from ..output import Output
 from .map import MOST_ROWS, QuantityName, drawn
 
@@ -26,12 +26,29 @@ if TYPE_CHECKING:
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.flank_model import FlankModel
 
+AxisName = Literal["driven", "driving"]
+
 _OPTIONS = {
     ".csv": ("step_deg",),
     ".json": ("tolerance_arcsec", "accuracy_arcsec", "gap"),
     ".h": ("tolerance_arcsec", "accuracy_arcsec", "gap", "name"),
 }
 """Suffix of the file → the options that are valid only for some suffixes and valid for this one."""
+
+CONTROLS = ("linuxcnc", "twincat", "csv", "json")
+"""Formats of error tables."""
+
+_OF_CONTROL = (
+    "axis",
+    "axis_zero_deg",
+    "is_reversed",
+    "travel",
+    "over",
+    "place_unknown",
+    "acceleration_deg_s2",
+    "servo_period_ms",
+)
+"""Options that are those of --for."""
 
 _DEVIATIONS, _LEAST_DEG = 6.0, 0.1
 """Default tolerance of the readings: six times the residual rms of the fit, and at least 0.1°, the
@@ -45,6 +62,7 @@ vttig export run --out compensation.h --name axis_2
 vttig export run --out compensation.json
 vttig export run --out compensation.csv --step-deg 0.5
 vttig export run --quantity error --out error.csv
+vttig export run --for linuxcnc --out axis.comp
 """,
 )
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
@@ -52,7 +70,60 @@ vttig export run --quantity error --out error.csv
     "--out",
     type=click.Path(path_type=Path),
     required=True,
-    help="File to write: .csv the map as a table, .json its harmonics, .h C that evaluates them.",
+    help="File to write: .csv the map as a table, .json its harmonics, .h C that evaluates them."
+    " With --for any name.",
+)
+@click.option(
+    "--for",
+    "control",
+    type=click.Choice(CONTROLS),
+    help="Write the error table of the axis for a control: what it adds to the command in each"
+    " direction, in degrees at equidistant positions. LinuxCNC reads it as COMP_FILE, TwinCAT as"
+    " constants of Structured Text.",
+)
+@click.option(
+    "--axis",
+    type=click.Choice(get_args(AxisName)),
+    default="driven",
+    help="With --for: shaft that the axis is.",
+)
+@click.option(
+    "--axis-zero-deg",
+    type=Finite(),
+    default=0.0,
+    help="With --for: position of the axis where its shaft has the angle zero in the fit.",
+)
+@click.option(
+    "--reversed", "is_reversed", is_flag=True, help="With --for: the axis counts against the fit."
+)
+@click.option(
+    "--travel",
+    nargs=2,
+    type=Finite(),
+    metavar="FROM TO",
+    help="With --for: first and last position of the table, °; one turn of the axis by default.",
+)
+@click.option(
+    "--over",
+    nargs=2,
+    type=Finite(),
+    metavar="FROM TO",
+    help="With --for: travel of the axis, °, if it is not that of the table: what is left is"
+    " predicted for it. A control holds the ends of its table.",
+)
+@click.option(
+    "--place-unknown",
+    is_flag=True,
+    help="With --for: homing does not tell the turn within the hunting period; the table is the"
+    " mean of all turns.",
+)
+@click.option(
+    "--acceleration-deg-s2",
+    type=POSITIVE,
+    help="With --for linuxcnc: MAX_ACCELERATION; prints the largest speed that follows the table.",
+)
+@click.option(
+    "--servo-period-ms", type=POSITIVE, default=1.0, help="With --for linuxcnc: its servo period."
 )
 @click.option(
     "--name",
@@ -78,7 +149,12 @@ vttig export run --quantity error --out error.csv
     help="Backlash that the harmonics left out may add up to; more leaves fewer to evaluate. By"
     " default only those below 1e-12 rad are left out.",
 )
-@click.option("--step-deg", type=STEP_DEG, default=1.0, help="With .csv: distance of the rows.")
+@click.option(
+    "--step-deg",
+    type=STEP_DEG,
+    help="With .csv: distance of the rows, 1 by default. With --for: distance of the positions, the"
+    " 255th part of the travel by default.",
+)
 @click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
 @click.option(
     "--gap",
@@ -91,11 +167,20 @@ def command(
     output: Output,
     run_folder: Path,
     out: Path,
+    control: str | None,
+    axis: "AxisName",
+    axis_zero_deg: float,
+    is_reversed: bool,
+    travel: tuple[float, float] | None,
+    over: tuple[float, float] | None,
+    place_unknown: bool,
+    acceleration_deg_s2: float | None,
+    servo_period_ms: float,
     name: str | None,
     quantity: QuantityName | None,
     tolerance_arcsec: float | None,
     accuracy_arcsec: float,
-    step_deg: float,
+    step_deg: float | None,
     constant_backlash_deg: float | None,
     gap: str | None,
     overwrite: bool,
@@ -107,7 +192,20 @@ def command(
     status "unknown" if both angles cannot be readings of this pair at the same time. The JSON file
     contains the same harmonics, the CSV file the table of `vttig map`. The transmission error of a
     flank (--quantity error) needs no gap: a log of one direction is enough.
+
+    With --for the file is the error table of an axis: what its control adds to the command in each
+    direction, so that the axis stands where it is told. What the table leaves over the travel is
+    predicted and printed, and a table that leaves more than none is refused.
     """
+    if control is not None:
+        _check_control_options(out, control, overwrite=overwrite)
+        setting = (axis, axis_zero_deg, is_reversed, travel, over, not place_unknown)
+        rate = acceleration_deg_s2, servo_period_ms
+        _axis_table(output, run_folder, out, control, setting, step_deg, rate, name, overwrite)
+        return
+    if wrong := given(_OF_CONTROL):
+        raise UsageError(f"{' and '.join(wrong)} belong to --for; add it or leave them out.")
+    step_deg = 1.0 if step_deg is None else step_deg
     suffix = out.suffix.lower()
     quantity = quantity or ("shift" if suffix == ".h" else "backlash")
     _check_options(out, suffix, quantity, overwrite=overwrite)
@@ -161,6 +259,57 @@ def command(
     _write(out, text, overwrite)
     rows = f": {resolution(fit, step_deg)}" if suffix == ".csv" else ""
     output.emit(record, f"{shown}\nwritten to {out}{rows}")
+
+
+def _check_control_options(out: Path, control: str, *, overwrite: bool) -> None:
+    only = {"tolerance_arcsec", "accuracy_arcsec", "constant_backlash_deg", "gap", "quantity"}
+    only |= set() if control == "twincat" else {"name"}
+    if control != "linuxcnc":
+        only |= {"acceleration_deg_s2", "servo_period_ms"}
+    if wrong := given(sorted(only)):
+        raise UsageError(f"--for {control} takes no {' and no '.join(wrong)}; leave it out.")
+    if out.exists() and not overwrite:
+        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+
+
+def _axis_table(
+    output: Output,
+    run_folder: Path,
+    out: Path,
+    control: str,
+    setting: tuple[Any, ...],
+    step_deg: float | None,
+    rate: tuple[float | None, float],
+    name: str | None,
+    overwrite: bool,
+) -> None:
+    """Write the error table of the axis for a control."""
+    import vttig_jax
+
+    from ...base.files.json_io import dumps
+    from ...control.compensation import table_formats
+    from ...runs.axis_table import AxisSetting, axis_table
+
+    vttig_jax.enable_x64()
+    opened = Run(run_folder)
+    found = axis_table(opened.fit, drawn(opened), AxisSetting(*setting), step_deg)
+    record, lines = found.to_json(out), found.provenance()
+    shown = str(found)
+    if control == "linuxcnc":
+        text = table_formats.linuxcnc(found.table, lines)
+        record["ini"] = {"COMP_FILE": out.name, "COMP_FILE_TYPE": 1}
+        shown += (
+            f"\nin the INI file, section [JOINT_n]:\n  COMP_FILE = {out.name}\n  COMP_FILE_TYPE = 1"
+        )
+        if rate[0] is not None:
+            record["fastest_deg_s"] = found.fastest_deg_s(rate[0], 1e-3 * rate[1])
+            shown += f"\nfollowed exactly up to {record['fastest_deg_s']:.4g}°/s"
+    elif control == "twincat":
+        text = table_formats.twincat(found.table, lines, name or opened.pair.name)
+    else:
+        text = table_formats.csv(found.table) if control == "csv" else dumps(record) + "\n"
+    _write(out, text, overwrite)
+    output.emit(record, f"{shown}\nwritten to {out}")
 
 
 def _check_options(out: Path, suffix: str, quantity: QuantityName, *, overwrite: bool) -> None:

@@ -1,0 +1,133 @@
+"""`vttig export --for`: error tables of an axis, beside a transmission error written down here."""
+
+import json
+
+import jsonschema
+import numpy as np
+import pytest
+
+from tests.cli.test_error_quantity import GAP_ARCSEC, error_arcsec, fitted, worm_arcsec
+from vttig_jax.base.files.json_io import load_schema
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """Drive 1 : 2, whose axis repeats after one turn; both flanks."""
+    return fitted(tmp_path_factory.mktemp("both") / "drive", error_arcsec, "--delay", "off")
+
+
+@pytest.fixture(scope="module")
+def worm(tmp_path_factory):
+    """Worm 1 : 40 in one direction."""
+    folder = tmp_path_factory.mktemp("worm") / "drive"
+    return fitted(folder, worm_arcsec, "--ratio-within", "0", ratio=1 / 40, back=False)
+
+
+@pytest.fixture
+def export(vttig_json, tmp_path):
+    def run(folder, control, *options):
+        out = tmp_path / "table"
+        return (*vttig_json("export", folder, "--for", control, "--out", out, *options), out)
+
+    return run
+
+
+def left_arcsec(rows, flank, column, shift_deg=0.0):
+    """What an axis that is corrected by rows shows, by the true error of the drive 1 : 2."""
+    asked = np.linspace(1.0, 359.0, 3000)
+    added = np.interp(asked, rows[:, 0], rows[:, column])
+    driving = 2 * np.radians(asked + added - shift_deg)
+    level = error_arcsec("A", np.linspace(0, 4 * np.pi, 4096)).mean()
+    return 3600 * added + error_arcsec(flank, driving) - level
+
+
+def linuxcnc_rows(path):
+    lines = path.read_text().splitlines()
+    return np.array([line.split() for line in lines if not line.startswith(";")], float)
+
+
+def test_a_table_takes_out_the_error_of_both_directions(export, both):
+    code, record, out = export(both, "linuxcnc", "--acceleration-deg-s2", "1000")
+    assert code == 0
+    jsonschema.validate(record, load_schema("vttig.correction/1"))
+    rows = linuxcnc_rows(out)
+    assert len(rows) == 256 and record["ini"] == {"COMP_FILE": "table", "COMP_FILE_TYPE": 1}
+    for column, (flank, name) in enumerate((("A", "forward"), ("B", "reverse")), 1):
+        left = left_arcsec(rows, flank, column)
+        before = record["before_arcsec"][name]["rms"]
+        # The level of the encoders is no error of the gears.
+        assert np.std(left) < 0.03 * before
+        assert record["after_arcsec"][name]["rms"] < 0.03 * before
+    forward, reverse = (left_arcsec(rows, f, c).mean() for c, f in ((1, "A"), (2, "B")))
+    assert reverse - forward == pytest.approx(0.0, abs=0.5)
+    assert record["lost_motion_arcsec"]["before"] > GAP_ARCSEC
+    steepest = np.abs(np.diff(rows[:, 1:], axis=0)).max() / (360 / 255)
+    assert record["fastest_deg_s"] == pytest.approx(0.25 / steepest, rel=1e-3)
+
+
+@pytest.mark.parametrize("shift_deg", [0.0, 77.5])
+def test_the_zero_and_the_sense_of_the_axis(export, both, shift_deg):
+    code, record, _ = export(both, "json", "--axis-zero-deg", shift_deg)
+    assert code == 0 and record["positions_deg"][0] == pytest.approx(shift_deg, abs=1e-4)
+    ahead = np.stack([record["positions_deg"], record["corrections_deg"]["forward"]], axis=1)
+    asked = np.linspace(shift_deg, shift_deg + 360, 500)
+    added = np.interp(asked, *ahead.T)
+    driving = 2 * np.radians(asked + added - shift_deg)
+    assert np.std(3600 * added + error_arcsec("A", driving)) < 1.0
+    _, behind, _ = export(both, "json", "--axis-zero-deg", shift_deg, "--reversed", "--overwrite")
+    # Counted the other way, flank B carries forward, and what was ahead is behind.
+    added = np.interp(asked, behind["positions_deg"], behind["corrections_deg"]["forward"])
+    driving = -2 * np.radians(asked + added - shift_deg)
+    assert np.std(3600 * added - error_arcsec("B", driving)) < 1.0
+
+
+def test_one_direction_of_a_worm_over_its_own_turn(export, worm):
+    code, record, out = export(worm, "csv", "--axis", "driving")
+    assert code == 0 and set(record["corrections_deg"]) == {"forward"}
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    driving = np.radians(table["position_deg"] + table["forward_correction_deg"])
+    added = 3600 * table["forward_correction_deg"] / 40 + worm_arcsec("A", driving)
+    assert np.std(added) < 1.0 < 0.05 * np.std(worm_arcsec("A", driving))
+
+
+def test_a_table_that_is_held_over_further_turns_is_refused(export, run_folder):
+    code, record, _ = export(run_folder, "linuxcnc", "--travel", "0", "360")
+    assert code == 0
+    left = max(one["rms"] for one in record["after_arcsec"].values())
+    code, record, _ = export(
+        run_folder, "linuxcnc", "--travel", "0", "360", "--over", "0", "3240", "--overwrite"
+    )
+    if code == 0:
+        assert min(one["rms"] for one in record["after_arcsec"].values()) > 5 * left
+    else:
+        assert code == 4
+
+
+BAD = [
+    ((), 2),  # the turns of 45/80 do not repeat
+    (("--travel", "10", "10"), 2),
+    (("--travel", "0", "360", "--step-deg", "7"), 2),
+    (("--travel", "0", "360", "--step-deg", "1"), 2),  # 361 rows
+    (("--place-unknown", "--travel", "0", "400"), 2),
+    (("--travel", "0", "360", "--gap", "low95"), 2),
+    (("--travel", "0", "360", "--name", "axis"), 2),
+]
+
+
+@pytest.mark.parametrize(("options", "expected"), BAD)
+def test_what_makes_no_table_writes_nothing(export, run_folder, options, expected):
+    code, record, out = export(run_folder, "linuxcnc", *options)
+    assert code == expected and record["schema"] == "vttig.error/1" and not out.exists()
+
+
+def test_options_of_an_axis_without_a_control(vttig_json, both, tmp_path):
+    code, _ = vttig_json("export", both, "--out", tmp_path / "map.csv", "--travel", "0", "360")
+    assert code == 2
+
+
+def test_the_mean_of_the_turns(export, run_folder):
+    code, record, _ = export(run_folder, "json", "--place-unknown")
+    assert code == 0 and record["turns"] == 9 and not record["place_known"]
+    for name, before in record["before_arcsec"].items():
+        assert record["after_arcsec"][name]["rms"] < before["rms"]
+    assert json.dumps(record)

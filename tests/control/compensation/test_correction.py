@@ -1,0 +1,161 @@
+"""Error tables: the correction, its polygon, what it leaves, and the files of controls."""
+
+import re
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from vttig_jax.base.errors import NoAnswerError, UsageError
+from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.control.compensation.correction import (
+    AxisError,
+    CorrectionTable,
+    Curve,
+    correction_table,
+    left_over,
+    size,
+)
+from vttig_jax.control.compensation.table_formats import csv, linuxcnc, plain, twincat
+from vttig_jax.pair.gear_pair import Flank
+
+FLANKS: tuple[Flank, ...] = get_args(Flank)
+
+
+def series(rng, orders, arcsec=30.0):
+    """A transmission error of random harmonics of the driving angle."""
+    amplitude = rng.normal(0, arcsec, len(orders)) * ARCSEC
+    phase = rng.uniform(0, REV, len(orders))
+    return lambda angle: np.sin(np.multiply.outer(angle, orders) + phase) @ amplitude
+
+
+def axis_of(seed, **changes) -> AxisError:
+    rng = np.random.default_rng(seed)
+    ratio = float(rng.choice([1 / 90, 0.5, 1.0, 2.5]))
+    orders = np.array([1.0, 2.0, ratio, 5 * ratio])
+    gain = rng.choice([-1.0, 1.0]) * rng.choice([ratio, 1.0])
+    errors: dict[Flank, Curve] = {"A": series(rng, orders), "B": series(rng, orders)}
+    return AxisError(errors, ratio, gain, rng.uniform(-REV, REV), **changes)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_corrected_axis_stands_where_it_is_told(seed):
+    axis = axis_of(seed)
+    asked = np.linspace(-3.0, 9.0, 1001)
+    for flank in FLANKS:
+        added = axis.correction(flank, asked)
+        np.testing.assert_allclose(added + axis.at(flank, asked + added), 0.0, atol=1e-12)
+        plainly = -axis.at(flank, asked)
+        assert np.max(np.abs(added - plainly)) > 1e-10  # minus the error is not the correction
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_table_never_makes_the_axis_worse(seed):
+    axis, rng = axis_of(seed), np.random.default_rng(1000 + seed)
+    start = rng.uniform(-REV, REV)
+    stop = start + rng.uniform(0.3, 1.0) * REV
+    table = correction_table(
+        axis, start, stop, (stop - start) / rng.integers(150, 1500)
+    ).in_float32()
+    where = np.linspace(start, stop, 5003)
+    for direction in axis.directions:
+        before, after = (size(left_over(axis, one, direction, where)) for one in (None, table))
+        assert after.rms < 0.5 * before.rms and after.peak < before.peak
+
+
+def test_the_flank_of_a_direction_follows_the_sense_of_the_axis():
+    errors: dict[Flank, Curve] = {"A": np.zeros_like, "B": np.ones_like}
+    ahead = AxisError(errors, 0.5, 0.5)
+    behind = AxisError(errors, 0.5, -0.5)
+    assert ahead.directions == {"forward": "A", "reverse": "B"}
+    assert behind.directions == {"forward": "B", "reverse": "A"}
+    alone = AxisError({"B": np.ones_like}, 0.5, 0.5)
+    assert alone.directions == {"reverse": "B"}
+    # What the driven gear is ahead, an axis that counts the other way is behind.
+    np.testing.assert_allclose(ahead.at("B", np.zeros(1)), 1.0)
+    np.testing.assert_allclose(behind.at("B", np.zeros(1)), -1.0)
+
+
+@pytest.mark.parametrize(("order", "fitted", "sampled"), [(30, 0.03, 0.05), (43, 0.055, 0.09)])
+def test_fitted_nodes_hold_shorter_waves_than_sampled_ones(order, fitted, sampled):
+    """255 intervals a turn; both limits are computed facts of linear interpolation."""
+    axis = AxisError({"A": lambda angle: ARCSEC * np.sin(order * angle)}, 1.0, 1.0)
+    table = correction_table(axis, 0.0, REV, REV / 255)
+    where = np.linspace(0, REV, 40_001)
+    whole = size(left_over(axis, None, "forward", where)).rms
+    exact = CorrectionTable(table.positions, {"forward": axis.correction("A", table.positions)})
+    least, plainly = (
+        size(left_over(axis, one, "forward", where)).rms / whole for one in (table, exact)
+    )
+    assert least < fitted < plainly and plainly > sampled * 0.9
+
+
+def test_the_mean_of_turns_that_a_control_cannot_tell():
+    errors: dict[Flank, Curve] = {
+        "A": lambda angle: ARCSEC * (3 * np.sin(angle / 2) + 5 * np.sin(angle))
+    }
+    axis = AxisError(errors, 1.0, 1.0, turns=(0, 1))
+    asked = np.linspace(0, REV, 100)
+    np.testing.assert_allclose(axis.mean("A", asked), 5 * ARCSEC * np.sin(asked), atol=1e-15)
+    table = correction_table(axis, 0.0, REV, REV / 255)
+    left = left_over(axis, table, "forward", asked)
+    assert left.shape == (2, 100)
+    np.testing.assert_allclose(size(left).rms, 3 * ARCSEC / np.sqrt(2), rtol=0.02)
+
+
+def test_steps_and_slopes_that_make_no_table():
+    axis = axis_of(0)
+    with pytest.raises(UsageError, match="does not divide"):
+        correction_table(axis, 0.0, 1.0, 0.3)
+    steep = AxisError({"A": lambda angle: np.sin(angle)}, 1.0, 1.0)
+    with pytest.raises(NoAnswerError, match="one to one"):
+        correction_table(steep, 0.0, REV, REV / 100)
+
+
+@pytest.fixture(scope="module")
+def table() -> CorrectionTable:
+    return correction_table(axis_of(3), 0.25, 0.25 + REV, REV / 255).in_float32()
+
+
+def test_a_linuxcnc_file_gives_the_curve(table):
+    text = linuxcnc(table, ("pair *) G0 A0 ; of\nÖ", "x" * 400))
+    rows = [line.split() for line in text.splitlines() if not line.startswith(";")]
+    assert len(rows) == 256 and all(len(row) == 3 for row in rows)
+    assert text.splitlines().index(next(t for t in text.splitlines() if t[0] == ";")) == 256
+    assert max(map(len, text.splitlines())) < 255 and text.isascii()
+    found = np.array(rows, float) * DEG
+    np.testing.assert_allclose(found[:, 0], table.positions, atol=0.5e-7 * DEG)
+    for column, name in ((1, "forward"), (2, "reverse")):
+        np.testing.assert_allclose(found[:, column], table.values[name], atol=0.5e-9 * DEG)
+
+
+def test_linuxcnc_holds_256_increasing_rows():
+    with pytest.raises(UsageError, match="256"):
+        linuxcnc(correction_table(axis_of(3), 0.0, REV, REV / 256), ())
+    narrow = CorrectionTable(1e3 * REV + np.arange(3) * 1e-9, {"forward": np.zeros(3)})
+    with pytest.raises(UsageError, match="single precision"):
+        linuxcnc(narrow, ())
+
+
+def test_one_direction_has_the_values_of_the_other(table):
+    alone = CorrectionTable(table.positions, {"reverse": table.values["reverse"]})
+    rows = [line.split() for line in linuxcnc(alone, ()).splitlines()]
+    assert all(forward == reverse for _, forward, reverse in rows)
+
+
+def test_structured_text_and_csv_give_the_curve(table):
+    text = twincat(table, ("*) evil := 1;",), "axis 2; END_VAR")
+    assert re.search(r"axis_2_END_VAR_last : UDINT := 255;", text)
+    for name, values in (("positions", table.positions), *table.values.items()):
+        (held,) = re.findall(rf"_{name}_deg : ARRAY\[0\.\.255\] OF LREAL := \[([^]]*)\];", text)
+        found = np.array(held.split(","), float) * DEG
+        np.testing.assert_allclose(found, values, atol=0.5e-9 * DEG)
+    head, *rows = csv(table).splitlines()
+    assert head == "position_deg,forward_correction_deg,reverse_correction_deg"
+    found = np.array([row.split(",") for row in rows], float) * DEG
+    np.testing.assert_allclose(found[:, 2], table.values["reverse"], atol=0.5e-9 * DEG)
+
+
+def test_no_name_becomes_code():
+    assert "*)" not in plain("a *) b") and "\n" not in plain("a\nb")
+    assert plain("3″ at 5°") == "3arcsec at 5 deg"

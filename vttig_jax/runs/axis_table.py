@@ -1,0 +1,297 @@
+"""Error table of the axis of a run: the correction, what it leaves over a travel, and its file."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ..base.errors import NoAnswerError, UsageError
+from ..base.files.text_tables import key_values
+from ..base.results import TextResult
+from ..base.units import ARCSEC, DEG, REV
+from ..control.compensation.correction import (
+    AxisError,
+    CorrectionTable,
+    Left,
+    correction_table,
+    left_over,
+    size,
+)
+from ..identify.orders import is_fractional
+from ..identify.result import Fit
+from ..kinematics.flank_error import POINTS_PER_PERIOD, errors_at
+from ..model.parameters import FULL_TURN
+from ..model.rows import SHAFTS
+from ..pair.gear_pair import Flank
+from ..posterior.summary.posterior import Posterior, flank_draws, gap_draws
+from .error_table import compensation_head, is_covered, measured_flanks
+
+AxisName = Literal["driven", "driving"]
+
+INTERVALS = 255
+"""Intervals of a table by default: what LinuxCNC holds."""
+
+_MOST_POINTS, _MOST_DRAWS = 2**15, 200
+"""Positions of a travel at which a prediction is made, and draws of its band (chosen)."""
+
+_FOLLOWED = 0.25
+"""LinuxCNC follows a table exactly up to this share of acceleration times servo period a second."""
+
+
+class AxisSetting(NamedTuple):
+    """Axis of a control: its shaft, where its zero is and which way it counts.
+
+    **Arguments**
+    - `shaft`: shaft that the axis is. - `zero_deg`: position of the axis where this shaft has the
+      angle zero in the fit. - `reversed`: whether the axis counts against the fit.
+    - `travel_deg`: first and last position of the table; one turn of the axis by default.
+    - `over_deg`: travel of the axis, beyond the ends of the table too; that of the table by
+      default.
+    - `place_known`: whether the control knows the turn within the hunting period.
+    """
+
+    shaft: AxisName = "driven"
+    zero_deg: float = 0.0
+    reversed: bool = False
+    travel_deg: tuple[float, float] | None = None
+    over_deg: tuple[float, float] | None = None
+    place_known: bool = True
+
+
+@dataclass(frozen=True)
+class AxisTable(TextResult):
+    """Error table of an axis with its prediction.
+
+    **Arguments**
+    - `fit`: fit of the run. - `axis`: the axis. - `table`: corrections, in single precision.
+    - `before`, `after`: direction → what the axis shows over the travel without and with the table.
+    - `after95`: direction → rms with the table at 2.5 and 97.5 % of the draws, rad; empty without
+      draws.
+    - `lost`: rms of the difference between both directions without and with the table, rad; None
+      for one direction.
+    - `turns`: turns of the axis that the travel is repeated in.
+    """
+
+    fit: Fit
+    axis: AxisSetting
+    travel_deg: tuple[float, float]
+    over_deg: tuple[float, float]
+    table: CorrectionTable
+    before: dict[str, Left]
+    after: dict[str, Left]
+    after95: dict[str, tuple[float, float]]
+    lost: tuple[float, float] | None
+    turns: int
+
+    def fastest_deg_s(self, acceleration_deg_s2: float, servo_s: float) -> float:
+        """Return the largest speed of the axis, °/s, at which LinuxCNC follows the table."""
+        return _FOLLOWED * acceleration_deg_s2 * servo_s / max(self.table.steepest, 1e-300)
+
+    @property
+    def held(self) -> bool:
+        """Whether both directions get the correction of the only one that was measured."""
+        return len(self.table.values) < 2
+
+    def provenance(self) -> tuple[str, ...]:
+        """Return lines that say what the table is and where it comes from."""
+        import vttig_jax
+
+        fit, axis = self.fit, self.axis
+        return (
+            f"vttig {vttig_jax.__version__}: corrections in degrees, added to the command",
+            f"pair {fit.pair.name}; log {fit.source}; SHA-256 {fit.sha256}",
+            f"axis: {axis.shaft} shaft{', reversed' * axis.reversed},"
+            f" {axis.zero_deg:.9g} deg where the fit has its zero",
+            *(f"conditional on {one}" for one in fit.conditional_on),
+            *(f"{name} {text}" for name, text in self._rows() if name in (*self.before, "travel")),
+        )
+
+    def to_json(self, out: Path) -> dict[str, Any]:
+        """Return the object of schema `vttig.correction/1`; `out` is the path of the file."""
+        arcsec = lambda left: {"rms": left.rms / ARCSEC, "peak": left.peak / ARCSEC}  # noqa: E731
+        return {
+            **compensation_head(self.fit, out),
+            "schema": "vttig.correction/1",
+            "quantity": "error",
+            "meaning": "corrections, degrees of the axis, to add to its command at these positions;"
+            " linear between them, and held beyond the ends",
+            "axis": self.axis.shaft,
+            "axis_zero_deg": self.axis.zero_deg,
+            "reversed": self.axis.reversed,
+            "travel_deg": list(self.travel_deg),
+            "over_deg": list(self.over_deg),
+            "turns": self.turns,
+            "place_known": self.axis.place_known,
+            "positions_deg": np.degrees(self.table.positions).tolist(),
+            "corrections_deg": {
+                name: np.degrees(values).tolist() for name, values in self.table.values.items()
+            },
+            "before_arcsec": {name: arcsec(one) for name, one in self.before.items()},
+            "after_arcsec": {
+                name: arcsec(one)
+                | {"rms95": [end / ARCSEC for end in self.after95[name]] if self.after95 else None}
+                for name, one in self.after.items()
+            },
+            "lost_motion_arcsec": None
+            if self.lost is None
+            else dict(zip(("before", "after"), (one / ARCSEC for one in self.lost), strict=True)),
+            "left_out": [one.to_json() for one in self.fit.orders if is_fractional(one)],
+        }
+
+    def _rows(self) -> list[tuple[str, str]]:
+        (start, stop), positions = self.travel_deg, np.degrees(self.table.positions)
+        step = (positions[-1] - positions[0]) / (len(positions) - 1)
+        where = f"{self.over_deg[0]:g}° … {self.over_deg[1]:g}°"
+        if self.turns > 1:
+            where += f", in any of the {self.turns} turns of the hunting period"
+        rows = [
+            ("axis", f"{self.axis.shaft} shaft"),
+            ("table", f"{start:g}° … {stop:g}°, {len(positions)} positions {step:.6g}° apart"),
+            ("travel", where),
+        ]
+        shown = lambda one: f"{one.rms / ARCSEC:.3g}″ rms, {one.peak / ARCSEC:.3g}″ at most"  # noqa: E731
+        for name, before in self.before.items():
+            text = f"{shown(before)}; with the table {shown(self.after[name])}"
+            if name in self.after95:
+                low, high = (end / ARCSEC for end in self.after95[name])
+                text += f" ({low:.3g}″ … {high:.3g}″ rms in 95 % of the draws)"
+            rows.append((name, text))
+        if self.lost is not None:
+            before, after = (f"{one / ARCSEC:.3g}″ rms" for one in self.lost)
+            rows.append(("lost motion", f"{before}; with the table {after}"))
+        return rows
+
+    def __str__(self) -> str:
+        rows = self._rows()
+        if self.held:
+            (only,) = self.table.values
+            rows.append(
+                ("one direction", f"the log shows {only} only; the other one gets its values")
+            )
+        left = sorted(
+            {f"{one.shaft} order {one.order:g}" for one in self.fit.orders if is_fractional(one)}
+        )
+        if left:
+            rows.append(("left out", f"{', '.join(left)}: no fixed position on the gears"))
+        rows.append(("contains", "also what the encoder of the driven shaft adds once per turn"))
+        return key_values(rows, title="error table of the axis")
+
+
+def axis_table(
+    fit: Fit,
+    posterior: Posterior | None,
+    axis: AxisSetting = AxisSetting(),
+    step_deg: float | None = None,
+) -> AxisTable:
+    """Return the error table of the axis of a fit, with what it leaves over its travel.
+
+    **Arguments**
+    - `posterior`: draws, which give the band of what is left, or None.
+    - `step_deg`: distance of the nodes; the 255th part of the travel by default.
+
+    **Raises** `UsageError` for a travel that the control cannot place or the log does not cover, or
+    a step that does not divide it; `NoAnswerError` for a table that would leave more than none.
+    """
+    pair, ratio = fit.pair, float(fit.pair.ratio)
+    gain = (ratio if axis.shaft == "driven" else 1.0) * (-1 if axis.reversed else 1)
+    driven = [place for place, (_, count) in enumerate(fit.model.terms) if count]
+    own = np.abs(fit.model.cosine) + np.abs(fit.model.sine)
+    alike = axis.shaft == "driving" and not np.any(np.asarray(own)[:, driven])
+    turns = 1 if alike else max(1, round(abs(gain) * pair.hunting_turns))
+    travel = axis.travel_deg
+    if travel is None:
+        if turns > 1 and axis.place_known:
+            raise UsageError(
+                f"a turn of the axis does not repeat: the same teeth meet again after {turns} of"
+                " its turns. Give --travel FROM TO with the place within them that homing finds, or"
+                " --place-unknown for the mean of all turns.",
+                where=fit.source,
+            )
+        travel = (axis.zero_deg, axis.zero_deg + 360.0)
+    over = travel if axis.over_deg is None else axis.over_deg
+    for low, high in (travel, over):
+        if not high > low:
+            raise UsageError(f"from {low:g}° to {high:g}° is no travel; give FROM below TO.")
+    start, stop = (DEG * end for end in travel)
+    if not axis.place_known and max(stop - start, DEG * (over[1] - over[0])) > REV * (1 + 1e-9):
+        raise UsageError(
+            "where the turn is unknown, a travel is one turn at most; give --travel FROM TO."
+        )
+    places = (0,) if axis.place_known else tuple(range(turns))
+    flanks, zero_mean = measured_flanks(fit)
+    model, draws = fit.model, None
+    if posterior is not None:
+        draws = flank_draws(posterior) if zero_mean == flanks else gap_draws(posterior)
+        model = draws.mean_model
+    period = np.arange(2**12) * (pair.hunting_turns * REV / 2**12)
+    levels = {flank: float(errors_at(model, flank, period).mean()) for flank in flanks}
+    levels = {flank: levels[flank if flank in zero_mean else flanks[0]] for flank in flanks}
+
+    def curve(flank: Flank):
+        return lambda angle: errors_at(model, flank, angle) - levels[flank]
+
+    zero = axis.zero_deg * DEG
+    error = AxisError({flank: curve(flank) for flank in flanks}, ratio, gain, zero, places)
+    step = (stop - start) / INTERVALS if step_deg is None else step_deg * DEG
+    table = correction_table(error, start, stop, step).in_float32()
+    order = max(model.highest_order, 1.0) / abs(gain)
+    first, last = (DEG * end for end in over)
+    count = max(POINTS_PER_PERIOD * order / REV, 8 / step) * (last - first)
+    position = np.linspace(first, last, min(math.ceil(count) + 1, _MOST_POINTS))
+    _require_covered(fit, flanks, (position - zero) / gain)
+    shown = {name: left_over(error, None, name, position) for name in error.directions}
+    left = {name: left_over(error, table, name, position) for name in error.directions}
+    before = {name: size(one) for name, one in shown.items()}
+    after = {name: size(one) for name, one in left.items()}
+    for name, one in after.items():
+        if one.rms >= before[name].rms:
+            raise NoAnswerError(
+                f"over {over[0]:g}° … {over[1]:g}° the table from {travel[0]:g}° to {travel[1]:g}°"
+                f" would leave {one.rms / ARCSEC:.3g}″ rms {name}, and no table leaves"
+                f" {before[name].rms / ARCSEC:.3g}″; give the whole travel with --travel, or a"
+                " smaller --step-deg.",
+                where=fit.source,
+            )
+    lost = None
+    if len(left) == 2:
+        lost = (
+            size(shown["forward"] - shown["reverse"]).rms,
+            size(left["forward"] - left["reverse"]).rms,
+        )
+    after95 = {}
+    if draws is not None:
+        every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
+        parts = {
+            name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")
+        }
+        few = replace(draws, **parts)
+        own = {flank: few.errors(period[::8], flank).mean(axis=0) for flank in zero_mean}
+
+        def drawn_curve(flank: Flank):
+            return lambda angle: (
+                few.errors(angle, flank) - own[flank if flank in own else flanks[0]]
+            )
+
+        drawn = AxisError({f: drawn_curve(f) for f in flanks}, ratio, gain, zero, places)
+        some = position[:: max(1, len(position) // 2048)]
+        for name in drawn.directions:
+            rms = np.sqrt(np.mean(left_over(drawn, table, name, some) ** 2, axis=(0, 1)))
+            after95[name] = tuple(np.quantile(rms, [0.025, 0.975]).tolist())
+    return AxisTable(fit, axis, travel, over, table, before, after, after95, lost, len(places))
+
+
+def _require_covered(fit: Fit, flanks: Sequence[Flank], driving: np.ndarray) -> None:
+    """Refuse a travel beyond what the log covers, if it did not show whole turns of both shafts."""
+    short = [shaft for shaft in SHAFTS if fit.core.scope.turns[shaft] < FULL_TURN]
+    for flank in flanks:
+        share = float(is_covered(fit, flank, driving).mean())
+        if short and share < 1 - 1e-3:
+            raise UsageError(
+                f"the log covers {100 * share:.0f} % of this travel on flank {flank} and no whole"
+                f" turn of the {' and the '.join(short)} shaft, so that nothing tells the rest;"
+                " give a --travel that it covers, or log more.",
+                where=fit.source,
+            )
