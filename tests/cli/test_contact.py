@@ -71,23 +71,20 @@ def test_true_gears_touch_along_lines_everywhere(vttig, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
+def test_every_option_changes_the_backlash(vttig_json):
+    for option in (
         ("--axial-mm", "0.3"),
         ("--centre-distance-mm", "125.2"),
         ("--inclination-urad", "200"),
         ("--deviation-urad", "200"),
-    ],
-)
-def test_every_option_changes_the_backlash(vttig_json, option):
-    _, plain = vttig_json("contact", PAPER, *SHORT, "-q")
-    code, moved = vttig_json("contact", PAPER, *SHORT, *option, "-q")
-    difference = moved["smallest"]["backlash_deg"] - plain["smallest"]["backlash_deg"]
-    assert code == 0 and abs(difference) > 1e-4
-    tilted = option[0].endswith("urad")
-    assert moved["flanks"]["A"]["largest_misfit_deg"] > 1e-4 or not tilted
-    assert any("point" in kind for kind in moved["flanks"]["A"]["kinds"]) == tilted
+    ):
+        _, plain = vttig_json("contact", PAPER, *SHORT, "-q")
+        code, moved = vttig_json("contact", PAPER, *SHORT, *option, "-q")
+        difference = moved["smallest"]["backlash_deg"] - plain["smallest"]["backlash_deg"]
+        assert code == 0 and abs(difference) > 1e-4
+        tilted = option[0].endswith("urad")
+        assert moved["flanks"]["A"]["largest_misfit_deg"] > 1e-4 or not tilted
+        assert any("point" in kind for kind in moved["flanks"]["A"]["kinds"]) == tilted
 
 
 MAP = ["gear,flank,roll_mm,z_mm,deviation_um"]
@@ -184,9 +181,8 @@ def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_pa
     assert {path.name for path in tmp_path.iterdir()} == {"contact.csv"}
 
 
-@pytest.mark.parametrize(
-    ("text", "options", "code", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, tmp_path):
+    for text, options, code, words in (
         (DRIVE, (), 3, "a drive without gears has no teeth to touch"),
         (CONTRACT, ("--axial-mm", "30"), 2, "--axial-mm: 30 mm leaves the faces of the gears no"),
         (CONTRACT, ("--step-deg", "400"), 2, "--step-deg"),
@@ -198,10 +194,8 @@ def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_pa
         (CONTRACT, ("--pitch", "nowhere.csv"), 3, "nowhere.csv: no such file"),
         (CONTRACT, ("--rig", "nowhere"), 2, "no such run"),
         (MINIMAL, ("--deviation-urad", "100"), 3, "face_width_mm: the face width is missing"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, tmp_path, text, options, code, words):
-    path = tmp_path / "pair.toml"
-    path.write_text(text)
-    got, out, err = vttig("contact", path, *SHORT, *options)
-    assert (got, out) == (code, "") and words in err and err.count("\n") == 1
+    ):
+        path = tmp_path / "pair.toml"
+        path.write_text(text)
+        got, out, err = vttig("contact", path, *SHORT, *options)
+        assert (got, out) == (code, "") and words in err and err.count("\n") == 1

@@ -126,9 +126,8 @@ def test_names_come_from_the_pair_and_files_repeat(vttig, run_folder, tmp_path):
     assert text == (tmp_path / "two.h").read_text()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
+    for arguments, words in (
         (["export", "run"], "Missing option '--out'"),
         (["export", "run", "--out", "x.txt"], "writes .csv, .json or .h"),
         (["export", "run", "--out", "run/fit.json"], "already exists"),
@@ -142,14 +141,12 @@ def test_names_come_from_the_pair_and_files_repeat(vttig, run_folder, tmp_path):
         (["export", "run", "--out", "x.h", "--accuracy-arcsec", "-1"], "--accuracy-arcsec"),
         (["export", "run", "--out", "x.h", "--tolerance-arcsec", "nan"], "finite number"),
         (["export", "nothing", "--out", "x.h"], "vttig fit LOG"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch, arguments, words):
-    monkeypatch.chdir(run_folder.parent)
-    code, out, err = vttig(*arguments)
-    assert (code, out) == (2, "")
-    assert words in err and err.count("\n") == 1
-    assert not list(run_folder.parent.glob("x.*"))
+    ):
+        monkeypatch.chdir(run_folder.parent)
+        code, out, err = vttig(*arguments)
+        assert (code, out) == (2, "")
+        assert words in err and err.count("\n") == 1
+        assert not list(run_folder.parent.glob("x.*"))
 
 
 @pytest.mark.portable

@@ -153,9 +153,8 @@ def test_require_fails_only_for_what_is_undetermined(vttig, rig_folder):
     assert "there are driving_eccentricity_mm" in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, vttig_json, rig_folder, monkeypatch):
+    for arguments, code, words in (
         (["fit"], 2, "LOG is missing"),
         (["fit", "log.csv"], 2, "the ratio of the drive is missing"),
         (["fit", "absent.csv", "--pair", "pair.toml"], 3, "absent.csv"),
@@ -165,26 +164,21 @@ def test_require_fails_only_for_what_is_undetermined(vttig, rig_folder):
         (["fit", "log.csv", "--run", "run"], 2, "--run repeats a run as it was"),
         (["fit", "--run", "nothing"], 2, "no such run"),
         (["fit", ".", "--pair", "pair.toml"], 3, "folder"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(
-    vttig, vttig_json, rig_folder, monkeypatch, arguments, code, words
-):
-    monkeypatch.chdir(rig_folder)
-    found, out, err = vttig(*arguments)
-    assert found == code
-    assert out == ""
-    assert words in err
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
-    found, record = vttig_json(*arguments)
-    assert (found, record["exit"]) == (code, code)
+    ):
+        monkeypatch.chdir(rig_folder)
+        found, out, err = vttig(*arguments)
+        assert found == code
+        assert out == ""
+        assert words in err
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        found, record = vttig_json(*arguments)
+        assert (found, record["exit"]) == (code, code)
 
 
 @pytest.mark.portable
-@pytest.mark.parametrize(
-    ("damage", "code", "words"),
-    [
+def test_bad_logs_end_in_one_sentence(vttig, rig_folder, tmp_path):
+    for damage, code, words in (
         (lambda rows: rows[:1], 3, "header"),
         (lambda rows: [row.rsplit(",", 1)[0] for row in rows], 3, "driven"),
         (lambda rows: [*rows[:50], rows[50].replace(",", ",x", 1), *rows[51:]], 3, "line 51"),
@@ -196,20 +190,18 @@ def test_bad_calls_end_in_one_sentence(
         ),
         (lambda rows: [rows[0], *(",".join((t, b, a)) for t, a, b in split(rows))], 3, "swapped"),
         (lambda rows: [rows[0], *reversed(rows[1:])], 3, "backwards"),
-    ],
-)
-def test_bad_logs_end_in_one_sentence(vttig, rig_folder, tmp_path, damage, code, words):
-    rows = (rig_folder / "log.csv").read_text().splitlines()
-    path = tmp_path / "damaged.csv"
-    path.write_text("\n".join(damage(rows)) + "\n")
-    found, out, err = vttig(
-        "fit", path, "--pair", rig_folder / "pair.toml", "--out", tmp_path / "o"
-    )
-    assert found == code, err
-    assert out == ""
-    assert words in err
-    assert err.count("\n") == 1
-    assert not (tmp_path / "o").exists()
+    ):
+        rows = (rig_folder / "log.csv").read_text().splitlines()
+        path = tmp_path / "damaged.csv"
+        path.write_text("\n".join(damage(rows)) + "\n")
+        found, out, err = vttig(
+            "fit", path, "--pair", rig_folder / "pair.toml", "--out", tmp_path / "o"
+        )
+        assert found == code, err
+        assert out == ""
+        assert words in err
+        assert err.count("\n") == 1
+        assert not (tmp_path / "o").exists()
 
 
 def test_a_log_that_tells_nothing_is_printed_and_no_answer(vttig, rig_folder, tmp_path):

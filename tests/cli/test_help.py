@@ -46,21 +46,18 @@ def test_completion_script(capsys, monkeypatch, shell):
         subprocess.run(["bash", "-n"], input=script, text=True, check=True)
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_completion_answers(capsys, monkeypatch):
+    for words, expected in (
         ("vttig in", "inspect"),
         ("vttig fit --rat", "--ratio"),
         ("vttig fit --unit co", "counts"),
         ("vttig fit --unit time=m", "time=ms"),
-    ],
-)
-def test_completion_answers(capsys, monkeypatch, words, expected):
-    monkeypatch.setenv("_VTTIG_COMPLETE", "bash_complete")
-    monkeypatch.setenv("COMP_WORDS", words)
-    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
-    assert main([]) == 0
-    assert expected in capsys.readouterr().out
+    ):
+        monkeypatch.setenv("_VTTIG_COMPLETE", "bash_complete")
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+        assert main([]) == 0
+        assert expected in capsys.readouterr().out
 
 
 LOG = "t [s];Motor Winkel [°];load_deg;x;x\n" + "".join(

@@ -76,20 +76,17 @@ def test_options_reach_the_reader(files, capsys):
     assert run(capsys, log, "--decimal", ",", "--pair", pair)[0] == 0
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_usage(files, capsys):
+    for options, words in (
         (["--column", "driving"], "ROLE=NAME"),
         (["--column", "load=x"], "ROLE=NAME"),
         (["--column", "time=a", "--column", "time=b"], "named twice"),
         (["--column", "time=time_s", "--sample-rate", "5"], "keep the one"),
         (["--sample-rate", "0"], "sample-rate"),
         (["--decimal", ";"], "decimal"),
-    ],
-)
-def test_usage(files, capsys, options, words):
-    code, out, err = run(capsys, files[0], *options)
-    assert code == 2 and words in err and out == ""
+    ):
+        code, out, err = run(capsys, files[0], *options)
+        assert code == 2 and words in err and out == ""
 
 
 def test_nested_files_and_numbered_columns_need_no_pair(tmp_path, capsys):

@@ -128,9 +128,8 @@ def test_foreign_readings_and_doubtful_turns_are_no_answer(vttig, run_folder, lo
     assert code == 4 and "--flank" not in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
+    for arguments, words in (
         (["locate", "run"], "give one of --driving-deg and --driving-counts"),
         (["locate", "run", "--driving-deg", "1"], "give one of --driven-deg and --driven-counts"),
         (
@@ -148,13 +147,11 @@ def test_foreign_readings_and_doubtful_turns_are_no_answer(vttig, run_folder, lo
         ),
         (["locate", "run", "--certainty", "1"], "--certainty"),
         (["locate", "nothing", "--driving-deg", "1", "--driven-deg", "1"], "vttig fit LOG"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch, arguments, words):
-    monkeypatch.chdir(run_folder.parent)
-    code, out, err = vttig(*arguments)
-    assert (code, out) == (2, "")
-    assert words in err and err.count("\n") == 1
+    ):
+        monkeypatch.chdir(run_folder.parent)
+        code, out, err = vttig(*arguments)
+        assert (code, out) == (2, "")
+        assert words in err and err.count("\n") == 1
 
 
 def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tmp_path, log):

@@ -66,11 +66,11 @@ def aged(store: Path) -> None:
     os.utime(store / NAMES[0], (old, old))
 
 
-@pytest.mark.parametrize("damage", [truncated, emptied, flipped, replaced, aged])
-def test_a_damaged_or_old_program_is_left_out_and_removed(damage, store: Path, tmp_path: Path):
-    damage(store)
-    assert set(loaded(store, tmp_path)) == {NAMES[1]}
-    assert not (store / NAMES[0]).exists()
+def test_a_damaged_or_old_program_is_left_out_and_removed(store, tmp_path):
+    for damage in (truncated, emptied, flipped, replaced, aged):
+        damage(store)
+        assert set(loaded(store, tmp_path)) == {NAMES[1]}
+        assert not (store / NAMES[0]).exists()
 
 
 def test_two_exchanged_programs_are_both_left_out(store: Path, tmp_path: Path) -> None:

@@ -127,18 +127,17 @@ BAD_GEARS = {
 }
 
 
-@pytest.mark.parametrize("name", BAD_GEARS)
-def test_gears_without_a_solid(vttig, pair_file, tmp_path, name):
-    text, place, words = BAD_GEARS[name]
-    path, out = pair_file(text), tmp_path / "gear.stl"
-    code, printed, err = vttig("surface", path, "--gear", "driving", "--out", out)
-    assert (code, printed) == (3, "") and not out.exists()
-    assert err.startswith(f"error: {path}: {place}: ") and words in err and err.count("\n") == 1
+def test_gears_without_a_solid(vttig, pair_file, tmp_path):
+    for name in BAD_GEARS:
+        text, place, words = BAD_GEARS[name]
+        path, out = pair_file(text), tmp_path / "gear.stl"
+        code, printed, err = vttig("surface", path, "--gear", "driving", "--out", out)
+        assert (code, printed) == (3, "") and not out.exists()
+        assert err.startswith(f"error: {path}: {place}: ") and words in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, tmp_path):
+    for name, options, words in (
         ("gear.iges", [], ".stl, .step, .stp, .svg, .dxf or .png"),
         ("gear", [], "choose a name that ends with one"),
         ("gear.stl", ["--section-mm", "0"], "a .stl file takes no --section-mm"),
@@ -156,13 +155,11 @@ def test_gears_without_a_solid(vttig, pair_file, tmp_path, name):
         ("gear.stl", ["--tolerance-um", "0.01"], "write .step"),
         ("gear.obj", [], "trimesh.load"),
         ("gear.svg", ["--tolerance-um", "1e-6"], "give --tolerance-um 1e-05 or more"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, tmp_path, name, options, words):
-    out = tmp_path / name
-    code, printed, err = vttig("surface", PAPER, "--gear", "driving", "--out", out, *options)
-    assert (code, printed) == (2, "") and not out.exists()
-    assert words in err and err.count("\n") == 1
+    ):
+        out = tmp_path / name
+        code, printed, err = vttig("surface", PAPER, "--gear", "driving", "--out", out, *options)
+        assert (code, printed) == (2, "") and not out.exists()
+        assert words in err and err.count("\n") == 1
 
 
 def test_a_file_that_exists_is_kept(vttig, tmp_path):

@@ -144,9 +144,9 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
     assert (code, out) == (3, "") and "`vttig sample " in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "code", "words"),
-    [
+def test_bad_files_are_one_sentence(vttig, sweep, monkeypatch):
+    text = sweep.read_text()
+    for old, new, code, words in (
         ("motion.reversal_deg", "motion.reversl_deg", 3, "no key of a scenario"),
         ("num = 5", "num = 10000000", 3, "of memory, but there are 0.1"),
         ("pair.toml", "other.toml", 3, "there is no file"),
@@ -154,28 +154,23 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
         ("[sweep]", "[swep]", 3, "swep"),
         ("to = 360", "to = 1e99", 3, "sweep"),
         ("num = 5", "num = 10000000000", 3, "sweep"),
-    ],
-)
-def test_bad_files_are_one_sentence(vttig, sweep, old, new, code, words, monkeypatch):
-    monkeypatch.setattr("os.sysconf", lambda name: 10**4)  # 10⁴ pages of 10 kB
-    sweep.write_text(sweep.read_text().replace(old, new))
-    found, out, err = vttig("sweep", sweep)
-    assert (found, out) == (code, "") and words in err and err.count("\n") == 1
+    ):
+        monkeypatch.setattr("os.sysconf", lambda name: 10**4)  # 10⁴ pages of 10 kB
+        sweep.write_text(text.replace(old, new))
+        found, out, err = vttig("sweep", sweep)
+        assert (found, out) == (code, "") and words in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
+def test_wrong_options_are_usage_errors(vttig, sweep, monkeypatch):
+    for options in (
         ["--resume"],
         ["--overwrite"],
         ["--no-figures"],
         ["--out", "swept", "--resume", "--overwrite"],
         ["--devices", "0"],
         ["--devices", "4000"],
-    ],
-)
-def test_wrong_options_are_usage_errors(vttig, sweep, options, monkeypatch):
-    monkeypatch.chdir(sweep.parent)
-    code, out, err = vttig("sweep", sweep, *options)
-    assert (code, out) == (2, "") and err.count("\n") == 1
-    assert not (sweep.parent / "swept").exists()
+    ):
+        monkeypatch.chdir(sweep.parent)
+        code, out, err = vttig("sweep", sweep, *options)
+        assert (code, out) == (2, "") and err.count("\n") == 1
+        assert not (sweep.parent / "swept").exists()

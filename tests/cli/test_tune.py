@@ -66,9 +66,8 @@ def test_limits_weight_and_objective_reach_the_search(vttig_json, sweep):
     assert record["values"][MARGIN]["after"] < 0.004  # what interferes costs nothing
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_wrong_options_are_usage_errors(vttig, sweep, monkeypatch):
+    for options, words in (
         (["--free", "judgement.margn_mm"], "did you mean"),
         (["--free", "judgement.observer"], "takes none"),
         (["--free", "judgement.threshold_rad_s2"], "none of predictive"),
@@ -81,25 +80,21 @@ def test_limits_weight_and_objective_reach_the_search(vttig_json, sweep):
         (["--out", "tuned.txt"], "ends with .toml"),
         (["--out", "elsewhere/tuned.toml"], "relative to its folder"),
         (["--out", "sweep.toml"], "already exists"),
-    ],
-)
-def test_wrong_options_are_usage_errors(vttig, sweep, options, words, monkeypatch):
-    monkeypatch.chdir(sweep.parent)
-    code, out, err = vttig("tune", sweep, *options)
-    assert (code, out) == (2, "") and words in err and err.count("\n") == 1
+    ):
+        monkeypatch.chdir(sweep.parent)
+        code, out, err = vttig("tune", sweep, *options)
+        assert (code, out) == (2, "") and words in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+def test_bad_files_are_one_sentence(vttig, sweep):
+    text = sweep.read_text()
+    for old, new, words in (
         ('"predictive"', '"none"', "nothing to tune"),
         ('"motion.reversal_deg" = { from = 200, to = 360, num = 4 }', "", "names no axis"),
         ('"motion.reversal_deg"', '"motion.reversl_deg"', "no key of a scenario"),
         ("from = 200, to = 360, num = 4", "from = 20, to = 30, num = 4", "lies inside the ramps"),
         ("pair.toml", "other.toml", "there is no file"),
-    ],
-)
-def test_bad_files_are_one_sentence(vttig, sweep, old, new, words):
-    sweep.write_text(sweep.read_text().replace(old, new))
-    code, out, err = vttig("tune", sweep)
-    assert (code, out) == (3, "") and words in err and err.count("\n") == 1
+    ):
+        sweep.write_text(text.replace(old, new))
+        code, printed, err = vttig("tune", sweep)
+        assert (code, printed) == (3, "") and words in err and err.count("\n") == 1

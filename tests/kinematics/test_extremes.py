@@ -90,9 +90,8 @@ NEAR = ((45, 0), (44, 0), (1, 0), (0, 1))
         (((1, 0), (2, 0), (0, 1), (0, 3)), (1e-4,) * 4, Fraction(7, 325)),
     ],
 )
-@pytest.mark.parametrize("seed", [5, 13])
-def test_extremes_where_minima_nearly_tie(terms, sizes, ratio, seed):
-    grid = orders_of(terms, ratio, seed, np.array(sizes))
+def test_extremes_where_minima_nearly_tie(terms, sizes, ratio):
+    grid = orders_of(terms, ratio, 5, np.array(sizes))
     low, high = searched(grid, -1), searched(grid, 1)
     tolerance = 1e-12 * (high - low)
     assert grid.smallest.backlash == pytest.approx(low, abs=tolerance)
