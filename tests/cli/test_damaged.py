@@ -45,7 +45,7 @@ def attempt(capsys, folder: Path, verb: str, content: bytes) -> tuple[int, str, 
     return code, *capsys.readouterr()
 
 
-@settings(max_examples=25, suppress_health_check=RELAXED)
+@settings(max_examples=12, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_inspect(folder, capsys, case):
     check(*attempt(capsys, folder, "inspect", case.content))
@@ -58,7 +58,7 @@ def test_inspect_more(folder, capsys, case):
     check(*attempt(capsys, folder, "inspect", case.content))
 
 
-@settings(max_examples=20, suppress_health_check=RELAXED)
+@settings(max_examples=10, suppress_health_check=RELAXED)
 @given(case=damage.damaged_logs())
 def test_fit(folder, capsys, case):
     check(*attempt(capsys, folder, "fit", case.content))

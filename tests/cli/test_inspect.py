@@ -139,11 +139,6 @@ def test_unreadable_logs_are_one_sentence(files, tmp_path, capsys, extra):
             assert out == ""
 
 
-def test_help_has_an_example(capsys):
-    code, out, _ = run(capsys, "--help")
-    assert code == 0 and "vttig inspect log.csv --pair pair.toml" in out
-
-
 def test_inspect_imports_no_jax(files):
     log, pair = files
     script = (

@@ -116,14 +116,11 @@ def test_a_span_beyond_any_memory_is_refused(vttig, run_folder):
     assert code == 2 and "rows" in err
 
 
-def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tmp_path):
-    log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
-    out = tmp_path / "run"
-    vttig("fit", log, "--pair", pair, "--flank", "A", "--out", out, "--no-figures")
-    code, _, err = vttig("map", out)
+def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, one_flank_folder):
+    code, _, err = vttig("map", one_flank_folder)
     assert code == 4
     assert "--constant-backlash-deg" in err
-    code, record = vttig_json("map", out, "--constant-backlash-deg", "0.038")
+    code, record = vttig_json("map", one_flank_folder, "--constant-backlash-deg", "0.038")
     assert code == 0
     assert record["conditional_on"] == ["perfect_encoders"]
 

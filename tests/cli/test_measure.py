@@ -4,7 +4,6 @@ from pathlib import Path
 import pytest
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
-from vttig_jax.cli.main import VERBS
 
 PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
 HELICAL = """
@@ -203,9 +202,3 @@ def test_balls_and_teeth_that_do_not_serve_leave_a_dash_and_a_reason(vttig, pair
 def test_a_missing_file_is_told(vttig, tmp_path):
     code, _, err = vttig("measure", tmp_path / "nothing.toml")
     assert code == 3 and "no such file" in err
-
-
-def test_the_verb_is_listed_with_an_example(vttig):
-    assert "measure" in VERBS
-    code, out, _ = vttig("measure", "--help")
-    assert code == 0 and "vttig measure pair.toml --section-mm 5" in out

@@ -6,7 +6,6 @@ import pytest
 from matplotlib.image import imread
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
-from vttig_jax.cli.main import VERBS
 
 PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
 COARSE = ["--tolerance-um", "50"]
@@ -169,9 +168,3 @@ def test_a_file_that_exists_is_kept(vttig, tmp_path):
     code, _, err = vttig(*call)
     assert code == 2 and "already exists; add --overwrite" in err and out.read_text() == "mine"
     assert vttig(*call, "--overwrite")[0] == 0 and out.stat().st_size > 1000
-
-
-def test_the_verb_is_listed_with_an_example(vttig):
-    assert "surface" in VERBS
-    code, out, _ = vttig("surface", "--help")
-    assert code == 0 and "vttig surface pair.toml --gear driving --out gear.stl" in out

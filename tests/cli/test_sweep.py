@@ -1,5 +1,4 @@
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ import tomli_w
 
 from tests.control.texts import RIG
 from vttig_jax import enable_x64
-from vttig_jax.cli.main import main
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.identify.archive import read_fit
 from vttig_jax.pair.load import pair_from_spec, pair_spec
@@ -38,14 +36,6 @@ def sweep(tmp_path) -> Path:
     path = tmp_path / "sweep.toml"
     path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
     return path
-
-
-@pytest.fixture(scope="module")
-def sampled_folder(run_folder, tmp_path_factory) -> Path:
-    """A run folder with draws, too few to converge."""
-    out = Path(shutil.copytree(run_folder, tmp_path_factory.mktemp("sampled") / "run"))
-    assert main(["sample", "--out", str(out), "--steps", "60", "--no-figures"]) == 5
-    return out
 
 
 def test_without_a_folder_it_prints_and_writes_nothing(vttig, vttig_json, sweep):

@@ -30,7 +30,6 @@ PER_MM = math.degrees(2 * math.tan(math.radians(3.0)) / 80.0)
 MARGIN = 0.01 * PER_MM
 
 RUNS = [(10, 1080), (30, 3600), (60, 7560), (100, 7560), (100, 7524)]
-EACH = pytest.mark.parametrize("place", range(len(RUNS)), ids=[f"{s}-{a}" for s, a in RUNS])
 
 
 @pytest.fixture(scope="module")

@@ -76,6 +76,8 @@ def test_where_nothing_is_there_a_resumed_run_starts(path):
 
 
 def test_a_checkpoint_of_another_run_says_what_differs(path):
+    sample(path)
+    before = path.read_bytes()
     for options, words in (
         ({"target": plain(names=("x0", "y"))}, "names"),
         ({"target": plain(units=("mm", "rad"))}, "units"),
@@ -86,8 +88,6 @@ def test_a_checkpoint_of_another_run_says_what_differs(path):
         ({"walkers": 32}, "walkers 16 in it, 32"),
         ({"ensembles": 5}, "ensembles 4 in it, 5"),
     ):
-        sample(path)
-        before = path.read_bytes()
         with pytest.raises(InputError) as caught:
             sample(path, **options, resume=True)
         assert words in sentence(caught.value) and caught.value.exit_code == 3

@@ -242,7 +242,7 @@ def test_files_of_different_runs_are_refused(saved, other, tmp_path, part, capsy
 def test_arrays_that_were_changed_are_refused(saved, tmp_path, capsys):
     for name in ("offset", "values", "compressed_windows"):
         for change in (lambda array: array[:0], lambda array: array * 1.0000001):
-            changed = shutil.copytree(saved, tmp_path / "changed")
+            changed = shutil.copytree(saved, tmp_path / "changed", dirs_exist_ok=True)
             with np.load(saved / "summary.npz") as archive:
                 arrays = dict(archive)
             np.savez(changed / "summary.npz", allow_pickle=False, **arrays)

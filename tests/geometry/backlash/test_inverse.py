@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.geometry.backlash.test_drawn_backlash import UNEQUAL, make
@@ -13,6 +13,7 @@ from vttig_jax.geometry.backlash import axial_for_backlash, geometric_backlash
 from vttig_jax.geometry.tooth import tooth_of
 
 
+@settings(max_examples=10)
 @given(
     helix=st.floats(0.5, 4.0),
     crowning=st.floats(0.0, 20.0),

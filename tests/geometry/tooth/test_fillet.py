@@ -39,8 +39,6 @@ TEETH = {
 TOLERANCE = 1e-8
 """Of the brute force, mm: a sharp cutter's distance has a kink at its minimum."""
 
-each_tooth = pytest.mark.parametrize("gear", TEETH.values(), ids=TEETH)
-
 
 def test_fillet_is_the_envelope_of_the_rack():
     for side in SIDES:

@@ -16,7 +16,6 @@ GEAR = tooth(
 )
 HEIGHTS = np.array([-9.0, -2.0, 0.5, 8.0])
 each_side = pytest.mark.parametrize("side", SIDES)
-each_part = pytest.mark.parametrize("part", PARTS)
 
 
 def rolls(gear, side, part, count=5):

@@ -49,7 +49,7 @@ def test_intervals_that_are_too_narrow_are_seen(fit, monkeypatch):
         return told, {name: _narrower(one, 0.6) for name, one in parameters.items()}
 
     monkeypatch.setattr(room, "told_by", narrow)
-    found = calibrate(fit, rigs=80)
+    found = calibrate(fit, rigs=40)
     assert not found.is_calibrated and set(found.failed) & set(GEARS)
     assert f"NO; too narrow: {found.failed[0]}" in str(found)
 
@@ -61,12 +61,12 @@ def _narrower(one, share):
     return replace(one, low95=low, high95=high)
 
 
-def test_the_seed_decides_the_rigs(fit):
-    some, again, other = (calibrate(fit, rigs=30, seed=seed) for seed in (1, 1, 2))
+def test_the_seed_decides_the_rigs(fit, found):
+    some, again, other = (calibrate(fit, rigs=10, seed=seed) for seed in (1, 1, 2))
     name = "driving_eccentricity_mm"
     assert again.parameters[name] == some.parameters[name]
     assert other.parameters[name].rms != some.parameters[name].rms
-    assert some.parameters[name].std == pytest.approx(fit.parameters[name].std, rel=0.15)
+    assert found.parameters[name].std == pytest.approx(fit.parameters[name].std, rel=0.15)
 
 
 def test_one_flank_has_no_gap():
