@@ -28,7 +28,9 @@ def test_every_verb_has_an_example_and_lists_every_option_once(capsys):
         assert main([verb, "--help"]) == 0
         out = capsys.readouterr().out
         assert re.search(rf"^ +vttig {verb}\b", out, re.MULTILINE), verb
-        lines = [line.split()[0].rstrip(",") for line in out.splitlines() if line.startswith("  -")]
+        titles = (f"\n{title}:" for title in (*command.groups, "Options"))
+        listed = out[min(out.index(title) for title in titles if title in out) :].splitlines()
+        lines = [line.split()[0].rstrip(",") for line in listed if line.startswith("  -")]
         shown = [one for one in command.params if not getattr(one, "hidden", False)]
         first = [one.opts[0] for one in shown if one.opts[0].startswith("-")]
         assert sorted(lines) == sorted([*first, "-h"]), verb

@@ -17,7 +17,7 @@ from scipy.optimize import minimize, root_scalar
 
 from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
 from vttig_jax.base.arrays import namespace
-from vttig_jax.geometry.measures import SIZES_MM, _ideal_ball, _stand_off, over_balls, usual_ball
+from vttig_jax.geometry.measures import SIZES_MM, _stand_off, over_balls, usual_ball
 from vttig_jax.geometry.tooth import Tabulated, Tooth
 
 KHK_HELICAL: dict[str, Any] = {"normal_module_mm": 1.0, "normal_pressure_angle_deg": 20.0}
@@ -320,13 +320,3 @@ def test_sizes_beyond_those_on_sale_have_two_digits():
         ball = usual_ball(tooth)
         assert ball not in SIZES_MM and float(f"{ball:.2g}") == ball
         assert over_balls(tooth, ball).value_mm is not None
-
-
-def test_the_ideal_ball_touches_at_the_reference_circle():
-    for tooth in (
-        shop_gear(20),
-        shop_gear(24, helix=(25.0, -25.0)),
-        shop_gear(helix=(3.0, 3.0)),
-    ):
-        found = over_balls(tooth, _ideal_ball(tooth, 0.0))
-        assert found.contact_diameters_mm == pytest.approx([2 * float(tooth.reference_radius)] * 2)
