@@ -2,17 +2,11 @@ import csv
 import json
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 
 import vttig_jax
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
-from vttig_jax.base.files.json_io import dumps, load_schema
-from vttig_jax.cli.verbs.gears.contact import contact_record, contact_text
-from vttig_jax.geometry.backlash import gap_report
-from vttig_jax.geometry.contact import contact_model
-from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_pair
 from vttig_jax.runs.maps import fitted_rig
@@ -144,27 +138,6 @@ def test_where_only_part_of_a_turn_has_contact(vttig, vttig_json, tmp_path):
     code, text, _ = vttig(*options)
     missing = 9 - record["rows_with_backlash"]
     assert code == 0 and f"undefined  at {missing} of 9 angles: no tooth in reach" in text
-
-
-def test_where_nothing_touches_numbers_are_null():
-    """As strict JSON needs it."""
-    pair = paper_pair()
-    model = contact_model(pair, Eccentricities(axial_mm=21.0), sections=9)
-    flanks = {flank: contact_at(model, np.zeros(2), flank) for flank in ("A", "B")}
-    said = dict.fromkeys(("rig", "deviations", "pitch"))
-    said |= {"source": "pair.toml", "span_turns": 1.0, "step_deg": 180.0}
-    gap = gap_report(pair)
-    record = contact_record(pair, said, flanks, gap, None)
-    plain = json.loads(dumps(record))
-    jsonschema.validate(plain, load_schema("vttig.contact/1"))
-    assert plain["smallest"] == plain["largest"] == {"backlash_deg": None, "driving_deg": None}
-    assert plain["rows_with_backlash"] == 0 and plain["flanks"]["A"]["kinds"] == {"nothing": 2}
-    assert "undefined  at 2 of 2 angles" in contact_text(flanks, record, gap, None, None)
-
-
-def test_help_says_what_the_files_hold(vttig):
-    text = "".join(vttig("contact", "--help")[1].split())
-    assert "gear,flank,roll_mm,z_mm,deviation_um" in text and "gear,flank,tooth,deviation" in text
 
 
 def test_teeth_that_interfere_are_named(vttig):

@@ -88,23 +88,6 @@ def _from(row: int, size: int):
     return lambda values: values + size * (np.arange(len(values)) >= row)
 
 
-def test_told_and_passed(folder, capsys):
-    for role, change, words in (
-        ("driven", lambda r: r % 2**16, "wraps at 65536 counts (detected"),
-        ("driving", lambda r: (r - 7000) % 2**32, "wraps at 4.29497e+09 counts (detected"),
-        ("driven", lambda r: np.where(np.arange(len(r)) == 700, 10**6, r), "1 of 2750 readings"),
-        ("driven", lambda r: r[np.arange(len(r)) // 2 * 2], "sampled at 1/2 of the rate"),
-        ("time", lambda t: t + 3.0 * (np.arange(len(t)) > 1300), "longest 3.0"),
-        ("time", lambda t: t[np.maximum(np.arange(len(t)), 1)], "repeated stamps"),
-        ("driven", _from(800, 60), "steps by 0.2"),
-    ):
-        code, out, err = attempt(capsys, folder, "inspect", _changed(role, change))
-        check(code, out, err)
-        assert code == 0 and words in " ".join(out.split()), out
-        _, clean, _ = attempt(capsys, folder, "inspect", damage.clean_log().to_bytes())
-        assert words not in " ".join(clean.split())
-
-
 def test_refused(folder, capsys):
     for role, change, words in (
         ("driven", _from(800, -50_000), ["line 802", "`driven_counts`", "at 3.2 s", "cut the log"]),

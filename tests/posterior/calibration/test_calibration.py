@@ -49,7 +49,7 @@ def test_intervals_that_are_too_narrow_are_seen(fit, monkeypatch):
         return told, {name: _narrower(one, 0.6) for name, one in parameters.items()}
 
     monkeypatch.setattr(room, "told_by", narrow)
-    found = calibrate(fit, rigs=40)
+    found = calibrate(fit, rigs=80)
     assert not found.is_calibrated and set(found.failed) & set(GEARS)
     assert f"NO; too narrow: {found.failed[0]}" in str(found)
 
