@@ -52,27 +52,38 @@ SLOW = ("calibrate", "contact_model", "fit_many", "sampler", "sweep", "tune")
 """Modules whose examples take over five seconds, mostly to compile; `-m slow` runs them."""
 
 FOUND = [
-    pytest.param(
-        path,
-        name,
-        text,
-        id=f"{path.relative_to(PACKAGE)}-{name}",
-        marks=pytest.mark.slow if path.stem in SLOW else (),
-    )
+    (path, name, text)
     for path in sorted(PACKAGE.rglob("*.py"))
     for name, text in examples(path.read_text(encoding="utf-8")).items()
 ]
 
 
-@pytest.mark.parametrize(("path", "name", "text"), FOUND)
-def test_example(path, name, text, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    problem = run(f"{path.name}:{name}", text)
-    assert not problem, problem
+def rooms(*, slow: bool) -> list[str]:
+    """Rooms that have examples of this kind."""
+    return sorted({room_of(path) for path, *_ in FOUND if (path.stem in SLOW) is slow})
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0]
+
+
+@pytest.mark.parametrize(
+    ("room", "slow"),
+    [(room, False) for room in rooms(slow=False)]
+    + [pytest.param(room, True, marks=pytest.mark.slow) for room in rooms(slow=True)],
+)
+def test_the_examples_of_a_room(room, slow, tmp_path, monkeypatch):
+    problems = []
+    for number, (path, name, text) in enumerate(FOUND):
+        if room_of(path) == room and (path.stem in SLOW) is slow:
+            (tmp_path / str(number)).mkdir()
+            monkeypatch.chdir(tmp_path / str(number))
+            problems.append(run(f"{path.name}:{name}", text))
+    assert problems and "".join(problems) == ""
 
 
 def test_public_kinematics_have_examples():
-    named = {str(parameter.values[1]) for parameter in FOUND}
+    named = {name for _, name, _ in FOUND}
     assert {"transmission_error-1", "exact_backlash-1", "GearPair-1", "BacklashMap-1"} <= named
 
 
@@ -90,18 +101,15 @@ def area(r):
 '''
 
 
-@pytest.mark.parametrize(
-    ("line", "want", "words"),
-    [
+def test_the_runner_sees_what_is_wrong():
+    for line, want, words in (
         ("1 + 1", "2", ""),
         ("1 + 1", "3", "Expected:"),
         ("1 / 0", "0", "ZeroDivisionError"),
         ("1 + 1", "", "Got:"),
         ("None", "", "prints nothing to compare"),
-    ],
-)
-def test_the_runner_sees_what_is_wrong(line, want, words):
-    found = examples(SOURCE.format(line=line, want=want))
-    assert list(found) == ["area-1"]
-    problem = run("area", found["area-1"])
-    assert words in problem and bool(words) == bool(problem)
+    ):
+        found = examples(SOURCE.format(line=line, want=want))
+        assert list(found) == ["area-1"]
+        problem = run("area", found["area-1"])
+        assert words in problem and bool(words) == bool(problem)

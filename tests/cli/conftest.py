@@ -1,4 +1,5 @@
 import json
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -46,6 +47,24 @@ def run_folder(rig_folder, tmp_path_factory) -> Iterator[Path]:
     out = tmp_path_factory.mktemp("fitted") / "run"
     log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
     assert main(["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]) == 0
+    yield from _shared(out)
+
+
+@pytest.fixture(scope="session")
+def one_flank_folder(rig_folder, tmp_path_factory) -> Iterator[Path]:
+    """Run folder with a fit of flank A alone, which determines no constant backlash."""
+    out = tmp_path_factory.mktemp("one_flank") / "run"
+    log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
+    arguments = ["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]
+    assert main([*arguments, "--flank", "A"]) == 0
+    yield from _shared(out)
+
+
+@pytest.fixture(scope="session")
+def sampled_folder(run_folder, tmp_path_factory) -> Iterator[Path]:
+    """A copy of `run_folder` with draws, too few to converge."""
+    out = Path(shutil.copytree(run_folder, tmp_path_factory.mktemp("sampled") / "run"))
+    assert main(["sample", "--out", str(out), "--steps", "60", "--no-figures"]) == 5
     yield from _shared(out)
 
 

@@ -2,17 +2,11 @@ import csv
 import json
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 
 import vttig_jax
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
-from vttig_jax.base.files.json_io import dumps, load_schema
-from vttig_jax.cli.verbs.gears.contact import contact_record, contact_text
-from vttig_jax.geometry.backlash import gap_report
-from vttig_jax.geometry.contact import contact_model
-from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_pair
 from vttig_jax.runs.maps import fitted_rig
@@ -71,23 +65,20 @@ def test_true_gears_touch_along_lines_everywhere(vttig, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
+def test_every_option_changes_the_backlash(vttig_json):
+    for option in (
         ("--axial-mm", "0.3"),
         ("--centre-distance-mm", "125.2"),
         ("--inclination-urad", "200"),
         ("--deviation-urad", "200"),
-    ],
-)
-def test_every_option_changes_the_backlash(vttig_json, option):
-    _, plain = vttig_json("contact", PAPER, *SHORT, "-q")
-    code, moved = vttig_json("contact", PAPER, *SHORT, *option, "-q")
-    difference = moved["smallest"]["backlash_deg"] - plain["smallest"]["backlash_deg"]
-    assert code == 0 and abs(difference) > 1e-4
-    tilted = option[0].endswith("urad")
-    assert moved["flanks"]["A"]["largest_misfit_deg"] > 1e-4 or not tilted
-    assert any("point" in kind for kind in moved["flanks"]["A"]["kinds"]) == tilted
+    ):
+        _, plain = vttig_json("contact", PAPER, *SHORT, "-q")
+        code, moved = vttig_json("contact", PAPER, *SHORT, *option, "-q")
+        difference = moved["smallest"]["backlash_deg"] - plain["smallest"]["backlash_deg"]
+        assert code == 0 and abs(difference) > 1e-4
+        tilted = option[0].endswith("urad")
+        assert moved["flanks"]["A"]["largest_misfit_deg"] > 1e-4 or not tilted
+        assert any("point" in kind for kind in moved["flanks"]["A"]["kinds"]) == tilted
 
 
 MAP = ["gear,flank,roll_mm,z_mm,deviation_um"]
@@ -149,27 +140,6 @@ def test_where_only_part_of_a_turn_has_contact(vttig, vttig_json, tmp_path):
     assert code == 0 and f"undefined  at {missing} of 9 angles: no tooth in reach" in text
 
 
-def test_where_nothing_touches_numbers_are_null():
-    """As strict JSON needs it."""
-    pair = paper_pair()
-    model = contact_model(pair, Eccentricities(axial_mm=21.0), sections=9)
-    flanks = {flank: contact_at(model, np.zeros(2), flank) for flank in ("A", "B")}
-    said = dict.fromkeys(("rig", "deviations", "pitch"))
-    said |= {"source": "pair.toml", "span_turns": 1.0, "step_deg": 180.0}
-    gap = gap_report(pair)
-    record = contact_record(pair, said, flanks, gap, None)
-    plain = json.loads(dumps(record))
-    jsonschema.validate(plain, load_schema("vttig.contact/1"))
-    assert plain["smallest"] == plain["largest"] == {"backlash_deg": None, "driving_deg": None}
-    assert plain["rows_with_backlash"] == 0 and plain["flanks"]["A"]["kinds"] == {"nothing": 2}
-    assert "undefined  at 2 of 2 angles" in contact_text(flanks, record, gap, None, None)
-
-
-def test_help_says_what_the_files_hold(vttig):
-    text = "".join(vttig("contact", "--help")[1].split())
-    assert "gear,flank,roll_mm,z_mm,deviation_um" in text and "gear,flank,tooth,deviation" in text
-
-
 def test_teeth_that_interfere_are_named(vttig):
     _, closed, _ = vttig("contact", PAPER, *SHORT, "--axial-mm", "2")
     assert closed.count("where the teeth interfere") == 2
@@ -184,9 +154,8 @@ def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_pa
     assert {path.name for path in tmp_path.iterdir()} == {"contact.csv"}
 
 
-@pytest.mark.parametrize(
-    ("text", "options", "code", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, tmp_path):
+    for text, options, code, words in (
         (DRIVE, (), 3, "a drive without gears has no teeth to touch"),
         (CONTRACT, ("--axial-mm", "30"), 2, "--axial-mm: 30 mm leaves the faces of the gears no"),
         (CONTRACT, ("--step-deg", "400"), 2, "--step-deg"),
@@ -198,10 +167,8 @@ def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_pa
         (CONTRACT, ("--pitch", "nowhere.csv"), 3, "nowhere.csv: no such file"),
         (CONTRACT, ("--rig", "nowhere"), 2, "no such run"),
         (MINIMAL, ("--deviation-urad", "100"), 3, "face_width_mm: the face width is missing"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, tmp_path, text, options, code, words):
-    path = tmp_path / "pair.toml"
-    path.write_text(text)
-    got, out, err = vttig("contact", path, *SHORT, *options)
-    assert (got, out) == (code, "") and words in err and err.count("\n") == 1
+    ):
+        path = tmp_path / "pair.toml"
+        path.write_text(text)
+        got, out, err = vttig("contact", path, *SHORT, *options)
+        assert (got, out) == (code, "") and words in err and err.count("\n") == 1

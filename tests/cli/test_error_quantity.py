@@ -296,9 +296,8 @@ def test_the_shift_comes_first_where_there_is_one(vttig, vttig_json, run_folder,
     assert exported.dtype.names == shift.dtype.names
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
+def test_what_the_error_has_no_use_for_is_refused(vttig, both, monkeypatch):
+    for arguments in (
         ("map", "run", "--quantity", "error", "--closing-mm", "1"),
         ("map", "run", "--quantity", "error", "--constant-backlash-deg", "0.1"),
         ("map", "run", "--quantity", "errors"),
@@ -306,10 +305,8 @@ def test_the_shift_comes_first_where_there_is_one(vttig, vttig_json, run_folder,
         ("export", "run", "--quantity", "error", "--out", "x.json", "--tolerance-arcsec", "9"),
         ("export", "run", "--quantity", "error", "--out", "x.csv", "--constant-backlash-deg", "1"),
         ("export", "run", "--quantity", "error", "--out", "x.csv", "--step-deg", "0.001"),
-    ],
-)
-def test_what_the_error_has_no_use_for_is_refused(vttig, both, monkeypatch, arguments):
-    monkeypatch.chdir(both.parent)
-    code, out, err = vttig(*arguments)
-    assert (code, out) == (2, "") and err.count("\n") == 1
-    assert not list(both.parent.glob("x.*"))
+    ):
+        monkeypatch.chdir(both.parent)
+        code, out, err = vttig(*arguments)
+        assert (code, out) == (2, "") and err.count("\n") == 1
+        assert not list(both.parent.glob("x.*"))

@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import jsonschema
 import numpy as np
@@ -126,9 +127,8 @@ def test_names_come_from_the_pair_and_files_repeat(vttig, run_folder, tmp_path):
     assert text == (tmp_path / "two.h").read_text()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
+    for arguments, words in (
         (["export", "run"], "Missing option '--out'"),
         (["export", "run", "--out", "x.txt"], "writes .csv, .json or .h"),
         (["export", "run", "--out", "run/fit.json"], "already exists"),
@@ -142,14 +142,12 @@ def test_names_come_from_the_pair_and_files_repeat(vttig, run_folder, tmp_path):
         (["export", "run", "--out", "x.h", "--accuracy-arcsec", "-1"], "--accuracy-arcsec"),
         (["export", "run", "--out", "x.h", "--tolerance-arcsec", "nan"], "finite number"),
         (["export", "nothing", "--out", "x.h"], "vttig fit LOG"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch, arguments, words):
-    monkeypatch.chdir(run_folder.parent)
-    code, out, err = vttig(*arguments)
-    assert (code, out) == (2, "")
-    assert words in err and err.count("\n") == 1
-    assert not list(run_folder.parent.glob("x.*"))
+    ):
+        monkeypatch.chdir(run_folder.parent)
+        code, out, err = vttig(*arguments)
+        assert (code, out) == (2, "")
+        assert words in err and err.count("\n") == 1
+        assert not list(run_folder.parent.glob("x.*"))
 
 
 @pytest.mark.portable
@@ -168,15 +166,11 @@ def test_overwrite_replaces(vttig, run_folder, tmp_path):
     assert len(path.read_text()) > 1000
 
 
-def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tmp_path):
-    run, pair = tmp_path / "run", rig_folder / "pair.toml"
-    fitted = ["fit", rig_folder / "log.csv", "--pair", pair, "--flank", "B", "--out", run]
-    assert vttig(*fitted, "--no-figures")[0] == 0
-    code, _, err = vttig("export", run, "--out", tmp_path / "x.h")
+def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, one_flank_folder, tmp_path):
+    export = ("export", one_flank_folder, "--out", tmp_path / "x.h")
+    code, _, err = vttig(*export)
     assert code == 4 and "--constant-backlash-deg" in err
-    code, record = vttig_json(
-        "export", run, "--out", tmp_path / "x.h", "--constant-backlash-deg", "0.038"
-    )
+    code, record = vttig_json(*export, "--constant-backlash-deg", "0.038")
     assert code == 0
     assert record["conditional_on"] == ["perfect_encoders"]
     assert "perfect_encoders" in (tmp_path / "x.h").read_text()
@@ -207,10 +201,7 @@ def test_a_drive_has_a_backlash_and_no_shift(vttig, vttig_json, tmp_path):
 
 
 def test_a_curve_in_place_of_the_driven_channel_has_no_header(vttig, run_folder, tmp_path):
-    run = tmp_path / "run"
-    run.mkdir()
-    for name in ("run.toml", "summary.npz", "fit.json"):
-        (run / name).write_bytes((run_folder / name).read_bytes())
+    run = shutil.copytree(run_folder, tmp_path / "run")
     record = json.loads((run / "fit.json").read_text())
     record["zero_readings"]["driven"] = None
     (run / "fit.json").write_text(json.dumps(record))

@@ -80,13 +80,13 @@ def test_the_bound_of_the_delay_is_an_option(folder, vttig_json):
     assert "backlash_plus_delay_deg" not in given["parameters"]
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "soon", "1e9"])
-def test_a_bound_that_is_none_is_refused(folder, vttig, value):
-    code, _, err = vttig(
-        "fit", folder / "steady.csv", "--pair", folder / "half.toml", "--delay-within", value
-    )
-    assert code == 2
-    assert "--delay-within" in err
+def test_a_bound_that_is_none_is_refused(folder, vttig):
+    for value in ("0", "-1", "soon", "1e9", "2min"):
+        code, _, err = vttig(
+            "fit", folder / "steady.csv", "--pair", folder / "half.toml", "--delay-within", value
+        )
+        assert code == 2
+        assert "--delay-within" in err
 
 
 def test_a_map_for_a_controller_needs_a_bound_of_the_delay(folder, vttig, tmp_path):
@@ -117,17 +117,11 @@ def test_a_map_for_a_controller_needs_a_bound_of_the_delay(folder, vttig, tmp_pa
     assert f"between {gap['low95']:.6g}" in " ".join(header.read_text().split())
 
 
-@pytest.mark.parametrize("value", ["2ms", "0.002s", "2000us", "2"])
-def test_a_bound_of_the_delay_may_have_a_unit(folder, vttig_json, value):
-    files = (folder / "steady.csv", "--pair", folder / "half.toml")
-    _, record = vttig_json("fit", *files, "--delay-within", value)
-    assert record["conditional_on"] == ["delay_within_2_ms"]
-
-
-def test_a_bound_with_a_wrong_unit_names_the_right_ones(folder, vttig):
-    files = (folder / "steady.csv", "--pair", folder / "half.toml")
-    code, _, err = vttig("fit", *files, "--delay-within", "2min")
-    assert code == 2 and "milliseconds" in err and "0.5ms" in err
+def test_a_bound_of_the_delay_may_have_a_unit(folder, vttig_json):
+    for value in ("2ms", "0.002s", "2000us", "2"):
+        files = (folder / "steady.csv", "--pair", folder / "half.toml")
+        _, record = vttig_json("fit", *files, "--delay-within", value)
+        assert record["conditional_on"] == ["delay_within_2_ms"]
 
 
 def test_an_export_names_all_that_is_in_the_way(folder, vttig, tmp_path):

@@ -101,19 +101,16 @@ def test_no_fitted_log_is_no_answer(vttig, rigs, tmp_path):
     assert len(pq.read_table(out / "fits.parquet")) == 2
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "words"),
-    [
+def test_refusals(vttig, command):
+    for options, code, words in (
         (["--resume"], 2, "for the folder of --out"),
         (["--out", "x", "--resume", "--overwrite"], 2, "exclude each other"),
         (["--delay", "free"], 2, "--delay"),
         (["--dask", "tcp://127.0.0.1:1"], 2, "--jobs and --dask exclude each other"),
         (["--jobs", "0"], 2, "--jobs"),
-    ],
-)
-def test_refusals(vttig, command, options, code, words):
-    found, out, err = vttig(*command, *options)
-    assert (found, out) == (code, "") and words in err and err.count("\n") == 1
+    ):
+        found, out, err = vttig(*command, *options)
+        assert (found, out) == (code, "") and words in err and err.count("\n") == 1
 
 
 def test_a_scheduler_that_does_not_answer_is_named(vttig, command, monkeypatch):

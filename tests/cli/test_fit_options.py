@@ -186,9 +186,8 @@ def test_zeros_that_are_not_the_same_are_refused(folder, vttig, monkeypatch):
     assert code == 3 and "not with the same zero" in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_options_that_cannot_be_followed(folder, vttig, monkeypatch):
+    for arguments, words in (
         (["late.csv", "--delay", "soon"], "neither auto, off nor a number of seconds"),
         (["late.csv", "--delay", "1.5"], "within ±1"),
         (["late.csv", "--delay", "1500ms"], "such as 0.5ms, within ±1 s"),
@@ -206,25 +205,23 @@ def test_zeros_that_are_not_the_same_are_refused(folder, vttig, monkeypatch):
         (["late.csv", "--column", "driving=driving_deg", "--column", "driving=x"], "named twice"),
         (["late.csv", "--column", "load=torque_nm"], "ROLE=NAME"),
         (["late.csv", "--require", "load"], "no such parameter"),
-    ],
-)
-def test_options_that_cannot_be_followed(folder, vttig, monkeypatch, arguments, words):
-    monkeypatch.chdir(folder)
-    (folder / "copy.csv").write_bytes((folder / "late.csv").read_bytes())
-    code, out, err = vttig("fit", *arguments, "--pair", "pair.toml")
-    assert (code, out) == (2, "")
-    assert words in err
-    assert err.count("\n") == 1
-    assert "defect" not in err
+    ):
+        monkeypatch.chdir(folder)
+        (folder / "copy.csv").write_bytes((folder / "late.csv").read_bytes())
+        code, out, err = vttig("fit", *arguments, "--pair", "pair.toml")
+        assert (code, out) == (2, "")
+        assert words in err
+        assert err.count("\n") == 1
+        assert "defect" not in err
 
 
-@pytest.mark.parametrize("name", REMOVED)
-def test_options_of_older_versions_say_what_takes_their_place(folder, vttig, monkeypatch, name):
-    monkeypatch.chdir(folder)
-    default, instead = REMOVED[name]
-    option = ["--" + name.replace("_", "-"), *([] if default is False else ["1"])]
-    code, out, err = vttig("fit", "late.csv", *option, "--pair", "pair.toml")
-    assert (code, out) == (2, "") and instead in err
+def test_options_of_older_versions_say_what_takes_their_place(folder, vttig, monkeypatch):
+    for name in REMOVED:
+        monkeypatch.chdir(folder)
+        default, instead = REMOVED[name]
+        option = ["--" + name.replace("_", "-"), *([] if default is False else ["1"])]
+        code, out, err = vttig("fit", "late.csv", *option, "--pair", "pair.toml")
+        assert (code, out) == (2, "") and instead in err
 
 
 def test_a_regressor_can_be_required(fitted, vttig):

@@ -1,9 +1,11 @@
 """Help in groups, and completion by the shell."""
 
+import re
 import shlex
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -19,19 +21,21 @@ def test_every_verb_is_in_one_group(capsys):
     assert all(f"{title}:" in out for title in GROUPS)
 
 
-@pytest.mark.parametrize("verb", ["fit", "inspect", "map"])
-def test_every_option_is_listed_once(capsys, verb):
-    from importlib import import_module
-
-    command = import_module(f"vttig_jax.cli.verbs.{verb}").command
-    assert main([verb, "--help"]) == 0
-    out = capsys.readouterr().out
-    lines = [line.split()[0].rstrip(",") for line in out.splitlines() if line.startswith("  -")]
-    shown = [one for one in command.params if not getattr(one, "hidden", False)]
-    first = [one.opts[0] for one in shown if one.opts[0].startswith("-")]
-    assert sorted(lines) == sorted([*first, "-h"])
-    names = {one.name for one in command.params}
-    assert {name for group in command.groups.values() for name in group} <= names
+def test_every_verb_has_an_example_and_lists_every_option_once(capsys):
+    for verb, (place, _) in VERBS.items():
+        module, _, name = place.partition(":")
+        command = getattr(import_module(module), name)
+        assert main([verb, "--help"]) == 0
+        out = capsys.readouterr().out
+        assert re.search(rf"^ +vttig {verb}\b", out, re.MULTILINE), verb
+        titles = (f"\n{title}:" for title in (*command.groups, "Options"))
+        listed = out[min(out.index(title) for title in titles if title in out) :].splitlines()
+        lines = [line.split()[0].rstrip(",") for line in listed if line.startswith("  -")]
+        shown = [one for one in command.params if not getattr(one, "hidden", False)]
+        first = [one.opts[0] for one in shown if one.opts[0].startswith("-")]
+        assert sorted(lines) == sorted([*first, "-h"]), verb
+        names = {one.name for one in command.params}
+        assert {name for group in command.groups.values() for name in group} <= names
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -46,21 +50,18 @@ def test_completion_script(capsys, monkeypatch, shell):
         subprocess.run(["bash", "-n"], input=script, text=True, check=True)
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
+def test_completion_answers(capsys, monkeypatch):
+    for words, expected in (
         ("vttig in", "inspect"),
         ("vttig fit --rat", "--ratio"),
         ("vttig fit --unit co", "counts"),
         ("vttig fit --unit time=m", "time=ms"),
-    ],
-)
-def test_completion_answers(capsys, monkeypatch, words, expected):
-    monkeypatch.setenv("_VTTIG_COMPLETE", "bash_complete")
-    monkeypatch.setenv("COMP_WORDS", words)
-    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
-    assert main([]) == 0
-    assert expected in capsys.readouterr().out
+    ):
+        monkeypatch.setenv("_VTTIG_COMPLETE", "bash_complete")
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+        assert main([]) == 0
+        assert expected in capsys.readouterr().out
 
 
 LOG = "t [s];Motor Winkel [°];load_deg;x;x\n" + "".join(
@@ -68,7 +69,6 @@ LOG = "t [s];Motor Winkel [°];load_deg;x;x\n" + "".join(
 )
 
 
-@pytest.mark.parametrize("verb", ["fit", "inspect", "sample", "fit-many"])
 @pytest.mark.parametrize(
     ("typed", "found"),
     [
@@ -78,16 +78,16 @@ LOG = "t [s];Motor Winkel [°];load_deg;x;x\n" + "".join(
         (["driven=none"], []),
     ],
 )
-def test_columns_of_the_log_are_completed(tmp_path, capsys, monkeypatch, verb, typed, found):
+def test_columns_of_the_log_are_completed(tmp_path, capsys, monkeypatch, typed, found):
     log = tmp_path / "a log.csv"
     log.write_text(LOG)
-    words = ["vttig", verb, str(log).replace(" ", "\\ "), "--column", *typed]
     monkeypatch.setenv("_VTTIG_COMPLETE", "zsh_complete")
-    monkeypatch.setenv("COMP_WORDS", " ".join(words))
     monkeypatch.setenv("COMP_CWORD", "4")
-    assert main([]) == 0
-    values = capsys.readouterr().out.splitlines()[1::3]
-    assert values == found
+    for verb in ("fit", "inspect", "sample", "fit-many"):
+        words = ["vttig", verb, str(log).replace(" ", "\\ "), "--column", *typed]
+        monkeypatch.setenv("COMP_WORDS", " ".join(words))
+        assert main([]) == 0
+        assert capsys.readouterr().out.splitlines()[1::3] == found
 
 
 @pytest.mark.parametrize("name", ["missing.csv", "empty.csv", "noise.csv"])
@@ -101,30 +101,36 @@ def test_a_log_that_cannot_be_read_completes_nothing(tmp_path, capsys, monkeypat
     assert capsys.readouterr() == ("\n", "")
 
 
-@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
-@pytest.mark.parametrize(
-    ("words", "replies"),
-    [
-        (["--column", "driving", "="], ["t\\ \\[s\\]", "Motor\\ Winkel\\ \\[°\\]"]),
-        (["--column", "driving", "=", "Mo"], ["Motor\\ Winkel\\ \\[°\\]"]),
-        (["--column", "time", "=", "t", "--column", "driven", "=", "lo"], ["load_deg"]),
-        (["--column", "=", "driven", "=", "lo"], ["load_deg"]),
-        (["--unit", "time", "=", "m"], ["ms"]),
-        (["--ratio", "64", ":", "23", "--column", "driven", "=", "lo"], ["load_deg"]),
-    ],
+DIVIDED = (
+    (["--column", "driving", "="], ["t\\ \\[s\\]", "Motor\\ Winkel\\ \\[°\\]"]),
+    (
+        ["--column", "time", "=", "t", "--column", "driving", "=", "Mo"],
+        ["Motor\\ Winkel\\ \\[°\\]"],
+    ),
+    (["--column", "=", "driven", "=", "lo"], ["load_deg"]),
+    (["--ratio", "64", ":", "23", "--unit", "time", "=", "m"], ["ms"]),
 )
-def test_bash_divides_words_at_equals_signs(tmp_path, monkeypatch, words, replies):
+"""Words before the cursor as Bash divides them, and the first replies."""
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
+def test_bash_divides_words_at_equals_signs(tmp_path):
     """Bash gives `driving=Mo` as three words, and replaces only the last by the reply."""
     log = tmp_path / "log.csv"
     log.write_text(LOG)
     vttig = Path(sys.executable).with_name("vttig")
     if not vttig.exists():
         pytest.skip("the command is not installed beside python")
-    line = shlex.join(["vttig", "fit", str(log), *words])
-    script = (
-        f'eval "$(_VTTIG_COMPLETE=bash_source {shlex.quote(str(vttig))})"; compopt() {{ :; }}\n'
-        f"COMP_WORDS=({line}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); COMPREPLY=()\n"
-        f"_vttig_completion {shlex.quote(str(vttig))}; printf '%s\\n' \"${{COMPREPLY[@]}}\""
-    )
+    command = shlex.quote(str(vttig))
+    script = f'eval "$(_VTTIG_COMPLETE=bash_source {command})"; compopt() {{ :; }}\n'
+    for words, _ in DIVIDED:
+        script += (
+            f"COMP_WORDS=({shlex.join(['vttig', 'fit', str(log), *words])}); COMPREPLY=()\n"
+            "COMP_CWORD=$((${#COMP_WORDS[@]} - 1))\n"
+            f"_vttig_completion {command}; printf '%s\\n' \"${{COMPREPLY[@]}}\" --\n"
+        )
     found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
-    assert found.stdout.splitlines()[: len(replies)] == replies and not found.stderr
+    printed = [text.split("\n") for text in found.stdout.split("--\n")[:-1]]
+    assert not found.stderr
+    for replies, (_, expected) in zip(printed, DIVIDED, strict=True):
+        assert replies[: len(expected)] == expected

@@ -20,29 +20,24 @@ def within_turn(counts: float) -> int:
     return int(counts) % COUNTS
 
 
-@pytest.mark.parametrize("share", [0.02, 0.13, 0.31, 0.42, 0.55, 0.78, 0.97])
-def test_every_moment_of_the_log_is_found_from_readings_within_a_turn(
-    vttig_json, run_folder, log, share
-):
-    row = log[int(share * len(log))]
-    driving, driven = row["driving_counts"], row["driven_counts"]
-    turned = (driving - log["driving_counts"][0]) / COUNTS
-    code, record = vttig_json(
-        "locate",
-        run_folder,
-        "--driving-counts",
-        within_turn(driving),
-        "--driven-counts",
-        within_turn(driven),
-    )
-    assert code == 0
-    assert record["turn"] == int(turned // 1)
-    assert record["driving_deg"] == pytest.approx(360 * turned, abs=1e-6)
-    assert record["probability"] > 0.999999 > record["runner_up"]["probability"]
-    degrees = [f"{within_turn(counts) * 360 / COUNTS:.3f}" for counts in (driving, driven)]
-    code, other = vttig_json(
-        "locate", run_folder, "--driving-deg", degrees[0], "--driven-deg", degrees[1]
-    )
+def test_every_moment_of_the_log_is_found_from_readings_within_a_turn(vttig_json, run_folder, log):
+    for share in (0.02, 0.31, 0.55, 0.97):
+        row = log[int(share * len(log))]
+        driving, driven = row["driving_counts"], row["driven_counts"]
+        counts = {"driving": within_turn(driving), "driven": within_turn(driven)}
+        turned = (driving - log["driving_counts"][0]) / COUNTS
+        options = [part for one in counts.items() for part in (f"--{one[0]}-counts", one[1])]
+        code, record = vttig_json("locate", run_folder, *options)
+        assert code == 0
+        assert record["turn"] == int(turned // 1)
+        assert record["driving_deg"] == pytest.approx(360 * turned, abs=1e-6)
+        assert record["probability"] > 0.999999 > record["runner_up"]["probability"]
+    degrees = [
+        part
+        for shaft, value in counts.items()
+        for part in (f"--{shaft}-deg", f"{value * 360 / COUNTS:.3f}")
+    ]
+    code, other = vttig_json("locate", run_folder, *degrees)
     assert code == 0
     assert other["driving_deg"] == pytest.approx(record["driving_deg"], abs=1e-6)
     assert other["std_arcsec"] < record["std_arcsec"]  # a count is 14″, a thousandth of 1° is 3.6″
@@ -128,9 +123,8 @@ def test_foreign_readings_and_doubtful_turns_are_no_answer(vttig, run_folder, lo
     assert code == 4 and "--flank" not in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
+    for arguments, words in (
         (["locate", "run"], "give one of --driving-deg and --driving-counts"),
         (["locate", "run", "--driving-deg", "1"], "give one of --driven-deg and --driven-counts"),
         (
@@ -148,30 +142,20 @@ def test_foreign_readings_and_doubtful_turns_are_no_answer(vttig, run_folder, lo
         ),
         (["locate", "run", "--certainty", "1"], "--certainty"),
         (["locate", "nothing", "--driving-deg", "1", "--driven-deg", "1"], "vttig fit LOG"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch, arguments, words):
-    monkeypatch.chdir(run_folder.parent)
-    code, out, err = vttig(*arguments)
-    assert (code, out) == (2, "")
-    assert words in err and err.count("\n") == 1
+    ):
+        monkeypatch.chdir(run_folder.parent)
+        code, out, err = vttig(*arguments)
+        assert (code, out) == (2, "")
+        assert words in err and err.count("\n") == 1
 
 
-def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tmp_path, log):
-    run = tmp_path / "run"
-    pair = rig_folder / "pair.toml"
-    fitted = ["fit", rig_folder / "log.csv", "--pair", pair, "--flank", "A", "--out", run]
-    assert vttig(*fitted, "--no-figures")[0] == 0
+def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, one_flank_folder, log):
     row = log[20_000]
-    arguments = [
-        "--driving-counts",
-        within_turn(row["driving_counts"]),
-        "--driven-counts",
-        within_turn(row["driven_counts"]),
-    ]
-    code, _, err = vttig("locate", run, *arguments)
+    driving, driven = (within_turn(row[f"{shaft}_counts"]) for shaft in ("driving", "driven"))
+    arguments = ("locate", one_flank_folder, "--driving-counts", driving, "--driven-counts", driven)
+    code, _, err = vttig(*arguments)
     assert code == 4 and "--constant-backlash-deg" in err
-    code, record = vttig_json("locate", run, *arguments, "--constant-backlash-deg", "0.038")
+    code, record = vttig_json(*arguments, "--constant-backlash-deg", "0.038")
     assert code == 0
     assert record["conditional_on"] == ["perfect_encoders"]
     turned = (row["driving_counts"] - log["driving_counts"][0]) / COUNTS
@@ -214,20 +198,16 @@ def located(vttig_json, run, driving, driven, row):
     return record
 
 
-@pytest.mark.parametrize("row", [200, 300, 400])
-def test_a_fit_from_the_first_sample_takes_its_reading_off(vttig, vttig_json, tmp_path, row):
-    run, driving, driven = fitted_drive(vttig, tmp_path, start_deg=37.0)
-    record = located(vttig_json, run, driving, driven, row)
-    assert record["zero"] == "start"
-    assert record["driving_deg"] == pytest.approx((driving[row] - driving[0]) % 720, abs=1e-4)
-
-
-@pytest.mark.parametrize("row", [200, 300])
-def test_a_fit_from_the_reading_zero_takes_nothing_off(vttig, vttig_json, tmp_path, row):
-    run, driving, driven = fitted_drive(vttig, tmp_path, start_deg=37.0, layout='zero = "reading"')
-    record = located(vttig_json, run, driving, driven, row)
-    assert record["zero"] == "reading"
-    assert record["driving_deg"] == pytest.approx(driving[row] % 720, abs=1e-4)
+@pytest.mark.parametrize(("layout", "zero"), [("", "start"), ('zero = "reading"', "reading")])
+def test_a_fit_from_the_first_sample_takes_its_reading_off(
+    vttig, vttig_json, tmp_path, layout, zero
+):
+    run, driving, driven = fitted_drive(vttig, tmp_path, start_deg=37.0, layout=layout)
+    off = driving[0] if zero == "start" else 0.0
+    for row in (200, 300, 400):
+        record = located(vttig_json, run, driving, driven, row)
+        assert record["zero"] == zero
+        assert record["driving_deg"] == pytest.approx((driving[row] - off) % 720, abs=1e-4)
 
 
 def test_the_unit_of_the_first_reading_is_asked_of_names_then_of_the_log(

@@ -114,23 +114,23 @@ ENDS = [
 ]
 
 
-@pytest.mark.parametrize("late", [[], ["--late"]])
-@pytest.mark.parametrize(("kind", "code", "where", "message"), ENDS)
-def test_a_failure_is_one_sentence_and_one_object(capsys, kind, code, where, message, late):
-    sentence = f"error: {where}: {message}\n" if where else f"error: {message}\n"
-    assert main(["toy", "3", "-q", "--kind", kind, *late]) == code
-    assert capsys.readouterr() == ("twice: 6″\n" if late else "", sentence)
-    assert main(["toy", "3", "-q", "--kind", kind, "--json", *late]) == code
-    out, err = capsys.readouterr()
-    assert err == sentence
-    failure = only_object(out)
-    jsonschema.validate(failure, load_schema("vttig.error/1"))
-    assert failure == {
-        "schema": "vttig.error/1",
-        "exit": code,
-        "message": message,
-        "where": where,
-    }
+def test_a_failure_is_one_sentence_and_one_object(capsys):
+    for late in ([], ["--late"]):
+        for kind, code, where, message in ENDS:
+            sentence = f"error: {where}: {message}\n" if where else f"error: {message}\n"
+            assert main(["toy", "3", "-q", "--kind", kind, *late]) == code
+            assert capsys.readouterr() == ("twice: 6″\n" if late else "", sentence)
+            assert main(["toy", "3", "-q", "--kind", kind, "--json", *late]) == code
+            out, err = capsys.readouterr()
+            assert err == sentence
+            failure = only_object(out)
+            jsonschema.validate(failure, load_schema("vttig.error/1"))
+            assert failure == {
+                "schema": "vttig.error/1",
+                "exit": code,
+                "message": message,
+                "where": where,
+            }
 
 
 def test_a_defect_is_one_sentence_with_the_traceback_in_the_log_file(capsys, tmp_path):
@@ -160,19 +160,19 @@ USAGES = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "command", "seen"), USAGES)
-def test_wrong_usage_is_exit_2_with_the_command_to_ask(capsys, arguments, command, seen):
-    assert main(arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.startswith(f"error: {command}: ")
-    assert seen in err
-    assert err.endswith(f"`{command} --help`.\n")
-    assert err.count("\n") == 1
-    assert main([*arguments, "--json"]) == 2
-    failure = only_object(capsys.readouterr().out)
-    jsonschema.validate(failure, load_schema("vttig.error/1"))
-    assert failure["exit"] == 2
+def test_wrong_usage_is_exit_2_with_the_command_to_ask(capsys):
+    for arguments, command, seen in USAGES:
+        assert main(arguments) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith(f"error: {command}: ")
+        assert seen in err
+        assert err.endswith(f"`{command} --help`.\n")
+        assert err.count("\n") == 1
+        assert main([*arguments, "--json"]) == 2
+        failure = only_object(capsys.readouterr().out)
+        jsonschema.validate(failure, load_schema("vttig.error/1"))
+        assert failure["exit"] == 2
 
 
 def test_json_behind_two_dashes_is_a_name_and_not_the_option(capsys):
@@ -180,18 +180,15 @@ def test_json_behind_two_dashes_is_a_name_and_not_the_option(capsys):
     assert capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize(
-    ("options", "heard"),
-    [
+def test_verbosity(capsys):
+    for options, heard in (
         (["-q"], []),
         ([], ["warning: a toy"]),
         (["-v"], ["doubling 3", "warning: a toy"]),
         (["-vv"], ["details of 3", "doubling 3", "warning: a toy"]),
-    ],
-)
-def test_verbosity(capsys, options, heard):
-    assert main(["toy", "3", *options]) == 0
-    assert capsys.readouterr().err.splitlines() == heard
+    ):
+        assert main(["toy", "3", *options]) == 0
+        assert capsys.readouterr().err.splitlines() == heard
 
 
 def test_the_log_file_hears_everything_and_is_appended_to(tmp_path):

@@ -116,14 +116,11 @@ def test_a_span_beyond_any_memory_is_refused(vttig, run_folder):
     assert code == 2 and "rows" in err
 
 
-def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, rig_folder, tmp_path):
-    log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
-    out = tmp_path / "run"
-    vttig("fit", log, "--pair", pair, "--flank", "A", "--out", out, "--no-figures")
-    code, _, err = vttig("map", out)
+def test_one_flank_needs_the_constant_backlash(vttig, vttig_json, one_flank_folder):
+    code, _, err = vttig("map", one_flank_folder)
     assert code == 4
     assert "--constant-backlash-deg" in err
-    code, record = vttig_json("map", out, "--constant-backlash-deg", "0.038")
+    code, record = vttig_json("map", one_flank_folder, "--constant-backlash-deg", "0.038")
     assert code == 0
     assert record["conditional_on"] == ["perfect_encoders"]
 
@@ -142,9 +139,8 @@ def test_a_long_hunting_period_is_cut_and_said(vttig, run_folder):
     assert "--span-rev 16" in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
+    for arguments, code, words in (
         (["map", "nothing"], 2, "vttig fit LOG"),
         (["map", "run", "--step-deg", "0"], 2, "--step-deg"),
         (["map", "run", "--step-deg", "1e9"], 2, "--step-deg"),
@@ -152,14 +148,12 @@ def test_a_long_hunting_period_is_cut_and_said(vttig, run_folder):
         (["map", "run", "--span-rev", "inf"], 2, "not a finite number"),
         (["map", "run", "--constant-backlash-deg", "nan"], 2, "not a finite number"),
         (["map", "run", "--out", "run/fit.json"], 2, "already exists"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch, arguments, code, words):
-    monkeypatch.chdir(run_folder.parent)
-    found, out, err = vttig(*arguments)
-    assert found == code
-    assert out == ""
-    assert words in err
+    ):
+        monkeypatch.chdir(run_folder.parent)
+        found, out, err = vttig(*arguments)
+        assert found == code
+        assert out == ""
+        assert words in err
 
 
 def test_a_damaged_fit_is_refused(vttig, run_folder, tmp_path):

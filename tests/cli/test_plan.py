@@ -54,9 +54,8 @@ def test_prints_a_table_and_writes_nothing(vttig, pair, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == before
 
 
-@pytest.mark.parametrize(
-    "more",
-    [
+def test_every_option_of_the_run_changes_the_plan(planned):
+    for more in (
         ("--turns", 30),
         ("--rate-hz", 300),
         ("--noise-std-deg", 0.004),
@@ -68,11 +67,9 @@ def test_prints_a_table_and_writes_nothing(vttig, pair, tmp_path, monkeypatch):
         ("--directions", "backward"),
         ("--passes", 4),
         ("--ramp-s", 0.7),
-    ],
-)
-def test_every_option_of_the_run_changes_the_plan(planned, more):
-    plain, other = planned(), planned(*more)
-    assert other["parameters"][NAME]["std"] != plain["parameters"][NAME]["std"]
+    ):
+        plain, other = planned(), planned(*more)
+        assert other["parameters"][NAME]["std"] != plain["parameters"][NAME]["std"]
 
 
 def test_options_that_change_something_else(planned):
@@ -131,9 +128,8 @@ def test_the_rate_of_the_pair_file_is_the_default(vttig_json, pair):
     assert record["run"]["rate_hz"] == 300.0
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "words"),
-    [
+def test_bad_input_is_one_sentence(vttig, pair):
+    for options, code, words in (
         ("--turns 20 --rate-hz 200", 2, "--noise-std-deg"),
         ("--turns 20 --noise-std-deg 0.003", 2, "--rate-hz is missing"),
         ("--rate-hz 200 --noise-std-deg 0.003", 2, "--turns is missing"),
@@ -166,14 +162,12 @@ def test_the_rate_of_the_pair_file_is_the_default(vttig_json, pair):
             4,
             "one flank alone shows no gap",
         ),
-    ],
-)
-def test_bad_input_is_one_sentence(vttig, pair, options, code, words):
-    found, out, err = vttig("plan", "--pair", pair, *options.split())
-    assert found == code
-    assert words in err
-    assert out == ""
-    assert len(err.strip().splitlines()) == 1
+    ):
+        found, out, err = vttig("plan", "--pair", pair, *options.split())
+        assert found == code
+        assert words in err
+        assert out == ""
+        assert len(err.strip().splitlines()) == 1
 
 
 def test_a_missing_pair_file_is_invalid_input(vttig, tmp_path):

@@ -3,15 +3,14 @@ import re
 import tomllib
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 import tomli_w
 
 import vttig_jax
 from vttig_jax.base.errors import UsageError
-from vttig_jax.base.files.json_io import dumps, load_schema
-from vttig_jax.cli.verbs.simulate import _stride, _toml_value
+from vttig_jax.base.files.json_io import dumps
+from vttig_jax.cli.verbs.simulate import _stride
 from vttig_jax.control.scenario.defaults import default_toml
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.identify.backlash import contact_map
@@ -101,19 +100,6 @@ def test_the_page_shows_what_is_printed(vttig, tmp_path, monkeypatch):
     printed = section.partition("```\n\n```\n")[2].partition("\n```")[0]
     assert "jump" in printed
     assert vttig("simulate", "scenario.toml") == (0, f"{printed}\n", "")
-
-
-def test_the_schema_refuses_what_is_no_result(vttig_json, scenario):
-    _, record = vttig_json("simulate", scenario)
-    schema = load_schema("vttig.simulate/1")
-    metrics = record["metrics"]
-    for damaged in (
-        record | {"metrics": {**metrics, "outcome": "good"}},
-        record | {"metrics": {name: metrics[name] for name in metrics if name != "jump_deg"}},
-        {name: record[name] for name in record if name != "scenario"},
-    ):
-        with pytest.raises(jsonschema.ValidationError):
-            jsonschema.validate(damaged, schema)
 
 
 def test_settings_are_those_of_a_file(vttig_json, scenario):
@@ -265,35 +251,8 @@ def test_print_defaults_is_a_scenario_of_all_keys(vttig):
     assert vttig("simulate", "--print-defaults") == (0, default_toml(), "")
 
 
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("720", 720),
-        ("7.2e2", 720.0),
-        ("none", "none"),
-        ('"none"', "none"),
-        ("true", True),
-        ("[1, 2]", [1, 2]),
-        ("my motion.csv", "my motion.csv"),
-        ("../a.csv", "../a.csv"),
-        ("1,5", "1,5"),
-        ("9" * 5000, "9" * 5000),
-    ],
-)
-def test_a_value_is_toml_or_a_bare_word(text, value):
-    found = _toml_value(text)
-    assert found == value and type(found) is type(value)
-
-
-@pytest.mark.parametrize("text", ['"none', "[1, 2", "{a = 1", "1\nother = 2", "a\nb"])
-def test_what_is_neither_is_refused(text):
-    with pytest.raises(ValueError, match=r".+"):
-        _toml_value(text)
-
-
-@pytest.mark.parametrize(
-    ("periods", "every", "draws", "kept"),
-    [
+def test_one_run_serves_trace_and_figure():
+    for periods, every, draws, kept in (
         (5e3, 0, False, 0),
         (5e3, 0, True, 1),
         (5e3, 7, False, 7),
@@ -301,10 +260,8 @@ def test_what_is_neither_is_refused(text):
         (6e6, 0, True, 6),
         (6e6, 4, True, 2),
         (6e9, 600, False, 600),
-    ],
-)
-def test_one_run_serves_trace_and_figure(periods, every, draws, kept):
-    assert _stride(periods, every, draws) == kept
+    ):
+        assert _stride(periods, every, draws) == kept
 
 
 def test_a_trace_beyond_any_disk_is_refused():
@@ -312,9 +269,8 @@ def test_a_trace_beyond_any_disk_is_refused():
         _stride(6e9, 299, False)
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch):
+    for options, code, words in (
         ("", 2, "SCENARIO is missing; --print-defaults prints one"),
         ("none.toml", 3, "none.toml: no such file"),
         ("gears", 3, "gears: this folder holds neither run.toml"),
@@ -327,14 +283,11 @@ def test_a_trace_beyond_any_disk_is_refused():
         ("S --set seed=1.5", 2, "--set seed: expected a whole number"),
         ("S --set seed", 2, "'seed' is not of the form key=value"),
         ("S --set seed=", 2, "not of the form key=value"),
-        # The identifier is plain text: a worker of pytest-xdist cannot send lone surrogates.
-        pytest.param(
-            "S --set controller=\udced\udcff",
-            2,
-            "the value of 'controller' is not UTF-8",
-            id="set-not-utf-8",
-        ),
+        ("S --set controller=\udced\udcff", 2, "the value of 'controller' is not UTF-8"),
         ("S --set controller=[none", 2, "the value of 'controller' is no TOML"),
+        (f"S --set seed={'9' * 5000}", 2, "--set seed: expected a whole number"),
+        ("S --set seed=1\x00other=2", 2, "the value of 'seed' is no TOML"),
+        ("S --set controller={a=1", 2, "the value of 'controller' is no TOML"),
         ("S --set seed=1 --set seed=2", 2, "--set seed is given twice"),
         ("S --set pair=no.toml", 3, "pair: there is no file no.toml"),
         ("S --set motion.kind=recorded --set motion.file=no.csv", 3, "no.csv: no such file"),
@@ -345,41 +298,38 @@ def test_a_trace_beyond_any_disk_is_refused():
         ("S --trace trace.txt", 2, "choose a name that ends with .csv"),
         ("S --figure run.pdf", 2, "choose a name that ends with .png"),
         ("S --trace S/trace.csv", 3, "a file is in the way of this folder"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch, options, code, words):
-    monkeypatch.chdir(scenario.parent)
-    before = names(scenario.parent)
-    arguments = [part.replace("S", "scenario.toml") for part in options.split()]
-    found, out, err = vttig("simulate", *arguments)
-    assert found == code
-    assert words in err
-    assert len(err.strip().splitlines()) == 1
-    assert out == "" or json.loads(out)["exit"] == code
-    assert names(scenario.parent) == before
+    ):
+        monkeypatch.chdir(scenario.parent)
+        before = names(scenario.parent)
+        arguments = [
+            part.replace("S", "scenario.toml").replace("\x00", "\n") for part in options.split()
+        ]
+        found, out, err = vttig("simulate", *arguments)
+        assert found == code
+        assert words in err
+        assert len(err.strip().splitlines()) == 1
+        assert out == "" or json.loads(out)["exit"] == code
+        assert names(scenario.parent) == before
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+def test_a_bad_scenario_is_named_with_its_key(vttig, scenario, monkeypatch):
+    for old, new, words in (
         ("reversal_deg", "reversal_dg", "scenario.toml: motion.reversal_dg: unknown key"),
         ("720.0", "nan", "scenario.toml: motion.reversal_deg: expected a number"),
         ("720.0", "20", "scenario.toml: motion.reversal_deg: 20 lies inside the ramps"),
         ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "scenario.toml: sweep: this file has many"),
         ("gears/pair", "drive", "scenario.toml: pair: names a [drive] without gears"),
         ("gears/pair", "spur", "scenario.toml: controller: the controller 'acceleration' shifts"),
-    ],
-)
-def test_a_bad_scenario_is_named_with_its_key(vttig, scenario, monkeypatch, old, new, words):
-    folder = scenario.parent
-    monkeypatch.chdir(folder)
-    (folder / "drive.toml").write_text('[drive]\nratio = "1/2"\n')
-    gears = (folder / "gears" / "pair.toml").read_text()
-    (folder / "spur.toml").write_text(gears.replace("_deg = 3.0", "_deg = 0.0"))
-    scenario.write_text(SCENARIO.replace(old, new))
-    code, out, err = vttig("simulate", "scenario.toml")
-    assert (code, out) == (3, "")
-    assert words in err
+    ):
+        folder = scenario.parent
+        monkeypatch.chdir(folder)
+        (folder / "drive.toml").write_text('[drive]\nratio = "1/2"\n')
+        gears = (folder / "gears" / "pair.toml").read_text()
+        (folder / "spur.toml").write_text(gears.replace("_deg = 3.0", "_deg = 0.0"))
+        scenario.write_text(SCENARIO.replace(old, new))
+        code, out, err = vttig("simulate", "scenario.toml")
+        assert (code, out) == (3, "")
+        assert words in err
 
 
 def test_interrupted_it_writes_nothing(vttig, scenario, elsewhere, monkeypatch):

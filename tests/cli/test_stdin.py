@@ -103,9 +103,8 @@ def test_one_of_many_logs(folder, vttig_json, vttig, piped):
         assert code == 2 and "stdin (-) is not read by other processes" in err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "data", "code", "words"),
-    [
+def test_refused(folder, vttig, piped):
+    for arguments, data, code, words in (
         (("-", "-", "--ratio", "2:1"), b"1", 2, "given twice"),
         (("-", "--pair", "-"), b"1", 2, "only a LOG"),
         (("-", "--ratio", "2:1"), b"", 3, "the file is empty"),
@@ -114,13 +113,11 @@ def test_one_of_many_logs(folder, vttig_json, vttig, piped):
         (("-", "--ratio", "2:1", "--most-memory", "1e308"), b"1" * 5000, 2, "--most-memory"),
         (("-", "--ratio", "2:1"), b"\x89MCAP0\r\n", 3, "ROS"),
         (("-", "--ratio", "2:1"), b"\x89HDF\r\n\x1a\n damaged", 3, "damaged"),
-    ],
-)
-def test_refused(folder, vttig, piped, arguments, data, code, words):
-    piped(data)
-    ended, out, err = vttig("fit", *arguments)
-    assert (ended, out) == (code, "") and words in err
-    assert len(err.splitlines()) == 1
+    ):
+        piped(data)
+        ended, out, err = vttig("fit", *arguments)
+        assert (ended, out) == (code, "") and words in err
+        assert len(err.splitlines()) == 1
 
 
 def test_a_terminal_is_refused(folder, vttig, piped):

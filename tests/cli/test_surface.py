@@ -6,7 +6,6 @@ import pytest
 from matplotlib.image import imread
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
-from vttig_jax.cli.main import VERBS
 
 PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
 COARSE = ["--tolerance-um", "50"]
@@ -127,18 +126,17 @@ BAD_GEARS = {
 }
 
 
-@pytest.mark.parametrize("name", BAD_GEARS)
-def test_gears_without_a_solid(vttig, pair_file, tmp_path, name):
-    text, place, words = BAD_GEARS[name]
-    path, out = pair_file(text), tmp_path / "gear.stl"
-    code, printed, err = vttig("surface", path, "--gear", "driving", "--out", out)
-    assert (code, printed) == (3, "") and not out.exists()
-    assert err.startswith(f"error: {path}: {place}: ") and words in err and err.count("\n") == 1
+def test_gears_without_a_solid(vttig, pair_file, tmp_path):
+    for name in BAD_GEARS:
+        text, place, words = BAD_GEARS[name]
+        path, out = pair_file(text), tmp_path / "gear.stl"
+        code, printed, err = vttig("surface", path, "--gear", "driving", "--out", out)
+        assert (code, printed) == (3, "") and not out.exists()
+        assert err.startswith(f"error: {path}: {place}: ") and words in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "words"),
-    [
+def test_bad_calls_end_in_one_sentence(vttig, tmp_path):
+    for name, options, words in (
         ("gear.iges", [], ".stl, .step, .stp, .svg, .dxf or .png"),
         ("gear", [], "choose a name that ends with one"),
         ("gear.stl", ["--section-mm", "0"], "a .stl file takes no --section-mm"),
@@ -156,13 +154,11 @@ def test_gears_without_a_solid(vttig, pair_file, tmp_path, name):
         ("gear.stl", ["--tolerance-um", "0.01"], "write .step"),
         ("gear.obj", [], "trimesh.load"),
         ("gear.svg", ["--tolerance-um", "1e-6"], "give --tolerance-um 1e-05 or more"),
-    ],
-)
-def test_bad_calls_end_in_one_sentence(vttig, tmp_path, name, options, words):
-    out = tmp_path / name
-    code, printed, err = vttig("surface", PAPER, "--gear", "driving", "--out", out, *options)
-    assert (code, printed) == (2, "") and not out.exists()
-    assert words in err and err.count("\n") == 1
+    ):
+        out = tmp_path / name
+        code, printed, err = vttig("surface", PAPER, "--gear", "driving", "--out", out, *options)
+        assert (code, printed) == (2, "") and not out.exists()
+        assert words in err and err.count("\n") == 1
 
 
 def test_a_file_that_exists_is_kept(vttig, tmp_path):
@@ -172,9 +168,3 @@ def test_a_file_that_exists_is_kept(vttig, tmp_path):
     code, _, err = vttig(*call)
     assert code == 2 and "already exists; add --overwrite" in err and out.read_text() == "mine"
     assert vttig(*call, "--overwrite")[0] == 0 and out.stat().st_size > 1000
-
-
-def test_the_verb_is_listed_with_an_example(vttig):
-    assert "surface" in VERBS
-    code, out, _ = vttig("surface", "--help")
-    assert code == 0 and "vttig surface pair.toml --gear driving --out gear.stl" in out

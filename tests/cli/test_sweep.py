@@ -1,5 +1,4 @@
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ import tomli_w
 
 from tests.control.texts import RIG
 from vttig_jax import enable_x64
-from vttig_jax.cli.main import main
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.identify.archive import read_fit
 from vttig_jax.pair.load import pair_from_spec, pair_spec
@@ -38,14 +36,6 @@ def sweep(tmp_path) -> Path:
     path = tmp_path / "sweep.toml"
     path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
     return path
-
-
-@pytest.fixture(scope="module")
-def sampled_folder(run_folder, tmp_path_factory) -> Path:
-    """A run folder with draws, too few to converge."""
-    out = Path(shutil.copytree(run_folder, tmp_path_factory.mktemp("sampled") / "run"))
-    assert main(["sample", "--out", str(out), "--steps", "60", "--no-figures"]) == 5
-    return out
 
 
 def test_without_a_folder_it_prints_and_writes_nothing(vttig, vttig_json, sweep):
@@ -144,9 +134,9 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
     assert (code, out) == (3, "") and "`vttig sample " in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "code", "words"),
-    [
+def test_bad_files_are_one_sentence(vttig, sweep, monkeypatch):
+    text = sweep.read_text()
+    for old, new, code, words in (
         ("motion.reversal_deg", "motion.reversl_deg", 3, "no key of a scenario"),
         ("num = 5", "num = 10000000", 3, "of memory, but there are 0.1"),
         ("pair.toml", "other.toml", 3, "there is no file"),
@@ -154,28 +144,23 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
         ("[sweep]", "[swep]", 3, "swep"),
         ("to = 360", "to = 1e99", 3, "sweep"),
         ("num = 5", "num = 10000000000", 3, "sweep"),
-    ],
-)
-def test_bad_files_are_one_sentence(vttig, sweep, old, new, code, words, monkeypatch):
-    monkeypatch.setattr("os.sysconf", lambda name: 10**4)  # 10⁴ pages of 10 kB
-    sweep.write_text(sweep.read_text().replace(old, new))
-    found, out, err = vttig("sweep", sweep)
-    assert (found, out) == (code, "") and words in err and err.count("\n") == 1
+    ):
+        monkeypatch.setattr("os.sysconf", lambda name: 10**4)  # 10⁴ pages of 10 kB
+        sweep.write_text(text.replace(old, new))
+        found, out, err = vttig("sweep", sweep)
+        assert (found, out) == (code, "") and words in err and err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    "options",
-    [
+def test_wrong_options_are_usage_errors(vttig, sweep, monkeypatch):
+    for options in (
         ["--resume"],
         ["--overwrite"],
         ["--no-figures"],
         ["--out", "swept", "--resume", "--overwrite"],
         ["--devices", "0"],
         ["--devices", "4000"],
-    ],
-)
-def test_wrong_options_are_usage_errors(vttig, sweep, options, monkeypatch):
-    monkeypatch.chdir(sweep.parent)
-    code, out, err = vttig("sweep", sweep, *options)
-    assert (code, out) == (2, "") and err.count("\n") == 1
-    assert not (sweep.parent / "swept").exists()
+    ):
+        monkeypatch.chdir(sweep.parent)
+        code, out, err = vttig("sweep", sweep, *options)
+        assert (code, out) == (2, "") and err.count("\n") == 1
+        assert not (sweep.parent / "swept").exists()

@@ -29,7 +29,8 @@ def kuka(data_dir: Path) -> ModuleType:
 KNOWN_DELAY_S = {1: 2.95e-3, 2: 2.84e-3, 3: 2.71e-3}
 """By plain least squares, which takes a part of the friction for a lead."""
 
-EACH = pytest.mark.parametrize(("axis", "log"), list(itertools.product((1, 2, 3), "AB")))
+LOGS = [*itertools.product((1, 2, 3), "AB")]
+"""Axis and log."""
 
 
 def test_a_line_has_one_frequency_and_one_amplitude(kuka: ModuleType):
@@ -44,19 +45,21 @@ def test_a_line_has_one_frequency_and_one_amplitude(kuka: ModuleType):
         assert line.cycles_std > 0
 
 
-@EACH
-def test_kuka_delay_and_what_is_left(kuka: ModuleType, axis: int, log: str):
-    fit = kuka.fitted(axis, log)
-    assert fit.value("delay_s") == pytest.approx(3.03e-3, abs=0.08e-3)  # one controller
-    gap = fit.checks.gap_over_angles_covered
-    assert gap.determined and gap.value is not None and gap.std is not None
-    assert abs(gap.value) < 3 * gap.std and gap.value < 7 / 3600  # nothing that a gap could be
-
-
-@EACH
-def test_kuka_residual(kuka: ModuleType, axis: int, log: str):
-    fit = kuka.fitted(axis, log)
-    assert 3600 * fit.residual_rms_deg <= (7.6 if axis == 2 else 5.5)
+def test_kuka_delay_residual_and_what_stays_undetermined(kuka):
+    for axis, log in LOGS:
+        fit = kuka.fitted(axis, log)
+        assert fit.value("delay_s") == pytest.approx(3.03e-3, abs=0.08e-3)  # one controller
+        gap = fit.checks.gap_over_angles_covered
+        assert gap.determined and gap.value is not None and gap.std is not None
+        assert abs(gap.value) < 3 * gap.std and gap.value < 7 / 3600  # nothing that a gap could be
+        assert 3600 * fit.residual_rms_deg <= (7.6 if axis == 2 else 5.5)
+        output, motor = (fit.parameters[f"{s}_amplitude_arcsec"] for s in ("driven", "driving"))
+        assert not output.determined and output.reason
+        assert not fit.parameters["constant_backlash_deg"].determined
+        assert motor.determined and not motor.significant
+        assert motor.upper95 is not None and motor.upper95 < 2.4
+        assert fit.parameters["driving_phase_deg"].value is None
+        assert all(abs(line.cycles_per_rev - 1) > 0.1 for line in fit.checks.lines)
 
 
 @pytest.mark.parametrize("log", "AB")
@@ -68,32 +71,14 @@ def test_kuka_line_of_axis_2_takes_no_order_with_it(kuka: ModuleType, log: str):
     assert third and all(one.amplitude_arcsec < 1.5 for one in third)
 
 
-@EACH
-def test_kuka_values_do_not_hang_on_the_lines(kuka: ModuleType, axis: int, log: str):
-    with_lines, without = kuka.fitted(axis, log), kuka.fitted(axis, log, kuka.REPORTED)
-    assert not any(line.joined for line in without.checks.lines)
-    for name in ("delay_s", "driving_amplitude_arcsec"):
-        one, other = with_lines.parameters[name], without.parameters[name]
-        assert abs(one.value - other.value) < 1.96 * other.std
-        assert one.significant == other.significant
-
-
-@EACH
-def test_kuka_motor_order_is_within_the_known_ones(kuka: ModuleType, axis: int, log: str):
-    motor = kuka.fitted(axis, log).parameters["driving_amplitude_arcsec"]
-    assert motor.upper95 is not None and motor.upper95 < 2.4
-
-
-@EACH
-def test_kuka_undetermined(kuka: ModuleType, axis: int, log: str):
-    fit = kuka.fitted(axis, log)
-    output, motor = (fit.parameters[f"{s}_amplitude_arcsec"] for s in ("driven", "driving"))
-    assert not output.determined and output.reason
-    assert not fit.parameters["constant_backlash_deg"].determined
-    assert motor.determined and not motor.significant
-    assert motor.upper95 is not None
-    assert fit.parameters["driving_phase_deg"].value is None
-    assert all(abs(line.cycles_per_rev - 1) > 0.1 for line in fit.checks.lines)
+def test_kuka_values_do_not_hang_on_the_lines(kuka):
+    for axis, log in LOGS:
+        with_lines, without = kuka.fitted(axis, log), kuka.fitted(axis, log, kuka.REPORTED)
+        assert not any(line.joined for line in without.checks.lines)
+        for name in ("delay_s", "driving_amplitude_arcsec"):
+            one, other = with_lines.parameters[name], without.parameters[name]
+            assert abs(one.value - other.value) < 1.96 * other.std
+            assert one.significant == other.significant
 
 
 @pytest.mark.parametrize("axis", [1, 2, 3])
@@ -146,28 +131,26 @@ def test_kuka_delay_by_plain_least_squares(data_dir: Path, axis: int):
     assert -coefficients[1] / 3600 == pytest.approx(KNOWN_DELAY_S[axis], abs=5e-6)
 
 
-@EACH
-def test_kuka_delay_by_whitened_least_squares(
-    kuka: ModuleType, data_dir: Path, axis: int, log: str
-):
+def test_kuka_delay_by_whitened_least_squares(kuka, data_dir):
     """All axes show one delay to plain equations whose errors remember nine tenths of the last."""
-    channels = kuka_channels(data_dir, axis, log, 0.0)
-    used = (channels["share"] > 0.1)[1:] & (channels["share"] > 0.1)[:-1]
-    cycles = {1: [2.0, 3.95], 2: [1.545, 3.09, 4.635], 3: [1.344, 2.688, 5.376]}[axis]
-    phase = 2 * np.pi * np.outer(channels["turns"], cycles)
-    design = np.concatenate([channels["columns"], np.cos(phase), np.sin(phase)], axis=1)
-    design, error = (x[1:] - 0.9 * x[:-1] for x in (design, channels["error"]))
-    coefficients, *_ = np.linalg.lstsq(design[used], error[used], rcond=None)
-    assert -coefficients[1] / 3600 == pytest.approx(3.05e-3, abs=0.12e-3)
-    assert kuka.fitted(axis, log).value("delay_s") == pytest.approx(
-        -coefficients[1] / 3600, abs=0.15e-3
-    )
+    for axis, log in LOGS:
+        channels = kuka_channels(data_dir, axis, log, 0.0)
+        used = (channels["share"] > 0.1)[1:] & (channels["share"] > 0.1)[:-1]
+        cycles = {1: [2.0, 3.95], 2: [1.545, 3.09, 4.635], 3: [1.344, 2.688, 5.376]}[axis]
+        phase = 2 * np.pi * np.outer(channels["turns"], cycles)
+        design = np.concatenate([channels["columns"], np.cos(phase), np.sin(phase)], axis=1)
+        design, error = (x[1:] - 0.9 * x[:-1] for x in (design, channels["error"]))
+        coefficients, *_ = np.linalg.lstsq(design[used], error[used], rcond=None)
+        assert -coefficients[1] / 3600 == pytest.approx(3.05e-3, abs=0.12e-3)
+        assert kuka.fitted(axis, log).value("delay_s") == pytest.approx(
+            -coefficients[1] / 3600, abs=0.15e-3
+        )
 
 
 @pytest.mark.parametrize(("slowest", "least", "most"), [(0.1, 242, 337), (0.0, 150, 239)])
 def test_kuka_raw_gap_grows_with_speed(data_dir: Path, slowest: float, least: int, most: int):
     gaps = []
-    for axis, log in itertools.product((1, 2, 3), "AB"):
+    for axis, log in LOGS:
         channels = kuka_channels(data_dir, axis, log, 0.0)
         used, speed = channels["share"] > slowest, channels["columns"][:, 1]
         back, forth = (channels["error"][used & (sign * speed > 0)].mean() for sign in (-1, 1))
@@ -211,29 +194,30 @@ def test_ripple_is_recovered():
     assert ripple(channels | {"error": elsewhere}, 0.1)[1] < 1.0
 
 
-def kuka_rows() -> list[tuple[int, str, str]]:
-    """Rows of the README's tables that are fitted anew: all of them would take a minute."""
-    rows = [(axis, log, "PLAIN") for axis in (1, 2, 3) for log in "AB"]
-    return [
-        *rows,
-        *((axis, "A", "OFF") for axis in (1, 2, 3)),
-        (2, "AB", "PLAIN"),
-        (2, "A", "EXACT"),
-    ]
+ROWS = [*((axis, log, "PLAIN") for axis, log in LOGS), *((k, "A", "OFF") for k in (1, 2, 3))]
+"""Rows of the README's tables that each test run fits anew: all of them would take a minute."""
 
 
 @pytest.mark.usefixtures("unchecked")
-@pytest.mark.parametrize(("axis", "log", "way"), kuka_rows())
-def test_kuka_readme_has_the_rows_of_the_script(kuka: ModuleType, axis: int, log: str, way: str):
-    name = getattr(kuka, way)
+@pytest.mark.parametrize(
+    "fitted",
+    [
+        ROWS,
+        pytest.param([(2, "AB", "PLAIN"), (2, "A", "EXACT")], marks=pytest.mark.slow),
+    ],
+    ids=["quick", "slow"],
+)
+def test_kuka_readme_has_the_rows_of_the_script(kuka: ModuleType, fitted: list):
     readme = (KUKA / "README.md").read_text(encoding="utf-8")
     printed = readme.split("    python fits/kuka_kr300/tables.py\n")[1]
     printed = printed.split("```text\n")[1].split("\n```")[0]
     tables = {table.splitlines()[0]: table.splitlines()[2:] for table in printed.split("\n\n")}
     assert set(tables) == set(kuka.WAYS)
-    rows = {tuple(re.split(r"\s{2,}", line)) for line in tables[name]}
-    assert tuple(kuka.row(axis, log, name)) in rows
-    assert ("9", *kuka.row(axis, log, name)[1:]) not in rows
+    for axis, log, way in fitted:
+        name = getattr(kuka, way)
+        rows = {tuple(re.split(r"\s{2,}", line)) for line in tables[name]}
+        assert tuple(kuka.row(axis, log, name)) in rows
+        assert ("9", *kuka.row(axis, log, name)[1:]) not in rows
 
 
 @pytest.mark.parametrize("axis", [1, 2, 3])

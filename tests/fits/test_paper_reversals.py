@@ -30,7 +30,6 @@ PER_MM = math.degrees(2 * math.tan(math.radians(3.0)) / 80.0)
 MARGIN = 0.01 * PER_MM
 
 RUNS = [(10, 1080), (30, 3600), (60, 7560), (100, 7560), (100, 7524)]
-EACH = pytest.mark.parametrize("place", range(len(RUNS)), ids=[f"{s}-{a}" for s, a in RUNS])
 
 
 @pytest.fixture(scope="module")
@@ -78,53 +77,53 @@ def test_scenario_is_tables_1_and_2_and_else_the_defaults(found: PaperRuns):
     assert found.runs[2].simulated["acceleration"].spec == kept
 
 
-@EACH
-def test_closes_where_the_motion_says(found: PaperRuns, place: int):
+def test_closes_where_the_motion_says(found):
     """The detected angle from the delay alone: constant deceleration, at rest at the turn."""
-    speed, turn = RUNS[place]
-    for controller, most in (("acceleration", 0.03), ("predictive", 0.25)):
-        delay = metric(found, place, controller, "detection_delay_s")
-        assert 0 < delay < most
-        closes = metric(found, place, controller, "detection_deg")
-        assert closes == pytest.approx(turn - braked(speed, delay), abs=1e-6)
+    for place in range(len(RUNS)):
+        speed, turn = RUNS[place]
+        for controller, most in (("acceleration", 0.03), ("predictive", 0.25)):
+            delay = metric(found, place, controller, "detection_delay_s")
+            assert 0 < delay < most
+            closes = metric(found, place, controller, "detection_deg")
+            assert closes == pytest.approx(turn - braked(speed, delay), abs=1e-6)
 
 
-@EACH
-def test_what_the_paper_controller_misses(found: PaperRuns, place: int):
+def test_what_the_paper_controller_misses(found):
     """left = max(0, j(turn) − j(detected) + m), over = max(0, j(detected) − m − j)."""
-    speed, turn = RUNS[place]
-    ahead = braked(speed, metric(found, place, "acceleration", "detection_delay_s"))
-    closed = gap(turn - ahead) - MARGIN
-    least = min(gap(turn - share * ahead) for share in np.linspace(1.0, 0.0, 400))
-    # The controller reads whole counts of 0.004° of the driving angle.
-    left = metric(found, place, "acceleration", "residual_gap_deg")
-    assert left == pytest.approx(max(gap(turn) - closed, 0.0), abs=3e-6)
-    over = metric(found, place, "acceleration", "interference_mm")
-    assert over == pytest.approx(max(closed - least, 0.0) / PER_MM, abs=5e-5)
+    for place in range(len(RUNS)):
+        speed, turn = RUNS[place]
+        ahead = braked(speed, metric(found, place, "acceleration", "detection_delay_s"))
+        closed = gap(turn - ahead) - MARGIN
+        least = min(gap(turn - share * ahead) for share in np.linspace(1.0, 0.0, 400))
+        # The controller reads whole counts of 0.004° of the driving angle.
+        left = metric(found, place, "acceleration", "residual_gap_deg")
+        assert left == pytest.approx(max(gap(turn) - closed, 0.0), abs=3e-6)
+        over = metric(found, place, "acceleration", "interference_mm")
+        assert over == pytest.approx(max(closed - least, 0.0) / PER_MM, abs=5e-5)
 
 
-@EACH
-def test_what_the_predictive_controller_leaves(found: PaperRuns, place: int):
-    left = metric(found, place, "predictive", "residual_gap_deg")
-    assert left == pytest.approx(MARGIN, abs=3e-6)
-    assert left < 0.05 * metric(found, place, "none", "residual_gap_deg")
-    assert metric(found, place, "predictive", "interference_mm") < 1e-4
+def test_what_the_predictive_controller_leaves(found):
+    for place in range(len(RUNS)):
+        left = metric(found, place, "predictive", "residual_gap_deg")
+        assert left == pytest.approx(MARGIN, abs=3e-6)
+        assert left < 0.05 * metric(found, place, "none", "residual_gap_deg")
+        assert metric(found, place, "predictive", "interference_mm") < 1e-4
 
 
-@EACH
-def test_without_control_the_gap_is_crossed_where_the_shafts_part(found: PaperRuns, place: int):
+def test_without_control_the_gap_is_crossed_where_the_shafts_part(found):
     """At 100 rpm the ramp asks for more torque than friction has: the gap is crossed in braking."""
-    speed, turn = RUNS[place]
-    asked = 0.01 * 0.5625 * speed * math.tau / 60 / 0.5
-    assert (asked > 0.1) == (speed == 100)
-    run = found.runs[place].simulated["none"]
-    met = run.to_json()["crossing_deg"]
-    assert metric(found, place, "none", "jump_deg") == pytest.approx(gap(met), abs=1e-6)
-    assert (
-        (turn - met > 100.0)
-        == (asked > 0.1)
-        == (metric(found, place, "none", "early_jump_deg") > 0.01)
-    )
+    for place in range(len(RUNS)):
+        speed, turn = RUNS[place]
+        asked = 0.01 * 0.5625 * speed * math.tau / 60 / 0.5
+        assert (asked > 0.1) == (speed == 100)
+        run = found.runs[place].simulated["none"]
+        met = run.to_json()["crossing_deg"]
+        assert metric(found, place, "none", "jump_deg") == pytest.approx(gap(met), abs=1e-6)
+        assert (
+            (turn - met > 100.0)
+            == (asked > 0.1)
+            == (metric(found, place, "none", "early_jump_deg") > 0.01)
+        )
 
 
 def test_remarks_have_the_numbers_of_the_tables(found: PaperRuns):
@@ -271,12 +270,14 @@ def test_verb_writes_tables_and_pictures(
     shutil.rmtree(out)
 
 
-@pytest.mark.parametrize(
-    "others",
-    [["scenario.toml"], ["--set", "controller=none"], ["--figure", "a.png"], ["--overwrite"]],
-)
-def test_other_options_do_not_go_with_the_runs_of_the_paper(others: list[str]):
-    assert main(["simulate", "--paper", *others]) == 2
+def test_other_options_do_not_go_with_the_runs_of_the_paper():
+    for others in (
+        ["scenario.toml"],
+        ["--set", "controller=none"],
+        ["--figure", "a.png"],
+        ["--overwrite"],
+    ):
+        assert main(["simulate", "--paper", *others]) == 2
 
 
 def test_out_needs_the_runs_of_the_paper(tmp_path: Path):

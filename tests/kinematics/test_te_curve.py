@@ -21,11 +21,6 @@ def test_text_names_flank_turns_and_range(curve):
     assert "720.000° … 0.000°" in text and f"{np.degrees(2e-4):.5f}°" in text
 
 
-def test_it_cannot_be_changed(curve):
-    with pytest.raises(AttributeError):
-        curve.flank = "A"
-
-
 def test_mean_speed_is_the_whole_angle_over_the_whole_time():
     """The time starts late, and the samples are far from equally spaced."""
     angle, time = np.array([4.0, 3.5, -2.0]), np.array([10.0, 12.5, 13.0])

@@ -52,7 +52,7 @@ def test_an_option_of_another_picture_is_refused(make_curve):
 
 
 def test_pyplot_is_never_imported():
-    modules = "dispatch", "save", "order_spectrum"
+    modules = "dispatch", "save", "order_spectrum", "residual"
     draw = "from vttig_jax.plotting.save import png; from matplotlib.figure import Figure;"
     draw += "figure = Figure(); figure.subplots(); png(figure)"
     imports = ";".join(f"import vttig_jax.plotting.{module}" for module in modules)

@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -103,9 +100,3 @@ def test_no_spectrum_below_one_cycle():
 def test_arrays_that_do_not_match(angles, residuals):
     with pytest.raises(ValueError, match=r"`residuals` must hold one array for each"):
         residual_picture(angles, residuals, highest=8.0, whitened=residuals, order=0)
-
-
-def test_no_pyplot():
-    code = "import sys, vttig_jax.plotting.residual; print('matplotlib.pyplot' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"

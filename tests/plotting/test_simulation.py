@@ -192,7 +192,9 @@ def test_a_run_without_a_trace_is_refused(run):
         plot_simulation(replace(run, trace=None))
 
 
-@pytest.mark.parametrize("span_s", [(3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)])
-def test_an_empty_span_is_refused(run, span_s):
-    with pytest.raises(ValueError, match="`span_s` must hold two samples or more of the 0 … 9 s"):
-        plot_simulation(run, span_s=span_s)
+def test_an_empty_span_is_refused(run):
+    for span_s in ((3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)):
+        with pytest.raises(
+            ValueError, match="`span_s` must hold two samples or more of the 0 … 9 s"
+        ):
+            plot_simulation(run, span_s=span_s)

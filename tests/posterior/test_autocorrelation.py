@@ -8,11 +8,11 @@ from tests.posterior.densities import ar1
 from vttig_jax.posterior.convergence import autocorrelation_time
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.98])
-def test_the_time_of_an_ar1_is_known(rho):
-    known = (1 + rho) / (1 - rho)
-    found = autocorrelation_time(ar1(rho, (20_000, 64, 2), seed=1))
-    np.testing.assert_allclose(found, known, rtol=0.05)
+def test_the_time_of_an_ar1_is_known():
+    for rho in (0.0, 0.5, 0.9, 0.98):
+        known = (1 + rho) / (1 - rho)
+        found = autocorrelation_time(ar1(rho, (20_000, 64, 2), seed=1))
+        np.testing.assert_allclose(found, known, rtol=0.05)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.9])

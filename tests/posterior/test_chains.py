@@ -110,9 +110,8 @@ def test_a_density_that_is_nowhere_finite_has_no_answer():
         sample(None, Nowhere(np.zeros(2), np.eye(2)))
 
 
-@pytest.mark.parametrize(
-    ("options", "name"),
-    [
+def test_arguments_that_make_no_sense_are_named():
+    for options, name in (
         ({"ensembles": 3}, "ensembles"),
         ({"walkers": 15}, "walkers"),
         ({"walkers": 2}, "walkers"),
@@ -121,11 +120,9 @@ def test_a_density_that_is_nowhere_finite_has_no_answer():
         ({"steps": 39}, "steps"),
         ({"until": Until()}, "until"),
         ({"resume": True}, "checkpoint"),
-    ],
-)
-def test_arguments_that_make_no_sense_are_named(options: dict[str, Any], name: str):
-    with pytest.raises(ValueError, match=f"`{name}`"):
-        sample(None, **options)
+    ):
+        with pytest.raises(ValueError, match=f"`{name}`"):
+            sample(None, **options)
 
 
 @pytest.mark.parametrize("wrong", [{"effective": 0.0}, {"r_hat": 1.0}, {"most_steps": 5}])

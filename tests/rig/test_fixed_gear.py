@@ -175,20 +175,17 @@ def test_the_file_of_the_readings_is_read_back(full, tmp_path):
     assert readings.source == "synthetic rig, gear 1 held, seed 2"
 
 
-@pytest.mark.parametrize(
-    ("angles", "options", "sentence"),
-    [
+def test_arguments_out_of_range(bare):
+    for angles, options, sentence in (
         ([], {}, "Argument `driving_deg` must be finite angles"),
         ([[0.0]], {}, "Argument `driving_deg` must be finite angles"),
         ([0.0, np.nan], {}, "Argument `driving_deg` must be finite angles"),
         ([0.0], {"std_deg": -0.001}, "Argument `std_deg` must not be negative"),
         ([0.0], {"std_deg": np.nan}, "Argument `std_deg` must not be negative"),
         (np.zeros(50), {"std_deg": 0.1}, "Argument `std_deg` must leave the readings positive"),
-    ],
-)
-def test_arguments_out_of_range(bare, angles, options, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        fixed_gear_readings(bare, angles, **options)
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            fixed_gear_readings(bare, angles, **options)
 
 
 def test_a_closed_gap_is_refused(bare):

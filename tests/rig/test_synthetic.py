@@ -100,17 +100,17 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("field", CHANGES)
-def test_every_field_changes_the_log(bare, field):
-    before, after = bare.log(), replace(bare, **{field: CHANGES[field]}).log()
-    size = min(len(before), len(after))
-    # On flank A: an order of that flank must show, the crossing of the gap need not.
-    part = slice(size // 8, size // 3)
-    moved = max(
-        np.abs(getattr(before, name)[part] - getattr(after, name)[part]).max()
-        for name in ("driving_angle", "transmission_error")
-    )
-    assert moved > 0.1 * ARCSEC
+def test_every_field_changes_the_log(bare):
+    for field in CHANGES:
+        before, after = bare.log(), replace(bare, **{field: CHANGES[field]}).log()
+        size = min(len(before), len(after))
+        # On flank A: an order of that flank must show, the crossing of the gap need not.
+        part = slice(size // 8, size // 3)
+        moved = max(
+            np.abs(getattr(before, name)[part] - getattr(after, name)[part]).max()
+            for name in ("driving_angle", "transmission_error")
+        )
+        assert moved > 0.1 * ARCSEC
 
 
 def test_the_pair_changes_the_log(bare):

@@ -125,9 +125,8 @@ FILES: dict[str, str] = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
+def test_what_is_no_map_is_one_sentence(tmp_path):
+    for name, words in (
         ("missing", "no map can be read here"),
         ("columns", "but this file has driving_deg, gap"),
         ("rows", "here are 2 rows"),
@@ -137,15 +136,13 @@ FILES: dict[str, str] = {
         ("empty", "no map can be read here"),
         ("arcsec", "more than 90° apart"),
         ("crossing", "before flank A"),
-    ],
-)
-def test_what_is_no_map_is_one_sentence(tmp_path, name, words):
-    path = tmp_path / f"{name}.csv"
-    if name in FILES:
-        path.write_text(FILES[name])
-    with pytest.raises(ScenarioError, match=words) as caught:
-        simulated(path)
-    assert "\n" not in str(caught.value) and "map" in str(caught.value)
+    ):
+        path = tmp_path / f"{name}.csv"
+        if name in FILES:
+            path.write_text(FILES[name])
+        with pytest.raises(ScenarioError, match=words) as caught:
+            simulated(path)
+        assert "\n" not in str(caught.value) and "map" in str(caught.value)
 
 
 def test_the_controller_may_believe_another_constant(model):

@@ -77,9 +77,8 @@ def test_options_of_older_versions_at_their_default_are_read(run, tmp_path):
     assert read_run(write(tmp_path, table)) == run
 
 
-@pytest.mark.parametrize(
-    ("damage", "words"),
-    [
+def test_damaged_files(run, tmp_path):
+    for damage, words in (
         (lambda t: t.update(schema="vttig.run/9"), "vttig.run/9"),
         (lambda t: t.pop("data"), "'data'"),
         (lambda t: t["data"].pop("sha256"), "'sha256'"),
@@ -106,16 +105,14 @@ def test_options_of_older_versions_at_their_default_are_read(run, tmp_path):
         (lambda t: t.update(options=3), "options"),
         (lambda t: t.pop("pair_file"), "'pair_file'"),
         (lambda t: t["pair_file"].pop("drive"), "pair_file"),
-    ],
-)
-def test_damaged_files(run, tmp_path, damage, words):
-    table = run.table(tmp_path / "run")
-    assert read_run(write(tmp_path, table)) == run
-    damage(table)
-    with pytest.raises(InputError) as caught:
-        read_run(write(tmp_path, table))
-    assert words in str(caught.value)
-    assert "run.toml" in caught.value.where
+    ):
+        table = run.table(tmp_path / "run")
+        assert read_run(write(tmp_path, table)) == run
+        damage(table)
+        with pytest.raises(InputError) as caught:
+            read_run(write(tmp_path, table))
+        assert words in str(caught.value)
+        assert "run.toml" in caught.value.where
 
 
 def test_missing_and_unreadable(tmp_path):

@@ -1,6 +1,5 @@
 import dataclasses
 import json
-from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -51,9 +50,8 @@ def test_whatever_is_written_is_strict_and_comes_back(obj):
     assert strict_loads(dumps(obj)) == finite(obj)
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [
+def test_numbers_of_all_kinds():
+    for value, expected in (
         (np.float64(0.1), 0.1),
         (np.float32(0.5), 0.5),
         (np.float32("nan"), None),
@@ -65,10 +63,8 @@ def test_whatever_is_written_is_strict_and_comes_back(obj):
         (jnp.arange(3.0), [0.0, 1.0, 2.0]),
         (("A", "B"), ["A", "B"]),
         (Value(np.nan, "mm"), {"value": None, "unit": "mm"}),
-    ],
-)
-def test_numbers_of_all_kinds(value, expected):
-    assert strict_loads(dumps({"x": value})) == {"x": expected}
+    ):
+        assert strict_loads(dumps({"x": value})) == {"x": expected}
 
 
 def test_keys_stay_in_the_order_given():
@@ -81,19 +77,16 @@ def test_ascii_only_escapes_and_the_default_does_not():
     assert json.loads(dumps({"unit": "″"}, ascii_only=True)) == {"unit": "″"}
 
 
-@pytest.mark.parametrize(
-    ("obj", "place"),
-    [
+def test_what_json_cannot_hold_is_refused_with_its_place():
+    for obj, place in (
         ({"a": [0, {1, 2}]}, r"`obj\.a\[1\]` is a set"),
         ({"a": 1j}, r"`obj\.a` is a complex"),
         ({"a": Value}, r"`obj\.a` is a type"),
         ({"a": np.array([1j])}, r"`obj\.a\[0\]` is a complex"),
         ({"a": {1: 2}}, r"`obj\.a` has the key 1"),
-    ],
-)
-def test_what_json_cannot_hold_is_refused_with_its_place(obj, place):
-    with pytest.raises(ValueError, match=f"Argument `obj` must .*{place}"):
-        dumps(obj)
+    ):
+        with pytest.raises(ValueError, match=f"Argument `obj` must .*{place}"):
+            dumps(obj)
 
 
 def test_schemas_are_found_by_name():
@@ -102,12 +95,12 @@ def test_schemas_are_found_by_name():
         load_schema("vttig.error/99")
 
 
-@pytest.mark.parametrize("name", schema_names())
-def test_each_schema_is_itself_valid_and_names_what_it_describes(name):
-    schema = load_schema(name)
-    jsonschema.Draft202012Validator.check_schema(schema)
-    assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
-    assert schema["properties"]["schema"] == {"const": name}
+def test_each_schema_is_itself_valid_and_names_what_it_describes():
+    for name in schema_names():
+        schema = load_schema(name)
+        jsonschema.Draft202012Validator.check_schema(schema)
+        assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+        assert schema["properties"]["schema"] == {"const": name}
 
 
 ERROR = {"schema": "vttig.error/1", "exit": 3, "message": "no such file.", "where": "log.csv"}
@@ -118,18 +111,15 @@ def test_an_error_fits_its_schema_and_may_gain_keys():
     assert list(validator.iter_errors(ERROR | {"more": 1})) == []
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
+def test_the_error_schema_can_fail():
+    for change in (
         lambda e: e.pop("where"),
         lambda e: e.update(exit=0),
         lambda e: e.update(message=""),
         lambda e: e.update(message="two\nlines"),
         lambda e: e.update(schema="vttig.error/2"),
-    ],
-)
-def test_the_error_schema_can_fail(change: Callable[[dict[str, Any]], Any]):
-    broken = dict(ERROR)
-    change(broken)
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(broken, load_schema("vttig.error/1"))
+    ):
+        broken = dict(ERROR)
+        change(broken)
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(broken, load_schema("vttig.error/1"))

@@ -80,11 +80,11 @@ class _Counted(io.BytesIO):
         return super().read(size)
 
 
-@pytest.mark.parametrize(("size", "expected"), [(10, 10), (10, 4), (0, 0), (40 << 20, 0)])
-def test_no_more_is_asked_for_than_is_expected(size, expected):
-    stream = _Counted(bytes(range(256)) * (size // 256) + bytes(size % 256))
-    assert limits.read_at_most(stream, 8 << 30, expected) == stream.getvalue()
-    assert stream.most < (17 << 20)
+def test_no_more_is_asked_for_than_is_expected():
+    for size, expected in ((10, 10), (10, 4), (0, 0), (40 << 20, 0)):
+        stream = _Counted(bytes(range(256)) * (size // 256) + bytes(size % 256))
+        assert limits.read_at_most(stream, 8 << 30, expected) == stream.getvalue()
+        assert stream.most < (17 << 20)
 
 
 def test_a_stream_beyond_the_limit_is_read_to_just_beyond_it():

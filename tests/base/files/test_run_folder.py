@@ -234,13 +234,13 @@ def test_a_second_process_is_refused(tmp_path):
     assert "another vttig is writing" in done.stdout
 
 
-@pytest.mark.parametrize("name", ["/etc/x", "../x", "a/../../x", ""])
-def test_names_outside_the_folder_are_refused(tmp_path, name):
-    with (
-        pytest.raises(ValueError, match="Argument `name` must be a file name inside"),
-        RunFolder(tmp_path) as run,
-    ):
-        run.write_text(name, "")
+def test_names_outside_the_folder_are_refused(tmp_path):
+    for name in ("/etc/x", "../x", "a/../../x", ""):
+        with (
+            pytest.raises(ValueError, match="Argument `name` must be a file name inside"),
+            RunFolder(tmp_path) as run,
+        ):
+            run.write_text(name, "")
 
 
 def test_writing_outside_the_with_block_is_refused(tmp_path):

@@ -39,9 +39,8 @@ RECIPE = TomlFile(
 )
 
 
-@pytest.mark.parametrize(
-    ("table", "where", "message"),
-    [
+def test_what_is_wrong_is_a_sentence_and_a_key():
+    for table, where, message in (
         ({"ofen": {}}, "ofen", "unknown key `ofen`; did you mean `oven`?"),
         ({"xyz": 1}, "xyz", "unknown key `xyz`; known keys here: name, oven, steps, spare."),
         (
@@ -72,12 +71,10 @@ RECIPE = TomlFile(
             "unknown key `minute`; did you mean `minutes`?",
         ),
         ({"oven": 3}, "oven", "expected a table, but it is 3."),
-    ],
-)
-def test_what_is_wrong_is_a_sentence_and_a_key(table, where, message):
-    with pytest.raises(RecipeError) as caught:
-        RECIPE.convert(table, Recipe)
-    assert (caught.value.where, caught.value.message) == (where, message)
+    ):
+        with pytest.raises(RecipeError) as caught:
+            RECIPE.convert(table, Recipe)
+        assert (caught.value.where, caught.value.message) == (where, message)
 
 
 def test_a_good_table_is_the_struct():
@@ -99,14 +96,16 @@ def test_a_value_inside_a_file_names_its_own_key():
     assert caught.value.where == "ovens.heat_degC"
 
 
-@pytest.mark.parametrize(
-    ("source", "where", "whole"),
-    [("f", "k", "f: k"), ("", "k", "k"), ("f", "", "f"), ("", "", "")],
-)
-def test_the_file_stands_before_the_key(source, where, whole):
-    with pytest.raises(RecipeError) as caught, RECIPE.error_context(source):
-        raise RecipeError("burnt.", where=where)
-    assert (caught.value.where, caught.value.message) == (whole, "burnt.")
+def test_the_file_stands_before_the_key():
+    for source, where, whole in (
+        ("f", "k", "f: k"),
+        ("", "k", "k"),
+        ("f", "", "f"),
+        ("", "", ""),
+    ):
+        with pytest.raises(RecipeError) as caught, RECIPE.error_context(source):
+            raise RecipeError("burnt.", where=where)
+        assert (caught.value.where, caught.value.message) == (whole, "burnt.")
 
 
 def test_errors_of_another_kind_are_left_alone():
@@ -115,22 +114,19 @@ def test_errors_of_another_kind_are_left_alone():
     assert caught.value.where == "k"
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
+def test_what_is_no_toml_is_refused(tmp_path):
+    for content, message in (
         (b"name = \n", "not valid TOML: "),
         (b'name = "\xff"\n', "not a text file (byte 8 is not UTF-8); a recipe is TOML in UTF-8."),
         (b"shelf = " + b"9" * 5000, "not valid TOML: "),
         (b"steps = " + b"[" * 100_000, "not valid TOML: "),
-    ],
-)
-def test_what_is_no_toml_is_refused(content, message, tmp_path):
-    path = tmp_path / "recipe.toml"
-    path.write_bytes(content)
-    with pytest.raises(RecipeError) as caught:
-        RECIPE.read(path)
-    assert caught.value.message.startswith(message) and caught.value.where == str(path)
-    assert "a recipe" in caught.value.message
+    ):
+        path = tmp_path / "recipe.toml"
+        path.write_bytes(content)
+        with pytest.raises(RecipeError) as caught:
+            RECIPE.read(path)
+        assert caught.value.message.startswith(message) and caught.value.where == str(path)
+        assert "a recipe" in caught.value.message
 
 
 def test_what_is_not_there_is_refused(tmp_path):

@@ -29,17 +29,17 @@ def coloured(seed: int, freedom: float, scale: float = 0.3) -> tuple[np.ndarray,
     return SIGNAL + noise[200:], innovation[200:]
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_white_normal_noise_gives_least_squares(seed):
+def test_white_normal_noise_gives_least_squares():
     """ln L is that of the normal distribution with the mean square residual as its variance."""
-    quantiles = stats.norm.ppf((PLACE + 0.5) / ROWS)
-    values = SIGNAL + 0.5 * np.random.default_rng(seed).permutation(quantiles)
-    residual = values - COLUMNS @ np.linalg.lstsq(COLUMNS, values, rcond=None)[0]
-    expected = stats.norm.logpdf(residual, scale=np.sqrt(np.mean(residual**2))).sum()
-    fit = fit_student_noise(values, COLUMNS, order=0)
-    assert in_units(fit, values) == pytest.approx(expected, abs=1e-3)
-    np.testing.assert_allclose(fit.residual, residual, atol=1e-5)
-    assert fit_student_noise(values, COLUMNS).order == 0
+    for seed in range(4):
+        quantiles = stats.norm.ppf((PLACE + 0.5) / ROWS)
+        values = SIGNAL + 0.5 * np.random.default_rng(seed).permutation(quantiles)
+        residual = values - COLUMNS @ np.linalg.lstsq(COLUMNS, values, rcond=None)[0]
+        expected = stats.norm.logpdf(residual, scale=np.sqrt(np.mean(residual**2))).sum()
+        fit = fit_student_noise(values, COLUMNS, order=0)
+        assert in_units(fit, values) == pytest.approx(expected, abs=1e-3)
+        np.testing.assert_allclose(fit.residual, residual, atol=1e-5)
+        assert fit_student_noise(values, COLUMNS).order == 0
 
 
 @pytest.mark.parametrize("freedom", [4, 10, 1e6])
@@ -56,17 +56,17 @@ def test_more_columns_do_not_lower_the_likelihood(freedom):
             fit = larger
 
 
-@pytest.mark.parametrize("freedom", [4, 10])
-@pytest.mark.parametrize("seed", range(4))
-def test_the_optimum_is_above_the_truth(seed, freedom):
+def test_the_optimum_is_above_the_truth():
     """ln L exceeds that of the true parameters, by no more than seven parameters can.
 
     2 Δ ln L has a χ² distribution of seven degrees of freedom; it exceeds 40 in 1 of 10⁶ cases.
     """
-    values, innovation = coloured(seed, freedom)
-    truth = stats.t.logpdf(innovation[1:], freedom, scale=0.3).sum() * ROWS / (ROWS - 1)
-    gain = 2 * (in_units(fit_student_noise(values, COLUMNS, order=1), values) - truth)
-    assert 0 <= gain < 40
+    for freedom in (4, 10):
+        for seed in range(4):
+            values, innovation = coloured(seed, freedom)
+            truth = stats.t.logpdf(innovation[1:], freedom, scale=0.3).sum() * ROWS / (ROWS - 1)
+            gain = 2 * (in_units(fit_student_noise(values, COLUMNS, order=1), values) - truth)
+            assert 0 <= gain < 40
 
 
 def test_heavy_tails_beat_least_squares():

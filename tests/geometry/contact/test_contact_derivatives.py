@@ -216,7 +216,7 @@ def bends_of(function, arguments, direction):
     return bend, (4 * differences(0.05) - differences(0.1)) / 3
 
 
-@pytest.mark.parametrize("flank", FLANKS)
+@pytest.mark.parametrize("flank", ["A", pytest.param("B", marks=pytest.mark.slow)])
 def test_second_derivatives_of_perfect_gears_are_those_of_the_exact_relation(flank):
     """In all eccentricities and in the driving angle, for a batch of angles."""
     pair = gears((0.0, 0.0), helix=(3.0, 3.0))
@@ -275,6 +275,7 @@ def test_second_derivatives_of_a_point_that_moves_along_the_face():
     assert np.abs(by_tilt).min() > 1e-9
 
 
+@pytest.mark.slow
 def test_where_all_sections_touch_second_derivatives_are_finite():
     """A tilt of nought: the derivatives are those of one section, which is kept."""
 

@@ -43,25 +43,22 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_gears_that_do_not_meet(name):
-    gears, options, sentence = BAD[name]
-    with pytest.raises(PairError, match=sentence):
-        contact_model(make(**gears), **options)
+def test_gears_that_do_not_meet():
+    for name in BAD:
+        gears, options, sentence = BAD[name]
+        with pytest.raises(PairError, match=sentence):
+            contact_model(make(**gears), **options)
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
+def test_options_that_are_none(unchecked):
+    for options, sentence in (
         ({"constant_backlash": "fitted"}, "`constant_backlash` must be"),
         ({"sections": 0}, "`sections` must be 1 or more, but is 0"),
         ({"tooth_pairs": 0}, "`tooth_pairs` must be 1 or more"),
         ({"points": 2}, "`points` must be 3 or more, but is 2"),
-    ],
-)
-def test_options_that_are_none(unchecked, options, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        contact_model(make(), **options)
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            contact_model(make(), **options)
 
 
 def test_a_wrong_flank(unchecked):
@@ -124,7 +121,6 @@ def test_half_of_the_numbers_may_be_traced():
     """A pair in which one number is traced and the others are not."""
     pair = make()
 
-    @jax.jit
     def error(distance):
         moved = GearPair(
             pair.driving,
@@ -135,6 +131,5 @@ def test_half_of_the_numbers_may_be_traced():
         )
         return contact_model(moved, Eccentricities(), sections=1).backlash(0.1)
 
-    assert float(error(jnp.asarray(125.12))) == pytest.approx(
-        float(contact_model(make(centre_distance_mm=125.12)).backlash(0.1)), abs=1e-15
-    )
+    assert jax.eval_shape(error, jnp.asarray(125.12)).shape == ()
+    assert error(125.12) == contact_model(make(centre_distance_mm=125.12)).backlash(0.1)

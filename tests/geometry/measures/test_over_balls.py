@@ -17,7 +17,7 @@ from scipy.optimize import minimize, root_scalar
 
 from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
 from vttig_jax.base.arrays import namespace
-from vttig_jax.geometry.measures import SIZES_MM, _ideal_ball, _stand_off, over_balls, usual_ball
+from vttig_jax.geometry.measures import SIZES_MM, _stand_off, over_balls, usual_ball
 from vttig_jax.geometry.tooth import Tabulated, Tooth
 
 KHK_HELICAL: dict[str, Any] = {"normal_module_mm": 1.0, "normal_pressure_angle_deg": 20.0}
@@ -58,23 +58,24 @@ def root(function: Callable[[float], float], low: float, high: float) -> float:
     return root_scalar(function, bracket=(low, high), xtol=1e-14).root
 
 
-@pytest.mark.parametrize("teeth", [44, 45])
-@pytest.mark.parametrize("helix", [0.0, 3.0])
-@pytest.mark.parametrize("z", [-6.0, 0.0, 7.5])
-def test_the_formula_of_equal_flanks(teeth, helix, z):
+def test_the_formula_of_equal_flanks():
     """inv α_M = s_t(z)/d + inv αₜ + D/(d_b cos β_b) − π/z, with an odd number seen askew."""
-    ball, alpha, beta = 3.4, math.radians(20), math.radians(helix)
-    d = 2.0 * teeth
-    thickness = math.pi - 2 * z * math.tan(beta)
-    base_helix = math.atan(math.tan(beta) * math.cos(alpha))
-    base = d * math.cos(alpha)
-    wanted = thickness / d + involute(alpha) + ball / (base * math.cos(base_helix))
-    at_centre = root(lambda a: involute(a) - wanted + math.pi / teeth, 0.0, 1.5)
-    centre = base / math.cos(at_centre)
-    across = centre * (math.cos(math.pi / 2 / teeth) if teeth % 2 else 1.0)
-    found = over_balls(shop_gear(teeth, helix=(helix, helix)), ball, z)
-    assert found.centre_diameter_mm == pytest.approx(centre, rel=1e-13)
-    assert found.value_mm == pytest.approx(across + ball, rel=1e-13)
+    for teeth in (44, 45):
+        for helix in (0.0, 3.0):
+            for z in (-6.0, 0.0, 7.5):
+                ball, alpha, beta = 3.4, math.radians(20), math.radians(helix)
+                d = 2.0 * teeth
+                thickness = math.pi - 2 * z * math.tan(beta)
+                base_helix = math.atan(math.tan(beta) * math.cos(alpha))
+                base = d * math.cos(alpha)
+                wanted = thickness / d + involute(alpha) + ball / (base * math.cos(base_helix))
+                wanted -= math.pi / teeth
+                at_centre = root(lambda a, wanted=wanted: involute(a) - wanted, 0.0, 1.5)
+                centre = base / math.cos(at_centre)
+                across = centre * (math.cos(math.pi / 2 / teeth) if teeth % 2 else 1.0)
+                found = over_balls(shop_gear(teeth, helix=(helix, helix)), ball, z)
+                assert found.centre_diameter_mm == pytest.approx(centre, rel=1e-13)
+                assert found.value_mm == pytest.approx(across + ball, rel=1e-13)
 
 
 # The ball beside the flanks themselves.
@@ -273,22 +274,19 @@ def test_a_tapered_gear_measures_less_towards_its_thin_end():
 # Where no ball seats.
 
 
-@pytest.mark.parametrize(
-    ("tooth", "ball", "z", "words"),
-    [
+def test_a_ball_that_cannot_seat_is_told():
+    for tooth, ball, z, words in (
         (shop_gear(), 1.2, 0.0, "lies below the base circle; take a larger one"),
         (shop_gear(), 2.0, 0.0, "below the form circle of 86.6994 mm; take a larger one"),
         (shop_gear(), 6.0, 0.0, "above the tip circle of 94.0000 mm; take a smaller one"),
         (shop_gear(rack={"clearance": 0.0}), 2.3, 0.0, "rest on the root circle of 86.0000 mm"),
         (shop_gear(helix=(3.0, 3.0)), 3.5, -9.95, "beyond the end of the face"),
         (shop_gear(1, rack={"addendum": 0.4}), 3.0, 0.0, "one tooth has no opposite space"),
-    ],
-)
-def test_a_ball_that_cannot_seat_is_told(tooth, ball, z, words):
-    found = over_balls(tooth, ball, z)
-    assert found.value_mm is None and found.contact_diameters_mm is None
-    assert found.reason is not None and words in found.reason
-    assert found.reason.endswith(".") and "\n" not in found.reason
+    ):
+        found = over_balls(tooth, ball, z)
+        assert found.value_mm is None and found.contact_diameters_mm is None
+        assert found.reason is not None and words in found.reason
+        assert found.reason.endswith(".") and "\n" not in found.reason
 
 
 def test_without_face_width_no_end_is_in_the_way():
@@ -299,37 +297,26 @@ def test_without_face_width_no_end_is_in_the_way():
 # The ball that is chosen.
 
 
-@pytest.mark.parametrize(
-    "tooth",
-    [
+def test_the_chosen_ball_is_on_sale_and_touches_near_the_v_circle():
+    for tooth in (
         *(shop_gear(teeth) for teeth in (12, 17, 20, 45, 80, 300)),
         *(shop_gear(module_mm=module) for module in (0.3, 1.0, 5.0, 20.0)),
         shop_gear(24, helix=(25.0, -25.0), shift=0.4),
         shop_gear(helix=(3.0, 3.0)),
         shop_gear(helix=(2.0, 14.0), normal_pressure_angle_deg=20.0),
-    ],
-)
-def test_the_chosen_ball_is_on_sale_and_touches_near_the_v_circle(tooth):
-    ball = usual_ball(tooth)
-    found = over_balls(tooth, ball)
-    assert ball in SIZES_MM
-    assert known(found.value_mm) > 2 * tooth.tip_radius
-    contact = np.mean(known(found.contact_diameters_mm)) / 2
-    circle = tooth.reference_radius + tooth.profile_shift_mm
-    assert abs(contact - circle) < 0.75 * tooth.addendum_mm
+    ):
+        ball = usual_ball(tooth)
+        found = over_balls(tooth, ball)
+        assert ball in SIZES_MM
+        assert known(found.value_mm) > 2 * tooth.tip_radius
+        contact = np.mean(known(found.contact_diameters_mm)) / 2
+        circle = tooth.reference_radius + tooth.profile_shift_mm
+        assert abs(contact - circle) < 0.75 * tooth.addendum_mm
 
 
-@pytest.mark.parametrize("module", [0.05, 100.0])
-def test_sizes_beyond_those_on_sale_have_two_digits(module):
-    tooth = shop_gear(module_mm=module, width=10 * module)
-    ball = usual_ball(tooth)
-    assert ball not in SIZES_MM and float(f"{ball:.2g}") == ball
-    assert over_balls(tooth, ball).value_mm is not None
-
-
-@pytest.mark.parametrize(
-    "tooth", [shop_gear(20), shop_gear(24, helix=(25.0, -25.0)), shop_gear(helix=(3.0, 3.0))]
-)
-def test_the_ideal_ball_touches_at_the_reference_circle(tooth):
-    found = over_balls(tooth, _ideal_ball(tooth, 0.0))
-    assert found.contact_diameters_mm == pytest.approx([2 * float(tooth.reference_radius)] * 2)
+def test_sizes_beyond_those_on_sale_have_two_digits():
+    for module in (0.05, 100.0):
+        tooth = shop_gear(module_mm=module, width=10 * module)
+        ball = usual_ball(tooth)
+        assert ball not in SIZES_MM and float(f"{ball:.2g}") == ball
+        assert over_balls(tooth, ball).value_mm is not None

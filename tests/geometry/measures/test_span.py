@@ -19,15 +19,13 @@ from vttig_jax.geometry.tooth import Tooth
 KHK: dict[str, Any] = {"normal_module_mm": 3.0, "normal_pressure_angle_deg": 20.0}
 
 
-@pytest.mark.parametrize(
-    ("teeth", "spanned", "value"), [(30, 4, 10.7526), (20, 3, 7.6604), (17, 2, 4.6663)]
-)
-def test_table_of_spur_gears(teeth, spanned, value):
-    found = span(shop_gear(teeth, module_mm=1.0))
-    assert found.teeth == spanned
-    assert found.value_mm == pytest.approx(value, abs=6e-5)
-    assert found.measurable and found.reason is None
-    assert found.transverse_mm == found.value_mm
+def test_table_of_spur_gears():
+    for teeth, spanned, value in ((30, 4, 10.7526), (20, 3, 7.6604), (17, 2, 4.6663)):
+        found = span(shop_gear(teeth, module_mm=1.0))
+        assert found.teeth == spanned
+        assert found.value_mm == pytest.approx(value, abs=6e-5)
+        assert found.measurable and found.reason is None
+        assert found.transverse_mm == found.value_mm
 
 
 def test_the_contact_of_two_teeth_is_that_of_the_calculator():
@@ -128,9 +126,8 @@ def test_jaws_rock_on_flanks_with_different_base_circles():
 # Who can take it.
 
 
-@pytest.mark.parametrize(
-    ("helix", "crowning", "z", "words"),
-    [
+def test_no_micrometer_takes_it_where_no_line_is_square_to_both_flanks():
+    for helix, crowning, z, words in (
         ((3.0, 3.0), 0.0, 0.0, "opposite hands (2.8194° left-handed, 2.8194° right-handed)"),
         ((-3.0, -3.0), 0.0, 0.0, "opposite hands (2.8194° right-handed, 2.8194° left-handed)"),
         ((3.0, 0.0), 0.0, 0.0, "base helix angles of 2.8194° and 0.0000°"),
@@ -141,39 +138,38 @@ def test_jaws_rock_on_flanks_with_different_base_circles():
         ((0.0, 0.0), 0.0, 5.0, None),
         ((15.0, -15.0), 0.0, 5.0, None),
         ((25.0, -25.0), 0.0, 0.0, "stand 14.57 mm apart on the axis, more than the face of 10 mm"),
-    ],
-)
-def test_no_micrometer_takes_it_where_no_line_is_square_to_both_flanks(helix, crowning, z, words):
-    width = 10.0 if helix[0] == 25.0 else 20.0
-    found = span(shop_gear(helix=helix, crowning_um=crowning, width=width), z)
-    assert found.value_mm is not None
-    assert found.measurable == (words is None)
-    if words is None:
-        assert found.reason is None
-    else:
-        reason = known(found.reason)
-        assert words in reason and "no micrometer can take" in reason.lower()
+    ):
+        width = 10.0 if helix[0] == 25.0 else 20.0
+        found = span(shop_gear(helix=helix, crowning_um=crowning, width=width), z)
+        assert found.value_mm is not None
+        assert found.measurable == (words is None)
+        if words is None:
+            assert found.reason is None
+        else:
+            reason = known(found.reason)
+            assert words in reason and "no micrometer can take" in reason.lower()
 
 
-@pytest.mark.parametrize(
-    ("teeth", "words"),
-    [
+def test_jaws_that_miss_the_flanks_are_told():
+    for teeth, words in (
         (2, "below the form circle of 86.6994 mm; span more teeth"),
         (9, "above the tip circle of 94.0000 mm; span fewer teeth"),
         (60, "above the tip circle"),
-    ],
-)
-def test_jaws_that_miss_the_flanks_are_told(teeth, words):
-    found = span(shop_gear(), teeth=teeth)
-    assert found.value_mm is None and found.teeth == teeth
-    assert f"Over {teeth} teeth" in known(found.reason) and words in known(found.reason)
+    ):
+        found = span(shop_gear(), teeth=teeth)
+        assert found.value_mm is None and found.teeth == teeth
+        assert f"Over {teeth} teeth" in known(found.reason) and words in known(found.reason)
 
 
-@pytest.mark.parametrize("tooth", [shop_gear(3), shop_gear(2), shop_gear(rack={"addendum": 0.05})])
-def test_where_no_number_of_teeth_serves_there_is_none(tooth):
-    found = span(tooth)
-    assert found.teeth is None and found.value_mm is None
-    assert known(found.reason).startswith("Over ")
+def test_where_no_number_of_teeth_serves_there_is_none():
+    for tooth in (
+        shop_gear(3),
+        shop_gear(2),
+        shop_gear(rack={"addendum": 0.05}),
+    ):
+        found = span(tooth)
+        assert found.teeth is None and found.value_mm is None
+        assert known(found.reason).startswith("Over ")
 
 
 # What has to hold for any gear.

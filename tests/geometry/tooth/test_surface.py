@@ -16,7 +16,6 @@ GEAR = tooth(
 )
 HEIGHTS = np.array([-9.0, -2.0, 0.5, 8.0])
 each_side = pytest.mark.parametrize("side", SIDES)
-each_part = pytest.mark.parametrize("part", PARTS)
 
 
 def rolls(gear, side, part, count=5):
@@ -39,35 +38,35 @@ def difference(gear, side, part, roll, z, step_roll, step_z):
     return np.subtract(*ends) / 2
 
 
-@each_side
-@each_part
-def test_normals_stand_on_the_surface(side, part):
-    roll = rolls(GEAR, side, part)
-    along = difference(GEAR, side, part, roll, HEIGHTS, 1e-5, 0.0) / 1e-5
-    across = difference(GEAR, side, part, roll, HEIGHTS, 0.0, 1e-4) / 1e-4
-    cross = np.cross(along, across)
-    cross /= np.linalg.norm(cross, axis=-1, keepdims=True)
-    normal = np.asarray(surface_normal(GEAR, roll, HEIGHTS, side=side, part=part))
-    np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), 1.0, rtol=1e-14)
-    assert np.abs(np.cross(cross, normal)).max() < 1e-7
-    tilted = normal + np.array([0.0, 1e-5, 1e-5])
-    assert np.abs(np.cross(cross, tilted)).max() > 1e-6  # the comparison can fail
+def test_normals_stand_on_the_surface():
+    for side in SIDES:
+        for part in PARTS:
+            roll = rolls(GEAR, side, part)
+            along = difference(GEAR, side, part, roll, HEIGHTS, 1e-5, 0.0) / 1e-5
+            across = difference(GEAR, side, part, roll, HEIGHTS, 0.0, 1e-4) / 1e-4
+            cross = np.cross(along, across)
+            cross /= np.linalg.norm(cross, axis=-1, keepdims=True)
+            normal = np.asarray(surface_normal(GEAR, roll, HEIGHTS, side=side, part=part))
+            np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), 1.0, rtol=1e-14)
+            assert np.abs(np.cross(cross, normal)).max() < 1e-7
+            tilted = normal + np.array([0.0, 1e-5, 1e-5])
+            assert np.abs(np.cross(cross, tilted)).max() > 1e-6  # the comparison can fail
 
 
-@each_side
-@each_part
-def test_normals_point_out_of_the_tooth(side, part):
+def test_normals_point_out_of_the_tooth():
     """On flank and fillet towards the cutter, on the lands away from the axis."""
-    roll = rolls(GEAR, side, part)
-    points = np.asarray(tooth_surface(GEAR, roll, 3.0, side=side, part=part))[:, 0]
-    normals = np.asarray(surface_normal(GEAR, roll, 3.0, side=side, part=part))[:, 0]
-    if part in ("root", "tip"):
-        along = np.sum(points[:, :2] * normals[:, :2], axis=-1)
-        np.testing.assert_allclose(along, np.hypot(*points[:, :2].T), rtol=1e-14)
-        return
-    mirror, beside = (1.0 if side == "left" else -1.0), cutter(GEAR, side, 3.0)
-    for x, y in points[:, :2] + 1e-3 * normals[:, :2]:
-        assert beside.clearance(mirror * x, y) < -5e-4
+    for side in SIDES:
+        for part in PARTS:
+            roll = rolls(GEAR, side, part)
+            points = np.asarray(tooth_surface(GEAR, roll, 3.0, side=side, part=part))[:, 0]
+            normals = np.asarray(surface_normal(GEAR, roll, 3.0, side=side, part=part))[:, 0]
+            if part in ("root", "tip"):
+                along = np.sum(points[:, :2] * normals[:, :2], axis=-1)
+                np.testing.assert_allclose(along, np.hypot(*points[:, :2].T), rtol=1e-14)
+                continue
+            mirror, beside = (1.0 if side == "left" else -1.0), cutter(GEAR, side, 3.0)
+            for x, y in points[:, :2] + 1e-3 * normals[:, :2]:
+                assert beside.clearance(mirror * x, y) < -5e-4
 
 
 def test_shapes_broadcast():

@@ -17,17 +17,17 @@ DERIVATIVES = [jax.grad(TABLE), jax.grad(jax.grad(TABLE)), jax.grad(jax.grad(jax
 GRID = np.linspace(KNOTS[0], KNOTS[-1], 101)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-@pytest.mark.parametrize("count", [2, 3, 9])
-def test_it_is_the_natural_spline(compiled, count):
-    table = Tabulated(KNOTS[:count], VALUES[:count])
-    grid = np.linspace(KNOTS[0], KNOTS[count - 1], 101)
-    wanted = CubicSpline(KNOTS[:count], VALUES[:count], bc_type="natural")(grid)
-    found = jax.jit(lambda t, z: t(z))(table, grid) if compiled else table(grid)
-    assert isinstance(found, jax.Array if compiled else np.ndarray)
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-13)
-    linear = np.interp(grid, KNOTS[:count], VALUES[:count])
-    assert count == 2 or np.abs(linear - wanted).max() > 1e-3
+def test_it_is_the_natural_spline():
+    for compiled in (False, True):
+        for count in (2, 3, 9):
+            table = Tabulated(KNOTS[:count], VALUES[:count])
+            grid = np.linspace(KNOTS[0], KNOTS[count - 1], 101)
+            wanted = CubicSpline(KNOTS[:count], VALUES[:count], bc_type="natural")(grid)
+            found = jax.jit(lambda t, z: t(z))(table, grid) if compiled else table(grid)
+            assert isinstance(found, jax.Array if compiled else np.ndarray)
+            np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-13)
+            linear = np.interp(grid, KNOTS[:count], VALUES[:count])
+            assert count == 2 or np.abs(linear - wanted).max() > 1e-3
 
 
 def test_it_is_straight_outside():
@@ -58,20 +58,17 @@ def test_it_is_linear_in_the_table():
     np.testing.assert_allclose(both[1], Tabulated(KNOTS, VALUES**2)(GRID), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("z", "values"),
-    [
+def test_tables_that_are_none():
+    for z, values in (
         ([0.0, 2.0, 1.0], [0.0] * 3),
         ([0.0, 1.0, 1.0], [0.0] * 3),
         ([0.0, np.nan, 1.0], [0.0] * 3),
         ([0.0, 1.0, 2.0], [0.0, 0.0, np.inf]),
         ([0.0], [0.0]),
-    ],
-)
-def test_tables_that_are_none(z, values):
-    with pytest.raises(PairError) as caught:
-        Tabulated(z, values)
-    assert caught.value.where == "recession"
+    ):
+        with pytest.raises(PairError) as caught:
+            Tabulated(z, values)
+        assert caught.value.where == "recession"
 
 
 def test_a_table_of_unequal_columns(unchecked):

@@ -89,9 +89,8 @@ def test_a_drive_splits_its_orders_into_common_and_gap():
     assert found.outcome == "ok"
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
+def test_every_choice_changes_a_standard_error():
+    for changes in (
         {"turns": 25.0},
         {"rate_hz": 700.0},
         {"speed_rpm": 40.0},
@@ -102,11 +101,9 @@ def test_a_drive_splits_its_orders_into_common_and_gap():
         {"orders": HarmonicOrders(driving_orders=(1,), driven_orders=(1, 2), mesh_orders=0)},
         {"ramp_s": 1.0},
         {"directions": "forward"},
-    ],
-)
-def test_every_choice_changes_a_standard_error(changes):
-    name = "driven_amplitude_arcsec"
-    assert drive_plan(**changes).std(name) != pytest.approx(drive_plan().std(name), rel=1e-8)
+    ):
+        name = "driven_amplitude_arcsec"
+        assert drive_plan(**changes).std(name) != pytest.approx(drive_plan().std(name), rel=1e-8)
 
 
 def test_dwell_and_assumed_phase_change_what_they_should():
@@ -156,9 +153,8 @@ def test_a_flank_without_a_full_turn_and_a_slow_speed_are_told():
     assert slow.duration_s == pytest.approx(2 * (4.5 + 2 + 600.5 + 2))
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
+def test_wrong_arguments_are_named(unchecked):
+    for changes, words in (
         ({"turns": 0.0}, "turns"),
         ({"turns": np.nan}, "turns"),
         ({"turns": 0.3}, "two ramps"),
@@ -178,12 +174,10 @@ def test_a_flank_without_a_full_turn_and_a_slow_speed_are_told():
         ({"assumed": {"nonesuch": 1.0}}, "nonesuch"),
         ({"assumed": {"driving_amplitude_arcsec": -1.0}}, "driving_amplitude_arcsec"),
         ({"eccentricities": Eccentricities()}, "eccentricities"),
-    ],
-)
-def test_wrong_arguments_are_named(changes, words, unchecked):
-    keywords = dict(SHORT, **changes)
-    with pytest.raises(ValueError, match=words):
-        plan(DRIVE, **keywords)
+    ):
+        keywords = dict(SHORT, **changes)
+        with pytest.raises(ValueError, match=words):
+            plan(DRIVE, **keywords)
 
 
 def test_runs_that_tell_nothing_have_no_answer():

@@ -61,15 +61,12 @@ def test_the_upper_bound_is_stated(monkeypatch):
         shortest_run(DRIVE, {NAME: 1.0}, most_turns=1.0, **HOW)
 
 
-@pytest.mark.parametrize(
-    ("target", "words"),
-    [
+def test_wrong_targets_are_named():
+    for target, words in (
         ({}, "empty"),
         ({NAME: 0.0}, NAME),
         ({NAME: float("nan")}, NAME),
         ({"nonesuch": 1.0}, "nonesuch"),
-    ],
-)
-def test_wrong_targets_are_named(target, words):
-    with pytest.raises(ValueError, match=words):
-        shortest_run(DRIVE, target, **HOW)
+    ):
+        with pytest.raises(ValueError, match=words):
+            shortest_run(DRIVE, target, **HOW)
