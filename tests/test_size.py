@@ -29,7 +29,7 @@ BOUNDS = {
     "model": (2106, 44),
     "identify": (3482, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
-    "control": (5807, 66),  # 3600
+    "control": (5801, 66),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
     "runs": (2237, 5),  # 900
     "cli": (3809, 19),  # 2600
