@@ -3,14 +3,15 @@
 import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.simulation.build import Maps, case_of
+from vttig_jax.control.simulation.build import Maps, case_of, motion_of
 from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.simulate import periods_of
 from vttig_jax.control.sweeps.work import Lanes, compiled_s, mesh_of
@@ -51,12 +52,10 @@ def cases_of(
 
     The map "rig" has mesh orders too.
     """
-    maps = Maps({"rig": paper_rig().flank_model()})
-    places = np.linspace(*turns, lanes)
-    return [
-        case_of(spec_of({**values, "motion.reversal_deg": float(x)}), PAIR, maps=maps)
-        for x in places
-    ]
+    maps, places = Maps({"rig": paper_rig().flank_model()}), np.linspace(*turns, lanes)
+    specs = [spec_of({**values, "motion.reversal_deg": float(x)}) for x in places]
+    one = case_of(specs[0], PAIR, maps=maps)
+    return [replace(one, motion=motion_of(spec.motion, Path()).pieces) for spec in specs]
 
 
 class BatchRunner:

@@ -26,10 +26,10 @@ BOUNDS = {
     "geometry": (3530, 56),  # 2800
     "logs": (10209, 274),  # 7400
     "rig": (326, 1),  # 260
-    "model": (2106, 44),
+    "model": (2105, 44),
     "identify": (3482, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
-    "control": (5960, 70),  # 3600
+    "control": (5954, 70),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
     "runs": (2470, 9),  # 900
     "cli": (3941, 19),  # 2600

@@ -283,7 +283,7 @@ class Plain(NoController):
 def test_anybody_may_move_the_motor():
     found = simulate(spec_of(BASE), PAIR, controller=Back(), trace_every=1)
     assert found.trace is not None and found.outcome == "ok"
-    samples = found.trace.samples
+    samples = found.trace
     ahead = samples.driving - at(found.case.motion, samples.time).angle
     turn = float(found.case.motion.turn_s)
     assert np.abs(ahead[samples.time <= turn]).max() < 1e-12

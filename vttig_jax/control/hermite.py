@@ -45,17 +45,14 @@ def first_root(curve: Cubic) -> Float[Array, "*shape"]:
     an arbitrary share in [0, 1].
     """
     end = curve.at(jnp.ones_like(curve.c0))
-    share = _clipped(curve.c0 / _nonzero(curve.c0 - end))
+    share = jnp.clip(curve.c0 / nonzero(curve.c0 - end), 0.0, 1.0)
     for _ in range(_HALLEY):
         value, slope, bend = curve.at(share), curve.slope(share), curve.bend(share)
         denominator = slope * slope - 0.5 * value * bend
-        share = _clipped(share - value * slope / _nonzero(denominator))
+        share = jnp.clip(share - value * slope / nonzero(denominator), 0.0, 1.0)
     return share
 
 
-def _clipped(share):
-    return jnp.clip(share, 0.0, 1.0)
-
-
-def _nonzero(value):
+def nonzero(value: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """Return a divisor: the value, or 1 where it is 0."""
     return jnp.where(value == 0, 1.0, value)

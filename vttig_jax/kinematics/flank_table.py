@@ -72,7 +72,7 @@ class Bounds(FlankModel):
         """Return the backlash j = TE_B − TE_A (rad) at a driving angle (rad) for s = 0."""
 
     @abstractmethod
-    def turned(self, turns: int) -> "Bounds":
+    def turned(self, turns: Int[ArrayLike, ""]) -> "Bounds":
         """Return flanks whose values at φ₁ are those of these flanks at φ₁ + 2π · `turns`."""
 
     def transmission_error(
@@ -137,7 +137,7 @@ class FirstOrderBounds(Bounds):
             gap = gap + (cosine[shaft] * c + sine[shaft] * s)
         return gap
 
-    def turned(self, turns: int) -> "FirstOrderBounds":
+    def turned(self, turns: Int[ArrayLike, ""]) -> "FirstOrderBounds":
         """See `Bounds.turned`."""
         angle = REV * turns * jnp.stack([jnp.zeros(()), jnp.asarray(self.ratio)])
         c, s = jnp.cos(angle)[None], jnp.sin(angle)[None]
@@ -187,7 +187,7 @@ class FlankTable(Bounds):
         gaps = [node[i + 2] - node[i] for node in (start, end) for i in (0, 1)]
         return _hermite(share, *gaps)[0]
 
-    def turned(self, turns: int) -> "FlankTable":
+    def turned(self, turns: Int[ArrayLike, ""]) -> "FlankTable":
         """See `Bounds.turned`."""
         return replace(self, start=self.start - REV * turns)
 
@@ -196,33 +196,33 @@ class FlankTable(Bounds):
         """Driving angle from the first to the last node, rad."""
         return self.step * self.intervals
 
-    def gap_among(self, gaps: Any, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Return what `gap` returns, from the gap and step · its slope at each node, rad (rows, 2).
-
-        There are half as many numbers to gather.
-        """
-        share, row = self._place(driving_angle)
-        return _hermite(share, *_gathered(gaps, 2 * row, 4))[0]
-
     def _interval(self, angle: Float[Array, "*shape"]):
         """Return the share of the interval that holds an angle, and the numbers of its ends."""
-        share, row = self._place(angle)
-        found = _gathered(self.nodes, 4 * row, 8)
+        share, row = place_of(angle, self.start, self.step, self.intervals, self.periodic)
+        row = row + jnp.asarray(self.first, jnp.int32)
+        found = gathered(self.nodes, 4 * row, 8)
         return share, found[:4], found[4:]
 
-    def _place(self, angle: Float[Array, "*shape"]):
-        """Return the share of the interval that holds a driving angle, and the row of its start."""
-        place, count = (angle - self.start) * (1.0 / jnp.asarray(self.step)), self.intervals
-        if self.periodic:
-            whole = jnp.floor(place)
-            row = whole - count * jnp.floor(whole / count)
-        else:
-            place = jnp.clip(place, 0.0, float(count))
-            whole = row = jnp.minimum(jnp.floor(place), count - 1.0)
-        return place - whole, row.astype(jnp.int32) + jnp.asarray(self.first, jnp.int32)
+
+def place_of(
+    angle: Float[Array, "*shape"], start: Any, step: Any, intervals: int, periodic: bool
+) -> tuple[Float[Array, "*shape"], Int[Array, "*shape"]]:
+    """Return the share of the interval that holds an angle, and the number of this interval.
+
+    The first of so many intervals of length `step` begins at `start`, rad. A table that is not
+    periodic has the values of its ends outside.
+    """
+    place = (angle - start) * (1.0 / jnp.asarray(step))
+    if periodic:
+        whole = jnp.floor(place)
+        row = whole - intervals * jnp.floor(whole / intervals)
+    else:
+        place = jnp.clip(place, 0.0, float(intervals))
+        whole = row = jnp.minimum(jnp.floor(place), intervals - 1.0)
+    return place - whole, row.astype(jnp.int32)
 
 
-def _gathered(table: Any, first: Any, count: int) -> list[Array]:
+def gathered(table: Any, first: Any, count: int) -> list[Array]:
     """Return consecutive numbers of a table, one by one: XLA joins such gathers with what follows.
 
     XLA clamps the index of a gather, so that an angle that is not a number does no harm.

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter
 
-_WIDER, _FARTHEST = 10.0, 1e9
+_WIDER = 10.0
 _WINDOW = 21
 _ENOUGH = 20.0
 
@@ -63,7 +63,7 @@ def spread(values: Float[np.ndarray, " n"]) -> float:
 
 
 def _mixture(values: np.ndarray, deviation: float, share: float) -> tuple[np.ndarray, np.ndarray]:
-    scaled = np.minimum(np.abs(values) / deviation, _FARTHEST)
+    scaled = np.minimum(np.abs(values) / deviation, 1 / np.finfo(float).eps)
     return (
         (1 - share) * np.exp(-0.5 * scaled**2),
         share / _WIDER * np.exp(-0.5 * (scaled / _WIDER) ** 2),

@@ -65,7 +65,7 @@ def held(limit: float, **more: Any) -> Simulation:
 
 def reached(found: Simulation) -> np.ndarray:
     assert found.trace is not None
-    return np.asarray(found.trace.samples.reached)
+    return np.asarray(found.trace.reached)
 
 
 def test_a_strong_actuator_does_what_one_without_limit_does():

@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from vttig_jax.control import (
@@ -42,6 +43,25 @@ def test_teeth_that_pass_quickly_are_not_closed_too_far(believed, changes):
     found, before = (run(each).metrics for each in (one, careless))
     assert found["interference_mm"] < 1e-4 and before["interference_mm"] > 0.005
     assert found["residual_gap_deg"] < 1.05 * MARGIN_DEG
+
+
+def test_the_table_holds_the_least_displacement_ahead_less_what_the_actuator_can_do():
+    one, generator = case(1153.9), np.random.default_rng(0)
+    angle = generator.uniform(0.0, 100.0, 200)
+    speed = 10 ** generator.uniform(-2.0, 1.2, 200) * generator.choice([-1.0, 1.0], 200)
+    ahead = np.linspace(0.0, 2 * np.pi / RIG.pair.driving.teeth, 1000)
+    place = angle[:, None] + np.sign(speed)[:, None] * ahead
+    closed = np.asarray(one.believed.closed_at(one.believed.gap(jnp.asarray(place))))
+    half = np.maximum(ahead / np.abs(speed)[:, None] - float(one.lead_s), 0.0) / 2
+    most, quickest = 20.0, 2000.0  # mm/s and mm/s^2 of the actuator
+    moved = np.where(
+        half < 2 * most / quickest, quickest * half**2 / 4, most * (half - most / quickest)
+    )
+    found = jax.vmap(one.retreat.at)(jnp.asarray(angle), jnp.asarray(speed))
+    off = np.asarray(found) - (closed + moved).min(axis=1)
+    assert np.abs(off).max() < 0.006 and np.abs(off).mean() < 0.001  # mm, of waves of 0.1 mm
+    still = np.asarray(jax.vmap(one.retreat.at)(jnp.asarray(angle), jnp.zeros(200))) - closed[:, 0]
+    assert np.all(still > -1e-5) and still.max() < 0.0012
 
 
 def test_with_a_quick_actuator_the_teeth_change_nothing():

@@ -66,7 +66,7 @@ def test_a_run_has_the_metrics_and_samples_of_a_simulation(quantised):
         same_number(value, expected.metrics[name], rel=1e-12, abs=1e-12)
     assert expected.trace is not None and found.trace is not None
     for one, other in zip(
-        jax.tree.leaves(found.trace), jax.tree.leaves(expected.trace.samples), strict=True
+        jax.tree.leaves(found.trace), jax.tree.leaves(expected.trace), strict=True
     ):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 

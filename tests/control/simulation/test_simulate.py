@@ -41,7 +41,7 @@ def traced() -> Simulation:
 
 def samples_of(run: Simulation) -> Sample:
     assert run.trace is not None
-    return run.trace.samples
+    return run.trace
 
 
 # What the encoders show.
@@ -215,7 +215,7 @@ def test_neither_the_trace_nor_the_length_of_a_compiled_call_changes_the_metrics
 
 def test_the_columns_of_a_trace_have_their_units(traced):
     assert traced.trace is not None
-    columns, samples = traced.trace.columns(), samples_of(traced)
+    columns, samples = traced.columns(), samples_of(traced)
     np.testing.assert_array_equal(columns["time_s"], samples.time)
     np.testing.assert_allclose(columns["driving_deg"], np.degrees(samples.driving))
     np.testing.assert_allclose(columns["te_deg"], np.degrees(samples.error))

@@ -178,7 +178,7 @@ def _numbers(compensation: Compensation) -> dict[str, str]:
         "driven_orders": _rows(map(_number, driven)),
         "places": _rows(places),
         "waves": _rows(waves),
-        "place_type": _place_type(max(len(driving), len(driven))),
+        "place_type": f"unsigned {'char' if max(len(driving), len(driven)) <= 256 else 'short'}",
         "ratio": _number(float(compensation.ratio)),
         "spacing": _number(compensation.spacing_rad),
         "offset": _number(math.remainder(compensation.offset_rad, REV)),
@@ -187,10 +187,6 @@ def _numbers(compensation: Compensation) -> dict[str, str]:
         "closing": _number(compensation.closing_rad_per_mm),
         **{f"turn_{place}": _number(part) for place, part in enumerate(_TURN)},
     }
-
-
-def _place_type(count: int) -> str:
-    return "unsigned char" if count <= 256 else "unsigned short"
 
 
 def _number(value: float | int) -> str:

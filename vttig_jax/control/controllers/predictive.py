@@ -1,11 +1,11 @@
 """Controller that closes the gap before the shaft stops, with a predicted stopping angle."""
 
-import jax
+from functools import reduce
+
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ...base.units import REV
-from ...kinematics.flank_table import FlankTable
 from ..fields import Quantity, positive
 from .acceleration import LEAST_RPM, MARGIN_MM
 from .controller import Controller, Measurement
@@ -25,11 +25,11 @@ class Predictive(Controller):
     With speed ω and deceleration a the shaft stops after the time ω/a at the angle φ₁ + ω²/2a.
     While ω/a is shorter than the horizon, and while the shaft stands, the commanded displacement is
 
-        s = min{ j(φ₁), j(φ₁ + ω·delay), j(φ₁ + ω²/2a), j(φ₁ + x_k) + d(w_k) } − margin
+        s = min{ j(φ₁), j(φ₁ + ω·delay), j(φ₁ + ω²/2a), r(φ₁, ω) } − margin
 
     with j as the displacement that closes this gap, j/(tan β_L/R₂ + tan β_R/R₂); otherwise s = 0.
-    In the fourth term x_k = ω (delay + w_k), up to the stop, are points of the next tooth pitch,
-    and d(w) is the distance that the actuator can rise and return in the time w (`Retreat`): gaps
+    r is only there for maps with waves as short as the teeth: the displacement from which the
+    actuator can open the gap again before the teeth of the next pitch are there (`Retreat`). Gaps
     between teeth that pass faster than the actuator can follow stay open, and those that it can
     follow close. The displacement is computed anew in every period and never exceeds the one that
     closes the present gap j(φ₁). The gap is therefore not closed too far if the stop comes late or
@@ -60,27 +60,12 @@ class Predictive(Controller):
         stops = exceeds(self.horizon_s * deceleration, speed, speed + least_speed, self.width)
         least = (speed + _TINY * least_speed) / (_LONGEST_STOP * self.horizon_s)
         stop_angle = stops * 0.5 * seen.speed * speed / jnp.maximum(deceleration, least)
-        steps = (jnp.zeros(()), seen.speed * seen.delay, stop_angle)
+        steps = (stop_angle, jnp.zeros(()), seen.speed * seen.delay)
+        if seen.retreat is not None:  # which holds the other two terms
+            steps = steps[:1]
         gaps = [seen.map.gap(seen.driving + step) for step in steps]
-        smallest = jnp.minimum(jnp.minimum(gaps[0], gaps[1]), gaps[2])
-        passing = self._passing(seen, jnp.abs(stop_angle), seen.map.closed_at(smallest))
-        shift = jnp.maximum(passing - self.margin_mm, 0.0)
+        closed = seen.map.closed_at(reduce(jnp.minimum, gaps))
+        if seen.retreat is not None:
+            closed = jnp.minimum(closed, seen.retreat.at(seen.driving, seen.speed))
+        shift = jnp.maximum(closed - self.margin_mm, 0.0)
         return moved, moved * (1 - (1 - stands) * (1 - stops)) * shift
-
-    def _passing(
-        self, seen: Measurement, far: Float[Array, ""], least: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        """Return `least`, or less (mm) where teeth pass up to an angle `far` (rad)."""
-        retreat, table = seen.retreat, seen.map
-        if retreat is None or not isinstance(table, FlankTable):
-            return least
-        pause = retreat.pause(jnp.maximum(jnp.abs(seen.speed), self.least_rpm * REV / 60.0))
-
-        def lower(number: Int[Array, ""], least: Float[Array, ""]) -> Float[Array, ""]:
-            step = jnp.clip(seen.speed * (seen.delay + number * pause), -far, far)
-            gap = table.gap_among(retreat.gaps, seen.driving + step)
-            closed = table.closed_at(gap)
-            return jnp.minimum(least, closed + retreat.distance(number * pause))
-
-        # A loop is compiled to less than two thirds of the time of its unrolled steps.
-        return jax.lax.fori_loop(1, retreat.points + 1, lower, least)

@@ -108,10 +108,6 @@ class ServoDrive(eqx.Module):
         """Return the tracking error and whether the torque was limited."""
         return Tracking(jnp.abs(state.angle - shafts.angle), state.limited)
 
-    def expected(self, shafts: Shafts, step: Scalar) -> Scalar:
-        """Return the driving angle extrapolated at constant speed, rad."""
-        return shafts.angle + step * shafts.speed
-
     def step(
         self, motor: Motor, plant: Plant, shafts: Shafts, target: MotionPoint, *step: Any
     ) -> tuple[Motor, Shafts, ContactEvent]:

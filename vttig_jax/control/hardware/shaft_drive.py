@@ -22,11 +22,6 @@ class Lead(eqx.Module):
     speed: Float[Array, ""]
 
 
-def no_lead() -> Lead:
-    """Return a lead of zero with the rate zero."""
-    return Lead(jnp.zeros(()), jnp.zeros(()))
-
-
 def next_lead(lead: Lead, advance: Float[Array, ""], period: Float[Array, ""]) -> Lead:
     """Return the lead at the end of the next period (s).
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Real
+from jaxtyping import Array, Float, Real
 
 from ...base.arrays import Number, Numbers, float64
 from .motion import Motion, MotionPoint
@@ -102,7 +102,12 @@ class PieceMotion(Motion):
                 values.append(self._values_of(None, end, angle))
         begun: Any = sum(jnp.where(time >= edge, 1.0, 0.0) for edge in edges)
         for number, value in enumerate(values, 1):
-            active = _select(begun >= number, value, active)
+            active = _Piece(
+                *(
+                    None if new is None else jnp.where(begun >= number, new, old)
+                    for new, old in zip(value, active, strict=True)
+                )
+            )
         return active
 
     def _values_of(self, index: int | None, start: Any, angle: Any) -> _Piece:
@@ -126,12 +131,3 @@ class PieceMotion(Motion):
         if self.jerky:
             bend = bend + time * (0.125 * self.jerk[index])
         return time * (self.speed[index] + time * bend)
-
-
-def _select(begun: Bool[Array, "*shape"], new: _Piece, old: _Piece) -> _Piece:
-    return _Piece(
-        *(
-            None if later is None else jnp.where(begun, later, earlier)
-            for later, earlier in zip(new, old, strict=True)
-        )
-    )

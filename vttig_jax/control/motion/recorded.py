@@ -93,6 +93,12 @@ LARGEST: Final = 1e12
 """Largest time (s) or angle (deg) in the file; for larger numbers double precision is too coarse.
 """
 
+_UNREADABLE: Final = {
+    FileNotFoundError: "no such file; check the path of the motion.",
+    IsADirectoryError: "this is a folder; name the file of the motion in it.",
+    PermissionError: "no permission to read this file; change its access rights.",
+}
+
 _FORMAT_HINT: Final = "it needs the columns time_s and driving_deg, separated by commas"
 
 
@@ -149,21 +155,9 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
             fields = [field.strip() for field in row]
             if any(fields) and not fields[0].startswith("#"):
                 yield reader.line_num, fields
-    except FileNotFoundError:
-        raise InputError("no such file; check the path of the motion.", where=str(path)) from None
-    except IsADirectoryError:
-        raise InputError(
-            "this is a folder; name the file of the motion in it.", where=str(path)
-        ) from None
-    except PermissionError:
-        raise InputError(
-            "no permission to read this file; change its access rights.", where=str(path)
-        ) from None
     except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror or error}); check the path and the disk.",
-            where=str(path),
-        ) from None
+        other = f"cannot be read ({error.strerror or error}); check the path and the disk."
+        raise InputError(_UNREADABLE.get(type(error), other), where=str(path)) from None
     except UnicodeDecodeError:
         raise InputError(
             f"not text in UTF-8; save the motion as CSV: {_FORMAT_HINT}.", where=str(path)

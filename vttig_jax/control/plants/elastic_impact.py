@@ -22,6 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..hermite import nonzero
+
 Scalar = Float[Array, ""]
 Truth = Bool[Array, ""]
 Series = Sequence[Scalar]
@@ -215,9 +217,9 @@ def _root(series: Series, limit: Scalar) -> Scalar:
     # `fori_loop` prevents that XLA recomputes these operations for every use of the root.
     def newton(_, time):
         value, slope = _value_slope(series, time)
-        return jnp.clip(time - value / _nonzero(slope), 0.0, limit)
+        return jnp.clip(time - value / nonzero(slope), 0.0, limit)
 
-    first = limit * jnp.clip(series[0] / _nonzero(series[0] - end), 0.0, 1.0)
+    first = limit * jnp.clip(series[0] / nonzero(series[0] - end), 0.0, 1.0)
     return jax.lax.fori_loop(0, _NEWTON, newton, first)
 
 
@@ -240,7 +242,3 @@ def _sqrt(value: Scalar) -> Scalar:
     """Return the square root, or 0 for values ≤ 0; its derivative is finite everywhere."""
     positive = value > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)
-
-
-def _nonzero(value: Scalar) -> Scalar:
-    return jnp.where(value == 0, 1.0, value)

@@ -1,6 +1,6 @@
 """Scenario file with every default value, as `vttig simulate --print-defaults` prints it."""
 
-from typing import Any, Literal, get_args, get_origin
+from typing import Literal, get_args, get_origin
 
 import tomli_w
 
@@ -71,7 +71,8 @@ def _lines(table: list[Key], hidden: bool = False) -> str:
 
 
 def _comment(entry: Key) -> str:
-    choices = [choice for kind in entry.types for choice in _choices(kind)]
+    literals = [kind for kind in entry.types if get_origin(kind) is Literal]
+    choices = [choice for kind in literals for choice in get_args(kind)]
     parts = [
         "required: " * entry.required,
         f"[{entry.unit}] " * bool(entry.unit),
@@ -79,7 +80,3 @@ def _comment(entry: Key) -> str:
         entry.meaning,
     ]
     return "".join(parts)
-
-
-def _choices(kind: Any) -> tuple[str, ...]:
-    return get_args(kind) if get_origin(kind) is Literal else ()

@@ -19,7 +19,7 @@ from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import Encoder, noise_draws
 from ..hardware.observer import MotionEstimate, Observer
 from ..hardware.servo import ServoDrive
-from ..hardware.shaft_drive import Lead, led, next_lead, no_lead
+from ..hardware.shaft_drive import Lead, led, next_lead
 from ..motion.motion import Motion, MotionPoint
 from ..plants.plant import ON_A, ON_B, Plant, Shafts
 from .accumulators import Accumulators, RunFacts, add_plant_step, add_sample, empty_accumulators
@@ -63,25 +63,33 @@ class Case(eqx.Module):
     periods: int = eqx.field(static=True, default=0)
 
 
-class State(eqx.Module):
-    """State of a run at the start of a controller period.
+class PlantState(eqx.Module):
+    """Part of the state of a run that changes in every plant step.
 
-    - `shafts`, `carriage`: states of both shafts and the actuator.
-    - `estimate`: motion of the driving shaft that the observer estimates.
-    - `controller`, `motor`: states of the controller and the drive.
+    - `shafts`: motion of both shafts and the flank in contact. - `carriage`: state of the actuator.
     - `accumulators`: sums, extremes and first times of the run so far.
-    - `lead`: angle by which the driving shaft leads its motion; None if the controller sets none.
     - `target`: present point of the motion; None if the driving shaft follows it exactly.
+    - `motor`: state of the drive.
     """
 
     shafts: Shafts
     carriage: Carriage
+    accumulators: Accumulators
+    target: MotionPoint | None
+    motor: Any
+
+
+class State(PlantState):
+    """State of a run at the start of a controller period.
+
+    - `estimate`: motion of the driving shaft that the observer estimates.
+    - `controller`: state of the controller.
+    - `lead`: angle by which the driving shaft leads its motion; None if the controller sets none.
+    """
+
     estimate: MotionEstimate
     controller: Any
-    accumulators: Accumulators
-    lead: Lead | None = None
-    target: MotionPoint | None = None
-    motor: Any = ()
+    lead: Lead | None
 
 
 class Sample(eqx.Module):
@@ -128,7 +136,7 @@ def initial_state(case: Case) -> State:
         estimate=MotionEstimate(driving, still, still),
         controller=case.controller.start(),
         accumulators=empty_accumulators(flanks.lower, case.controller.advances),
-        lead=no_lead() if case.controller.advances else None,
+        lead=Lead(still, still) if case.controller.advances else None,
         target=point if _can_deviate(case) else None,
         motor=None if case.drive is None else case.drive.start(point),
     )
@@ -212,34 +220,17 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
         reached=carriage.reached,
         output=reached,
     )
-    plant = _PlantState(shafts, carriage, accumulators, state.target, state.motor)
+    plant = PlantState(shafts, carriage, accumulators, state.target, state.motor)
     inputs = _PeriodInputs(position, time, state.lead, lead)
     if case.substeps == 1:
         plant = _plant_step(case, run, inputs, plant, jnp.ones(()))
     else:
 
-        def step(plant: _PlantState, number: Float[Array, ""]) -> tuple[_PlantState, None]:
+        def step(plant: PlantState, number: Float[Array, ""]) -> tuple[PlantState, None]:
             return _plant_step(case, run, inputs, plant, number), None
 
         plant, _ = jax.lax.scan(step, plant, jnp.arange(1.0, case.substeps + 1))
-    ended = plant.accumulators, lead, plant.target, plant.motor
-    return State(plant.shafts, plant.carriage, estimate, controller, *ended), sample
-
-
-class _PlantState(eqx.Module):
-    """Part of the run's state that changes in every plant step; the rest changes once per period.
-
-    - `shafts`: motion of both shafts and the flank in contact. - `carriage`: state of the actuator.
-    - `accumulators`: sums, extremes and first times of the run so far.
-    - `target`: point of the motion at the end of the step, or None; see `State`.
-    - `motor`: state of the drive.
-    """
-
-    shafts: Shafts
-    carriage: Carriage
-    accumulators: Accumulators
-    target: MotionPoint | None
-    motor: Any
+    return State(**vars(plant), estimate=estimate, controller=controller, lead=lead), sample
 
 
 class _PeriodInputs(eqx.Module):
@@ -260,9 +251,9 @@ def _plant_step(
     case: Case,
     run: RunFacts,
     inputs: _PeriodInputs,
-    plant: _PlantState,
+    plant: PlantState,
     number: Float[Array, ""],
-) -> _PlantState:
+) -> PlantState:
     """Return the state after the plant step with this number, counted from 1 in each period."""
     step = jnp.asarray(case.period) / case.substeps
     end = inputs.time + number * step
@@ -271,7 +262,8 @@ def _plant_step(
         share = number / case.substeps
         target = led(point, inputs.before, inputs.after, share, jnp.asarray(case.period))
     shafts = plant.shafts
-    expected = target.angle if case.drive is None else case.drive.expected(shafts, step)
+    # A servo is expected to turn the driving shaft on at constant speed.
+    expected = target.angle if case.drive is None else shafts.angle + step * shafts.speed
     closed = case.bounds.closed_at(case.bounds.gap(expected))
     push, thrust = None, case.actuator.thrust
     if thrust is not None:
@@ -295,7 +287,7 @@ def _plant_step(
         plant.accumulators, run, end, step, *changes, turned=turned, side=shafts.side, apart=apart
     )
     kept = point if _can_deviate(case) else None
-    return _PlantState(shafts, carriage, accumulators, kept, motor)
+    return PlantState(shafts, carriage, accumulators, kept, motor)
 
 
 def _run(case: Case) -> RunFacts:

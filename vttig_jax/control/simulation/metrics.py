@@ -14,6 +14,7 @@ from ..controllers.turn_location import LostController
 from ..motion.motion import Motion
 from .accumulators import Accumulators
 from .case import Case
+from .prepare import TIMES
 
 Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow"]
 """`unlocated`: the controller could not locate the turn of the hunting period and did not start.
@@ -49,10 +50,6 @@ METRICS = (
 
 NEAR_MM, NEAR_DEG = 1e-4, 1e-6
 """Axial displacements (mm) and backlash (deg) that count as zero; chosen tolerances."""
-
-
-_TIMES = 257
-"""Times at which the travel after the turn is added up: a chosen value."""
 
 
 class MetricInputs(eqx.Module):
@@ -94,7 +91,7 @@ def metric_inputs_of(case: Case) -> MetricInputs:
 
 def _way_back(motion: Motion) -> Float[Array, ""]:
     turn, end = jnp.asarray(motion.turn_s), jnp.asarray(motion.duration_s)
-    angle = motion.at(turn + (end - turn) * jnp.linspace(0.0, 1.0, _TIMES)).angle
+    angle = motion.at(turn + (end - turn) * jnp.linspace(0.0, 1.0, TIMES)).angle
     return jnp.where(turn < end, jnp.sum(jnp.abs(jnp.diff(angle))), jnp.nan)
 
 

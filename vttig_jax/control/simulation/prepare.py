@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from functools import reduce
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -27,7 +26,7 @@ from ...kinematics.flank_table import (
 from ...pair.eccentricities import Eccentricities
 from ...pair.gear_pair import GearPair
 from ..controllers.controller import Controller, NoController
-from ..controllers.retreat import Retreat
+from ..controllers.retreat import Retreat, retreat_of
 from ..controllers.turn_location import LostController, turn_error
 from ..fields import may_be_positive
 from ..hardware.actuator import Thrust, can_back_drive
@@ -47,11 +46,11 @@ _LOOP_PERIODS = 3.0
 _WHOLE_ROWS, _MOST_ROWS = 1 << 18, 1 << 25
 """Most nodes of a table of the hunting period (8 MB), and of all tables (1 GB): chosen values."""
 
-_POINTS = 12
-"""Points in a cycle of the highest order, up to a tooth pitch, at which the predictive controller
-looks ahead: with 8, a wave of 0.16 mm leaves an interference of 0.001 mm; a chosen value."""
+_LONG_WAVES = 12
+"""Length of waves, in tooth pitches, from which on the predictive controller does not look at the
+teeth that pass: a chosen value."""
 
-_TIMES = 4097
+TIMES = 4097
 """Times of a motion at which its travel is read: a chosen value."""
 
 Travel = tuple[float, float]
@@ -105,8 +104,8 @@ def prepared(
             travel = float(low) / REV, float(high) / REV
     gaps: dict[str, Any] = {}
 
-    def flanks(which: str, place: str, turns: Any = 0) -> tuple[Bounds, Waves | None]:
-        bounds, gap, waves = table_of(s, which, travel, turns)
+    def flanks(which: str, place: str, turns: Any = 0) -> tuple[Bounds, float]:
+        bounds, gap, order = table_of(s, which, travel, turns)
         if gap is not None and known(gap) and not gap >= 0:
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
@@ -115,11 +114,11 @@ def prepared(
                 where=which,
             )
         gaps[which] = gap
-        return bounds, waves
+        return bounds, order
 
-    waves = None
+    order = 0.0
     if drawn is None:
-        bounds, waves = flanks("plant_map", "at one angle")
+        bounds, order = flanks("plant_map", "at one angle")
     else:
         bounds, gaps["plant_map"] = drawn
     sensing = _sensing(s)
@@ -129,15 +128,11 @@ def prepared(
         turns = _located(s, bounds, sensing, motion)
         if turns is None:
             controller, blind = LostController(), True
-    believed, retreat = bounds, None
+    believed, retreat, machine = bounds, None, _machine(s, fixed)
     if not blind and (turns is not None or drawn is not None or not _believes_plant(s)):
-        believed, waves = flanks("controller_map", "on the average", 0 if turns is None else turns)
-    if not blind and controller.closes and waves is not None:
-        if waves.swing is None:
-            raise _traced("step of its map", "the number of nodes in a tooth pitch")
-        limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2
-        swing = waves.swing / closing_of(s.pair).sum()
-        retreat = Retreat(*limits, waves.pitch, swing, waves.gaps, waves.points)
+        believed, order = flanks("controller_map", "on the average", 0 if turns is None else turns)
+    if not blind and controller.closes:
+        retreat = _retreat(s, believed, order, machine["lead_s"])
     case = Case(
         motion=motion,
         bounds=bounds,
@@ -145,7 +140,7 @@ def prepared(
         controller=controller,
         sense=sense,
         retreat=retreat,
-        **_machine(s, fixed),
+        **machine,
         **sensing,
     )
     return case, gaps
@@ -161,23 +156,9 @@ def ends_of(motion: Motion) -> tuple[Any, Any, Any]:
 
 @eqx.filter_jit
 def _ends(motion: Motion) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
-    angle = motion.at(jnp.linspace(0.0, 1.0, _TIMES) * jnp.asarray(motion.duration_s)).angle
+    angle = motion.at(jnp.linspace(0.0, 1.0, TIMES) * jnp.asarray(motion.duration_s)).angle
     change = motion.at(jnp.asarray(motion.braking_s)).angle - angle[0]
     return angle.min(), angle.max(), jnp.where(change < 0, -1.0, 1.0)
-
-
-class Waves(NamedTuple):
-    """Waves of a map that are as short as the teeth.
-
-    - `pitch`: tooth pitch, rad. - `swing`: largest change of the gap within it, rad; None for a
-      table whose step is traced. - `points`: number of points in it at which the gap is looked at.
-    - `gaps`: gap and step · its slope at the nodes, rad.
-    """
-
-    pitch: float
-    swing: Any
-    points: int
-    gaps: Any
 
 
 def _model(s: Scenario, which: str) -> tuple[FlankModel, bool]:
@@ -261,25 +242,27 @@ def _taper(pair: Any) -> Any:
 
 def table_of(
     s: Scenario, which: str, travel: Travel | None, turns: Any
-) -> tuple[Bounds, Any, Waves | None]:
-    """Return the flanks, `turns` driving turns on, the gap that is checked, and short waves.
+) -> tuple[Bounds, Any, float]:
+    """Return the flanks, `turns` driving turns on, the gap that is checked, and the highest order.
+
+    The highest order of a map that is a table already is taken as that of the teeth.
 
     A map that is a table already is used as it is; **raises** `ScenarioError` if it is shorter than
     the motion.
     """
     model, given = _model(s, which)
     if isinstance(model, ClosedModel):
-        return first_order_bounds(model, closing_of(s.pair)).turned(turns), None, None
+        return first_order_bounds(model, closing_of(s.pair)).turned(turns), None, 0.0
     order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
     if isinstance(model, FlankTable):
         if travel is not None:
             _require_travel(model, travel, which)
-        step: Any = model.step
     else:
         order, per_turn = model.highest_order, nodes_per_turn(model)
         first, count, periodic = span_of(s.pair, model, travel)
-        model = _tabulated(model, count, periodic, float64(first + turns), per_turn)
-        step = REV / per_turn
+        start = float64(first if periodic else first + turns)
+        model = _tabulated(model, count, periodic, start, per_turn)
+        model = replace(model, step=REV / per_turn)  # known, also where JAX traces the model
     bounds = replace(model, closing=closing_of(s.pair)).turned(turns)
     judged = jnp.min if which == "plant_map" else jnp.mean
     gap = judged(gaps_of(bounds)) if given else None
@@ -287,22 +270,17 @@ def table_of(
         nodes = jnp.asarray(bounds.nodes)
         shift = s.map_backlash_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
         bounds = replace(bounds, nodes=nodes.at[:, 2].add(shift))
-    return bounds, gap, _waves(s.pair, bounds, step, order)
+    return bounds, gap, order
 
 
-def _waves(pair: Any, table: FlankTable, step: Any, order: float) -> Waves | None:
-    """Return the short waves of a table with nodes `step` (rad) apart; None without such waves."""
-    points = int(_POINTS * order / pair.driving.teeth) if isinstance(pair, GearPair) else 0
-    if points == 0:
+def _retreat(s: Scenario, believed: Any, order: float, delay: Any) -> Retreat | None:
+    """Return what the controller knows of its actuator, if its map has waves as short as teeth."""
+    if not isinstance(s.pair, GearPair) or order * _LONG_WAVES < s.pair.driving.teeth:
         return None
-    pitch, swing = REV / pair.driving.teeth, None
-    if known(step):
-        gap = np.asarray(gaps_of(table)) if known(table) else gaps_of(table)
-        rows = min(math.ceil(pitch / float(step)) + 1, len(gap))
-        shifted = [gap[row : len(gap) - rows + 1 + row] for row in range(rows)]
-        xp = namespace(gap)
-        swing = (reduce(xp.maximum, shifted) - reduce(xp.minimum, shifted)).max()
-    return Waves(pitch, swing, points, table.nodes[:, 2:] - table.nodes[:, :2])
+    if not known(believed.step):
+        raise _traced("step of its map", "the number of rows in a tooth pitch")
+    limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2, delay
+    return retreat_of(believed, s.pair.driving.teeth, order, *limits)
 
 
 def gaps_of(table: Any) -> Any:
@@ -464,7 +442,7 @@ def located_turns(s: Scenario) -> int | None:
     """Return the error of the driving turn that the controller locates; None if it cannot."""
     motion = s.motion.pieces
     low, high, _ = ends_of(motion)
-    bounds, _, _ = table_of(s, "plant_map", (float(low) / REV, float(high) / REV), 0)
+    bounds = table_of(s, "plant_map", (float(low) / REV, float(high) / REV), 0)[0]
     return _located(s, bounds, _sensing(s), motion)
 
 

@@ -1,6 +1,6 @@
 """Result of a simulated run: metrics, outcome, remarks, an optional trace, and its report."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import jax
@@ -218,56 +218,20 @@ def _angle(value: float) -> str:
 
 
 @dataclass(frozen=True)
-class Trace:
-    """Samples of a run: a `Sample` whose fields are arrays of shape (n,).
-
-    Times are in s, angles in rad and displacements in mm; `columns` gives angles in degrees.
-    """
-
-    samples: Sample
-
-    @classmethod
-    def of(cls, chunks: Sequence[Sample]) -> "Trace":
-        """Join consecutive chunks of samples."""
-        return cls(jax.tree.map(lambda *values: np.concatenate(values), *chunks))
-
-    def columns(self) -> dict[str, Float[np.ndarray, " n"]]:
-        """Return the samples as a table, column name → values.
-
-        All angles are converted from rad to degrees: `driving_deg`, `te_deg`, `te_shown_deg`,
-        `flank_a_deg`, `flank_b_deg` and `output_error_deg`, the deviation of the driven shaft from
-        i φ₁ of the reference since the first sample. The other columns are `time_s`, `speed_rad_s`,
-        `acceleration_rad_s2`, `command_mm` and `axial_mm`.
-        """
-        s = self.samples
-        angles = {"driving": s.driving, "te": s.error, "te_shown": s.shown}
-        angles |= {"flank_a": s.lower, "flank_b": s.upper, "output_error": s.output - s.output[0]}
-        return (
-            {"time_s": np.asarray(s.time)}
-            | {f"{name}_deg": np.asarray(values) / DEG for name, values in angles.items()}
-            | {
-                "speed_rad_s": np.asarray(s.speed),
-                "acceleration_rad_s2": np.asarray(s.acceleration),
-                "command_mm": np.asarray(s.command),
-                "axial_mm": np.asarray(s.reached),
-            }
-        )
-
-
-@dataclass(frozen=True)
 class Simulation(PlottedResult):
     """One simulated run.
 
     **Arguments**
     - `spec`, `pair`, `case`: scenario, gears and case.
-    - `accumulators`: running metrics at the end, in rad, mm and s. - `trace`: samples, or None.
+    - `accumulators`: running metrics at the end, in rad, mm and s.
+    - `trace`: samples, arrays of shape (n,) in s, rad and mm, or None.
     """
 
     spec: ScenarioSpec
     pair: GearPair | Drive
     case: Case
     accumulators: Accumulators
-    trace: Trace | None = None
+    trace: Sample | None = None
 
     @property
     def metrics(self) -> dict[str, float | str | None]:
@@ -329,9 +293,13 @@ class Simulation(PlottedResult):
         return float(angle), float(self.case.bounds.gap(angle))
 
     def columns(self) -> dict[str, Float[np.ndarray, " n"]]:
-        """Return the table of the trace, angles in degrees; see `Trace.columns`.
+        """Return the samples as a table, column name → values.
 
-        If the drive blocks during the run, the table ends at this time.
+        All angles are converted from rad to degrees: `driving_deg`, `te_deg`, `te_shown_deg`,
+        `flank_a_deg`, `flank_b_deg` and `output_error_deg`, the deviation of the driven shaft from
+        i φ₁ of the reference since the first sample. The other columns are `time_s`, `speed_rad_s`,
+        `acceleration_rad_s2`, `command_mm` and `axial_mm`. If the drive blocks during the run, the
+        table ends at this time.
 
         **Raises** `ValueError` for a run without a trace.
         """
@@ -339,11 +307,17 @@ class Simulation(PlottedResult):
             raise ValueError(
                 "Argument `trace_every` must be at least 1 for a trace, but this run kept none."
             )
-        table = self.trace.columns()
-        last = (
-            np.inf if np.isnan(self.accumulators.blocked_s) else float(self.accumulators.blocked_s)
+        s, blocked_s = self.trace, float(self.accumulators.blocked_s)
+        angles = {"driving": s.driving, "te": s.error, "te_shown": s.shown}
+        angles |= {"flank_a": s.lower, "flank_b": s.upper, "output_error": s.output - s.output[0]}
+        table = (
+            {"time_s": s.time}
+            | {f"{name}_deg": values / DEG for name, values in angles.items()}
+            | {"speed_rad_s": s.speed, "acceleration_rad_s2": s.acceleration}
+            | {"command_mm": s.command, "axial_mm": s.reached}
         )
-        return {name: values[table["time_s"] <= last] for name, values in table.items()}
+        kept = s.time <= (np.inf if np.isnan(blocked_s) else blocked_s)
+        return {name: np.asarray(values)[kept] for name, values in table.items()}
 
     def to_json(self) -> dict:
         """Return the object of schema `vttig.simulate/1`."""

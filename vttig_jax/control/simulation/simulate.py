@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
 
 from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
@@ -23,7 +22,7 @@ from ..scenario.spec import ScenarioSpec, load_scenario_spec
 from .build import Maps, case_of, spec_of
 from .case import Case, Sample, State, initial_state, run_periods, trace_periods
 from .prepare import prepared
-from .result import Simulation, Trace
+from .result import Simulation
 
 CHUNK = 1024
 """Plant steps in one compiled call; a chosen value.
@@ -116,9 +115,13 @@ def periods_of(motion: Motion, period: Any) -> int:
     return int(np.floor(float(motion.duration_s) / float(period) * (1 + 1e-12))) + 1
 
 
+_trace_periods = eqx.filter_jit(trace_periods)
+_run_periods = eqx.filter_jit(run_periods)
+
+
 def run_in_chunks(
     case: Case, trace_every: int = 0, progress: Callable[[int, int], None] | None = None
-) -> tuple[State, Trace | None]:
+) -> tuple[State, Sample | None]:
     """Run a case in chunks, between which Ctrl-C can interrupt it; return last state and trace.
 
     `trace_every`: see `simulate`. `progress` is called with the number of finished periods and the
@@ -140,14 +143,6 @@ def run_in_chunks(
             state = _run_periods(case, state, numbers)
         if progress is not None:
             progress(min(first + chunk, periods), periods)
-    return state, Trace.of(samples) if trace_every else None
-
-
-@eqx.filter_jit
-def _trace_periods(case: Case, state: State, numbers: Int[Array, " n"]) -> tuple[State, Sample]:
-    return trace_periods(case, state, numbers)
-
-
-@eqx.filter_jit
-def _run_periods(case: Case, state: State, numbers: Int[Array, " n"]) -> State:
-    return run_periods(case, state, numbers)
+    if not trace_every:
+        return state, None
+    return state, jax.tree.map(lambda *values: np.concatenate(values), *samples)

@@ -40,6 +40,7 @@ from ..simulation.prepare import (
     queue_of,
     substeps_of,
 )
+from ..simulation.simulate import CHUNK
 from .cases import SweepCases
 
 Rows = dict[str, np.ndarray]
@@ -47,9 +48,6 @@ Rows = dict[str, np.ndarray]
 
 REFUSED = "refused"
 """Outcome of a case whose values contradict each other, so that it is not simulated."""
-
-STEPS = 1024
-"""Plant steps in one compiled call, between which Ctrl-C can interrupt; a chosen value."""
 
 _FEWEST, LANES = 8, 512
 """Smallest and largest number of lanes on a device: a 512-bit vector holds 8 numbers, and the state
@@ -115,7 +113,7 @@ class Lanes(NamedTuple):
         leaves = jax.device_put(self.leaves, places)
         state, inputs = _start(*program, self.width // mesh.size, leaves)
         substeps = jax.tree.unflatten(self.structure, leaves).substeps
-        chunk = max(STEPS // substeps, 1)
+        chunk = max(CHUNK // substeps, 1)
         for first in range(0, int(periods.max()), chunk):
             state = jax.block_until_ready(_advance(*program, chunk, leaves, state, first))
             done = np.minimum(periods, first + chunk) - np.minimum(periods, first)
