@@ -47,6 +47,7 @@ def test_teeth_that_pass_quickly_are_not_closed_too_far(believed, changes):
 
 def test_the_table_holds_the_least_displacement_ahead_less_what_the_actuator_can_do():
     one, generator = case(1153.9), np.random.default_rng(0)
+    retreat: Any = one.retreat
     angle = generator.uniform(0.0, 100.0, 200)
     speed = 10 ** generator.uniform(-2.0, 1.2, 200) * generator.choice([-1.0, 1.0], 200)
     ahead = np.linspace(0.0, 2 * np.pi / RIG.pair.driving.teeth, 1000)
@@ -57,10 +58,10 @@ def test_the_table_holds_the_least_displacement_ahead_less_what_the_actuator_can
     moved = np.where(
         half < 2 * most / quickest, quickest * half**2 / 4, most * (half - most / quickest)
     )
-    found = jax.vmap(one.retreat.at)(jnp.asarray(angle), jnp.asarray(speed))
+    found = jax.vmap(retreat.at)(jnp.asarray(angle), jnp.asarray(speed))
     off = np.asarray(found) - (closed + moved).min(axis=1)
     assert np.abs(off).max() < 0.006 and np.abs(off).mean() < 0.001  # mm, of waves of 0.1 mm
-    still = np.asarray(jax.vmap(one.retreat.at)(jnp.asarray(angle), jnp.zeros(200))) - closed[:, 0]
+    still = np.asarray(jax.vmap(retreat.at)(jnp.asarray(angle), jnp.zeros(200))) - closed[:, 0]
     assert np.all(still > -1e-5) and still.max() < 0.0012
 
 
