@@ -1,5 +1,7 @@
 """The exact relation against brute-force contact of sampled involutes, and its derivatives."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -74,7 +76,8 @@ def test_the_oracle_tells_neighbouring_rigs_and_the_closed_form_apart():
     touched = oracle.transmission_error(brute, ANGLES[1], "B")
     assert abs(float(transmission_error(ANGLES[1], pair, rig, "B")) - touched) > 1e-7
     found = float(exact_transmission_error(ANGLES[1], pair, rig, "B"))
-    for changed in ({"backlash": 0.04}, {"axial": 0.01}, {"e": (0.0226, 0.0274)}):
+    cases: list[dict[str, Any]] = [{"backlash": 0.04}, {"axial": 0.01}, {"e": (0.0226, 0.0274)}]
+    for changed in cases:
         _, _, other = make(**changed)
         assert abs(found - oracle.transmission_error(other, ANGLES[1], "B")) > 1e-8
 

@@ -201,6 +201,7 @@ def test_a_batch_of_rigs_is_a_loop():
             assert float(found.backlash[lane]) == pytest.approx(alone.backlash, abs=1e-15)
             angle = float(found.driving_angle[lane])
             assert angle == pytest.approx(alone.driving_angle, abs=1e-6)
+            assert alone.tooth_pair is not None
             assert [int(tooth[lane]) for tooth in found.tooth_pair] == list(alone.tooth_pair)
         assert float(batch[2][lane]) == pytest.approx(closing, rel=1e-12)
     assert np.ptp(batch[0].backlash) > 1e-5

@@ -4,6 +4,7 @@ import dataclasses
 import math
 from fractions import Fraction
 from itertools import product
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -211,13 +212,14 @@ def test_impossible_arguments_are_refused():
         return locate(driving, driven, PAPER, error, std_rad=std_rad)
 
     at()
-    for changed, words in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"driving": math.nan}, "must be finite"),
         ({"driven": math.inf}, "must be finite"),
         ({"std_rad": 0.0}, "`std_rad` must be positive"),
         ({"std_rad": math.nan}, "`std_rad` must be positive"),
         ({"error": (0.0, math.nan)}, "must be known on both flanks"),
-    ):
+    ]
+    for changed, words in cases:
         with pytest.raises(ValueError, match=words):
             at(**changed)
 

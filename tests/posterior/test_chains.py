@@ -111,7 +111,7 @@ def test_a_density_that_is_nowhere_finite_has_no_answer():
 
 
 def test_arguments_that_make_no_sense_are_named():
-    for options, name in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"ensembles": 3}, "ensembles"),
         ({"walkers": 15}, "walkers"),
         ({"walkers": 2}, "walkers"),
@@ -120,7 +120,8 @@ def test_arguments_that_make_no_sense_are_named():
         ({"steps": 39}, "steps"),
         ({"until": Until()}, "until"),
         ({"resume": True}, "checkpoint"),
-    ):
+    ]
+    for options, name in cases:
         with pytest.raises(ValueError, match=f"`{name}`"):
             sample(None, **options)
 

@@ -2,6 +2,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ def test_where_nothing_is_there_a_resumed_run_starts(path):
 def test_a_checkpoint_of_another_run_says_what_differs(path):
     sample(path)
     before = path.read_bytes()
-    for options, words in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"target": plain(names=("x0", "y"))}, "names"),
         ({"target": plain(units=("mm", "rad"))}, "units"),
         ({"target": plain(3)}, "names"),
@@ -87,7 +88,8 @@ def test_a_checkpoint_of_another_run_says_what_differs(path):
         ({"seed": 7}, "seed 0 in it, 7"),
         ({"walkers": 32}, "walkers 16 in it, 32"),
         ({"ensembles": 5}, "ensembles 4 in it, 5"),
-    ):
+    ]
+    for options, words in cases:
         with pytest.raises(InputError) as caught:
             sample(path, **options, resume=True)
         assert words in sentence(caught.value) and caught.value.exit_code == 3

@@ -1,6 +1,7 @@
 """Readings with gear 1 held against the exact backlash and against rocking gear 2 step by step."""
 
 from dataclasses import replace
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -176,14 +177,15 @@ def test_the_file_of_the_readings_is_read_back(full, tmp_path):
 
 
 def test_arguments_out_of_range(bare):
-    for angles, options, sentence in (
+    cases: list[tuple[Any, dict[str, Any], str]] = [
         ([], {}, "Argument `driving_deg` must be finite angles"),
         ([[0.0]], {}, "Argument `driving_deg` must be finite angles"),
         ([0.0, np.nan], {}, "Argument `driving_deg` must be finite angles"),
         ([0.0], {"std_deg": -0.001}, "Argument `std_deg` must not be negative"),
         ([0.0], {"std_deg": np.nan}, "Argument `std_deg` must not be negative"),
         (np.zeros(50), {"std_deg": 0.1}, "Argument `std_deg` must leave the readings positive"),
-    ):
+    ]
+    for angles, options, sentence in cases:
         with pytest.raises(ValueError, match=sentence):
             fixed_gear_readings(bare, angles, **options)
 

@@ -1,6 +1,7 @@
 """First touch of unmodified surfaces against the exact relation, which the search does not know."""
 
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -120,12 +121,13 @@ def test_the_driven_centre_can_be_held():
 
 
 def test_neighbouring_rigs_are_told_apart(paper_pair):
-    for changed in (
+    cases: list[dict[str, Any]] = [
         {"e": (0.0227, *TABLE_2[1:])},
         {"e": (*TABLE_2[:3], 79.4)},
         {"axial": 0.1001},
         {"backlash_deg": 0.0629},
-    ):
+    ]
+    for changed in cases:
         other = drawn(paper_pair, axial=0.1)
         values = {"axial": 0.1, "backlash_deg": float(other.constant_backlash_deg)}
         assert apart(paper_pair, other, SOME, rig(**(values | changed))) > 5e-8

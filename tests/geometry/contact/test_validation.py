@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -51,12 +52,13 @@ def test_gears_that_do_not_meet():
 
 
 def test_options_that_are_none(unchecked):
-    for options, sentence in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"constant_backlash": "fitted"}, "`constant_backlash` must be"),
         ({"sections": 0}, "`sections` must be 1 or more, but is 0"),
         ({"tooth_pairs": 0}, "`tooth_pairs` must be 1 or more"),
         ({"points": 2}, "`points` must be 3 or more, but is 2"),
-    ):
+    ]
+    for options, sentence in cases:
         with pytest.raises(ValueError, match=sentence):
             contact_model(make(), **options)
 

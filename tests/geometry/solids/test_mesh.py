@@ -1,6 +1,7 @@
 import dataclasses
 import math
 import re
+from typing import Any
 
 import jax
 import numpy as np
@@ -229,11 +230,12 @@ def test_gears_that_are_no_solid():
 
 
 def test_what_cannot_be_taken_of_a_gear():
-    for options, words in (
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"teeth": 21}, "the gear has 20 teeth"),
         ({"bore_mm": 36.0}, "leaves no rim"),
         ({"bore_mm": -1.0}, "leaves no rim"),
-    ):
+    ]
+    for options, words in cases:
         with pytest.raises(UsageError, match=words):
             gear_mesh(GEARS["spur"], tolerance_mm=0.05, **options)
         with pytest.raises(ValueError, match="tolerance_mm"):

@@ -2,6 +2,7 @@ import math
 import re
 from functools import cache
 from io import StringIO
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -56,13 +57,9 @@ def end_areas(teeth: int, options: tuple[tuple[str, float], ...]) -> dict[float,
 
 
 def test_area_is_that_of_the_outline_and_of_the_mesh():
+    kinds: list[dict[str, Any]] = [{}, {"bore_mm": 0.0}, {"teeth": 3}, {"teeth": 3, "bore_mm": 0.0}]
     for gear, z in CASES:
-        for options in (
-            {},
-            {"bore_mm": 0.0},
-            {"teeth": 3},
-            {"teeth": 3, "bore_mm": 0.0},
-        ):
+        for options in kinds:
             drawing = section_drawing(gear, z, tolerance_mm=0.001, **options)
             bore = math.pi * drawing.bore_mm**2 / 4
             assert drawing.area_mm2 == pytest.approx(area(polygon(drawing)) - bore, rel=1e-6)
