@@ -110,6 +110,11 @@ GROUPS = {
         "explain_columns",
         "decimal",
         "sample_rate",
+        "start",
+        "stop",
+        "cut",
+        "missing",
+        "lead_mm",
     ),
 }
 """Title in the help → parameters, for every verb that reads logs."""
@@ -196,7 +201,7 @@ class DriveOptions:
         if others:
             raise UsageError("--explain-columns explains one log; name one.")
         spec, guesses, reading = read
-        report = preview_log(first, spec=spec, **reading.keywords())
+        report = preview_log(first, spec=spec, reading=reading)
         report = replace(report, notes=(*map(str, guesses), *report.notes))
         output.emit(report.to_json(), report)
         return True

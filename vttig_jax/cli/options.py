@@ -13,7 +13,7 @@ from click.core import ParameterSource
 
 from ..base.files.limits import most_memory
 from ..logs.readers.column_names import ROLES
-from ..runs.options import roles_of
+from ..logs.recognition.request import roles_of
 from .output import Narrator, Output
 from .program_cache import kept_programs
 
@@ -160,7 +160,7 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
 
 
 def log_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options `columns` (texts ROLE=NAME), `decimal` and `sample_rate` to a verb.
+    """Add the options of `ReadingOptions` to a verb.
 
     `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`.
     """
@@ -181,7 +181,8 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
                 callback=_checked,
                 shell_complete=_columns_of_log,
                 help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
-                " first column of a text file, #row the number 0, 1, 2, … of the row.",
+                " first column of a text file, #row the number 0, 1, 2, … of the row, and 0.5*(a+b)"
+                " is computed from two columns.",
             ),
             click.option(
                 "--quadrature",
@@ -197,6 +198,31 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
                 type=POSITIVE,
                 metavar="HZ",
                 help="Samples per second, in place of a time column.",
+            ),
+            click.option(
+                "--from",
+                "start",
+                metavar="PLACE",
+                help="Read the log from here: seconds, or turns of the driving shaft such as 3rev,"
+                " since its first sample.",
+            ),
+            click.option("--to", "stop", metavar="PLACE", help="Read the log up to here."),
+            click.option(
+                "--cut",
+                multiple=True,
+                metavar="A:B",
+                help="Leave out this part, such as 18:21 or 3rev:4rev; may be repeated.",
+            ),
+            click.option(
+                "--missing",
+                type=click.Choice(["skip"]),
+                help="Leave out the rows in which a column that is used has no number.",
+            ),
+            click.option(
+                "--lead-mm",
+                type=POSITIVE,
+                metavar="MM",
+                help="Travel in one turn of a shaft that is logged in mm or µm.",
             ),
         ]
     ):

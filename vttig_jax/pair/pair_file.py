@@ -7,7 +7,16 @@ from typing import Any
 from ..base.errors import PairError
 from ..base.files.toml_io import TomlFile, plain_table
 from ..base.units import DEG
-from .schema import PairSpec, RackTable, StatedTable, as_fraction, as_ratio
+from .schema import (
+    LogLayout,
+    PairSpec,
+    RackTable,
+    StatedTable,
+    as_cut,
+    as_edge,
+    as_fraction,
+    as_ratio,
+)
 
 PAIR_FILE = TomlFile(
     PairError,
@@ -204,8 +213,7 @@ def _check_tables(spec: PairSpec) -> None:
             " with the ratio for a drive without gear geometry.",
             where="pair",
         )
-    as_fraction(spec.log.driving_scale, "log.driving_scale")
-    as_fraction(spec.log.driven_scale, "log.driven_scale")
+    check_rows(spec.log)
     if spec.log.time is not None and spec.log.sample_rate_hz is not None:
         raise PairError(
             "`time` and `sample_rate_hz` are both given; keep only one of them.",
@@ -241,6 +249,17 @@ def _check_tables(spec: PairSpec) -> None:
     else:
         check_geometry(spec)
         _check_stated(spec)
+
+
+def check_rows(log: LogLayout) -> None:
+    """Raise `PairError` for wrong scales, and for a wrong window or cut of the rows."""
+    as_fraction(log.driving_scale, "log.driving_scale")
+    as_fraction(log.driven_scale, "log.driven_scale")
+    for key, edge in (("from", log.start), ("to", log.stop)):
+        if edge is not None:
+            as_edge(edge, f"log.{key}")
+    for text in log.cut:
+        as_cut(text, "log.cut")
 
 
 def _check_stated(spec: PairSpec) -> None:

@@ -5,6 +5,7 @@ keys, wrong types and impossible values raise a `PairError` whose `where` names 
 """
 
 import math
+import re
 from fractions import Fraction
 from typing import Annotated, Any, Literal
 
@@ -26,9 +27,9 @@ HIGHEST_ORDER = 1000
 
 Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
 AngleUnit = Literal[
-    "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon"
+    "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon", "mm", "um"
 ]
-TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d"]
+TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d", "min", "h"]
 
 
 class Encoder(Table, frozen=True):
@@ -114,7 +115,12 @@ class DriveTable(Table, frozen=True):
 
 
 class LogLayout(Table, frozen=True):
-    """Table `[log]`: columns of the channels, their scales and the format of the text."""
+    """Table `[log]`: columns of the channels, their scales, the rows and the format of the text.
+
+    - `from`, `to`, `cut`: rows that are read, by the time in s or the turns (`3rev`) of the driving
+      shaft since the first sample; a cut `18:21` is left out. - `missing`: "skip" leaves out rows
+      without a number. - `lead_mm`: travel of a shaft in mm or µm in one turn.
+    """
 
     time: str | None = None
     sample_rate_hz: Positive | None = None
@@ -135,6 +141,17 @@ class LogLayout(Table, frozen=True):
     decimal: Literal[".", ","] | None = None
     delimiter: str | None = None
     encoding: str | None = None
+    start: str | float | None = msgspec.field(default=None, name="from")
+    stop: str | float | None = msgspec.field(default=None, name="to")
+    cut: tuple[str, ...] = ()
+    missing: Literal["skip"] | None = None
+    lead_mm: Positive | None = None
+
+    @property
+    def leaves_out_rows(self) -> bool:
+        """Whether rows of the log may be left out."""
+        stated = (self.start, self.stop, self.missing)
+        return bool(self.cut) or any(one is not None for one in stated)
 
 
 class UnitTable(Table, frozen=True):
@@ -234,6 +251,32 @@ def as_fraction(value: str | float | int, where: str) -> Fraction:
     if not 1e-9 <= fraction <= 1e9:
         raise _not_positive(value, where)
     return fraction
+
+
+_EDGE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(s|rev)?\s*")
+
+
+def as_edge(value: str | float, where: str) -> tuple[float, str]:
+    """Split `12.5`, "12.5s" or "3rev" into a number and its unit, or raise `PairError`."""
+    match = _EDGE.fullmatch(str(value))
+    if match is None:
+        raise PairError(
+            f"{value!r} is no place in a log; write seconds such as 12.5, or turns of the driving"
+            " shaft such as 3rev, both from the first sample.",
+            where=where,
+        )
+    return float(match[1]), match[2] or "s"
+
+
+def as_cut(text: str, where: str) -> tuple[float, float, str]:
+    """Split "18:21" or "3rev:4rev" into both numbers and their unit, or raise `PairError`."""
+    edges = text.split(":")
+    found = [as_edge(edge, where) for edge in edges]
+    units = {unit for _, unit in found}
+    if len(found) != 2 or len(units) != 1 or found[0] >= found[1]:
+        message = f"{text!r} must be two places in order, such as 18:21 or 3rev:4rev."
+        raise PairError(message, where=where)
+    return found[0][0], found[1][0], found[0][1]
 
 
 def _decimal(text: str) -> Fraction:

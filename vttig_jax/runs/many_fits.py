@@ -95,7 +95,7 @@ class ManyFits:
         failed: LogError | None = None
         for log in logs:
             try:
-                found = open_log(log, drive, **reading.keywords())
+                found = open_log(log, drive, reading)
             except LogError as error:
                 failed = failed or error
                 continue
@@ -178,7 +178,7 @@ class ManyFits:
         """Read a log once; raise `LogError` if its columns are read unlike those of the first."""
         if not self.drive.names_a_drive:
             return read_log(path, pair, **self.reading.keywords())
-        opened = open_log(path, self.drive, **self.reading.keywords())
+        opened = open_log(path, self.drive, self.reading)
         if opened.spec != self.spec:
             raise LogError(
                 "its columns are read in another way than those of the first log; name them with"

@@ -23,7 +23,9 @@ from .sample import refuse_existing
 if TYPE_CHECKING:
     from ...identify.records import CoveredGap
     from ...identify.result import Fit
+    from ...logs.recognition.request import ReadingOptions
     from ...model.parameter import Parameter
+    from ...pair.schema import PairSpec
 
 
 @verb(
@@ -116,7 +118,8 @@ def command(
         save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
     parts = [in_words(result.pair.ratio)] if drive.request.names_a_drive else []
-    parts += [str(result), *([_noise_to_plan(result)] if output.verbose else [])]
+    parts += [str(result), *_on_the_axis(result, run.spec, run.options.reading)]
+    parts += [_noise_to_plan(result)] if output.verbose else []
     output.emit(result.to_json(), "\n\n".join(parts))
     _check_required(result, require)
     gap = result.checks.gap_over_angles_covered
@@ -128,6 +131,16 @@ def command(
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
+
+
+def _on_the_axis(result: "Fit", spec: "PairSpec", reading: "ReadingOptions") -> list[str]:
+    """Return the gap as travel of a driven shaft that is a linear axis."""
+    lead, gap = reading.lead_mm or spec.log.lead_mm, result.checks.gap_over_angles_covered
+    if lead is None or not gap.determined:
+        return []
+    assert gap.value is not None and gap.std is not None
+    value, std = (1e3 * lead / 360 * one for one in (gap.value, gap.std))
+    return [f"gap on the linear axis, {lead:g} mm a turn: {value:.4g} ± {std:.2g} µm"]
 
 
 def _gap_alone(gap: "CoveredGap") -> str:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,7 +16,7 @@ from ..output import Output
 if TYPE_CHECKING:
     from ...logs.inspection import Inspection
     from ...logs.preview import Preview
-    from ...runs.options import ReadingOptions
+    from ...logs.recognition.request import ReadingOptions
 
 
 @verb(
@@ -40,10 +40,8 @@ def command(
     output: Output,
     log: Path,
     pair: Path | None,
-    columns: tuple[str, ...],
-    decimal: str | None,
-    sample_rate: float | None,
     drive: DriveOptions,
+    **options: Any,
 ) -> None:
     """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders.
 
@@ -51,15 +49,15 @@ def command(
     recognised; one for each reading if no name says which column is which shaft.
     """
     from ...logs.preview import preview_log
-    from ...runs.options import ReadingOptions
+    from ...logs.recognition.request import ReadingOptions
 
     (log,) = with_standard_input([log])
-    reading = ReadingOptions(columns=columns, decimal=decimal, sample_rate=sample_rate)
+    reading = ReadingOptions(**options)
     report: Preview | Inspection
     if pair is None and not drive.request.names_a_drive:
         if drive.write_pair is not None:
             raise UsageError("--write-pair needs the ratio; give --ratio 64:23 or --teeth 45/80.")
-        report = preview_log(log, request=drive.request, **reading.keywords())
+        report = preview_log(log, request=drive.request, reading=reading)
     else:
         report = _inspected(log, pair, reading, drive, output)
     output.emit(report.to_json(), report)
@@ -79,7 +77,7 @@ def _inspected(
     guesses = [guess for one in opened for guess in one.roles.guesses]
     drive.tell(() if drive.explain_columns else guesses, spec, output)
     if drive.explain_columns:
-        first = preview_log(log, spec=spec, **reading.keywords())
+        first = preview_log(log, spec=spec, reading=reading)
         return replace(first, notes=(*map(str, guesses), *first.notes))
     found = opened[0].log if opened else read_log(log, spec, **reading.keywords())
     report = inspect_log(found, spec)
@@ -89,7 +87,4 @@ def _inspected(
     if report.ratio.verdict == "sign":
         request = request.with_driven_inverted()
     names = {role: name for role in ROLES if (name := getattr(spec.log, role)) is not None}
-    command = fit_command(
-        log, request, names, decimal=reading.decimal, sample_rate_hz=reading.sample_rate
-    )
-    return replace(report, fit_command=command)
+    return replace(report, fit_command=fit_command(log, request, names, reading))

@@ -8,8 +8,9 @@ from jaxtyping import Bool, Float, Int, Real
 
 from ...base.errors import LogError
 from ...base.numerics.counting import pieces
-from ...base.units import ANGLE_UNITS, REV
+from ...base.units import REV
 from ...pair.schema import Encoder, as_fraction
+from ..readers.column_names import LENGTH_UNITS, per_turn, radians_of
 from ..source import LEAST_RANGE, Source
 from .continuous import GAP as GAP
 from .continuous import Continuous, Origin, make_continuous
@@ -31,14 +32,16 @@ exceeds this multiple of the step between the next two valid readings (chosen fa
 class RawChannel:
     """Column of a log before unwrapping: values in `unit` and the rational scale of the pair file.
 
-    `step` is the step (in `unit`) that the readings had before they were interpolated in time; it
-    is 0 for readings that were not interpolated.
+    `lead_mm` is the travel in one turn of a column that is a length. `step` is the step (in `unit`)
+    that the readings had before they were interpolated in time; it is 0 for readings that were not
+    interpolated.
     """
 
     values: Real[np.ndarray, " n"]
     unit: str
     scale: str | int | float = 1
     step: float = 0.0
+    lead_mm: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,17 +144,15 @@ def make_channel(
     """
     values, notes = _exact_values(role, raw, source)
     is_integer = np.issubdtype(values.dtype, np.integer)
-    per_turn = radians = None
-    if raw.unit == "counts":
-        if encoder.counts_per_rev is None:
-            raise LogError(
-                f"the {role} channel is in counts, but the pair file has no counts per revolution;"
-                f" add `encoder = {{ counts_per_rev = … }}` to [{role}].",
-                where=source.at(role),
-            )
-        per_turn, radians = encoder.counts_per_rev, REV / encoder.counts_per_rev
-    else:
-        per_turn, radians = REV / ANGLE_UNITS[raw.unit], ANGLE_UNITS[raw.unit]
+    radians = radians_of(raw.unit, encoder.counts_per_rev, raw.lead_mm)
+    if radians is None:
+        cure = f"add `encoder = {{ counts_per_rev = … }}` to [{role}]"
+        if raw.unit in LENGTH_UNITS:
+            cure = "give --lead-mm, the travel in one turn, or `lead_mm` in [log]"
+        raise LogError(
+            f"the {role} channel is in {raw.unit}, and nothing says how many make a turn; {cure}.",
+            where=source.at(role),
+        )
     if np.ptp(values) < LEAST_RANGE:
         raise _constant(role, f"at {values[0]} {raw.unit}", source)
     given = encoder.modulus if raw.unit == "counts" else None
@@ -167,7 +168,7 @@ def make_channel(
             unit=raw.unit,
             source=source,
             modulus=given,
-            per_turn=per_turn,
+            per_turn=per_turn(raw.unit, encoder.counts_per_rev),
             radians=radians,
         ),
     )

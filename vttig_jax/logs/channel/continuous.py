@@ -34,7 +34,7 @@ class Origin:
     unit: str
     source: Source
     modulus: int | None
-    per_turn: int | float
+    per_turn: int | float | None
     radians: float
 
 
@@ -149,7 +149,7 @@ def _filled(values: Real[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]) -> Rea
 
 
 def _moduli(
-    values: Real[np.ndarray, " n"], steady: Real[np.ndarray, " n"], per_turn: int | float
+    values: Real[np.ndarray, " n"], steady: Real[np.ndarray, " n"], per_turn: int | float | None
 ) -> list[int | float | None]:
     """Return one or two candidates of the modulus.
 

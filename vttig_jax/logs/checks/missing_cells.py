@@ -8,7 +8,7 @@ from jaxtyping import Real
 from ..readers.delimited import TextTable
 from ..readers.table import Table
 
-_CURE = "a fit refuses such a column; remove these rows, or the column if it is not needed"
+_CURE = "a fit refuses such a column, unless --missing skip leaves out these rows"
 
 
 def missing_notes(table: Table, arrays: Mapping[int, Real[np.ndarray, " _"]]) -> list[str]:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int64
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 from ...base.errors import LogError
 from ...base.files.text_tables import key_values
 from ...base.units import ANGLE_UNITS, DEG, REV
+from ...pair.schema import LogLayout
 from .column_names import name_and_unit
 from .delimited import TextTable, find_table
 from .text import read_text
@@ -142,9 +144,9 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     return BacklashReadings(driving, backlash, source, digest, lines)
 
 
-def _find_table(text: str, source: str, decimal: str | None) -> TextTable:
+def _find_table(text: str, source: str, decimal: Any) -> TextTable:
     try:
-        return find_table(text, source, decimal=decimal)
+        return find_table(text, source, LogLayout(decimal=decimal))
     except LogError as error:
         # The messages of `find_table` are about encoder logs.
         raise LogError(

@@ -22,10 +22,11 @@ ROLES = (
 """Roles that the option `--column role=name` accepts."""
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 86400.0}
+TIME_UNITS |= {"min": 60.0, "h": 3600.0}
 """Seconds in one of each unit of time."""
 
 LENGTH_UNITS = {"mm": 1.0, "um": 1e-3}
-"""Millimetres in one of each unit of length."""
+"""Millimetres in one of each unit of length, that of a linear axis or of an axial position."""
 
 SPEED_UNITS = {
     "rpm": ANGLE_UNITS["rev"] / 60,
@@ -38,11 +39,12 @@ ACCELERATION_UNITS = {"deg_per_s2": ANGLE_UNITS["deg"], "rad_per_s2": 1.0}
 """Angular acceleration in rad/s² of one of each unit of acceleration."""
 
 ANGLES = ("counts", *ANGLE_UNITS)
+SHAFT_UNITS = (*ANGLES, *LENGTH_UNITS)
 
 _UNITS = {
     "time": tuple(TIME_UNITS),
-    "driving": ANGLES,
-    "driven": ANGLES,
+    "driving": SHAFT_UNITS,
+    "driven": SHAFT_UNITS,
     "transmission_error": tuple(ANGLE_UNITS),
     "axial_mm": tuple(LENGTH_UNITS),
     "torque": ("nm",),
@@ -59,6 +61,8 @@ _SPELLINGS = {
         "μrad": "urad",
         "µs": "us",
         "μs": "us",
+        "µm": "um",
+        "μm": "um",
     },
     **dict.fromkeys(("º", "degree", "degrees", "degs", "grados", "gradi", "graus"), "deg"),
     **dict.fromkeys(("radian", "radians", "radiant"), "rad"),
@@ -82,6 +86,7 @@ _SCALE = re.compile(
 )
 """Power of ten or a word for it in a name: the numbers are then no multiples of the unit alone."""
 
+_TIME = re.compile("t_|time|zeit|temps|elapsed|clock", re.IGNORECASE)
 _INDEX = re.compile(r"\((?:(\d+),:|:,(\d+))\)$")
 _NUMBER = re.compile(r"#([1-9]\d{0,5})")
 
@@ -131,7 +136,8 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
     if earlier in units:
         stem, suffix = stem[: _BRACKET.search(stem).start()].strip(), earlier  # pyright: ignore
     for unit in sorted(units, key=len, reverse=True):  # tests `_rad_per_s` before `_s`
-        if stem.lower().endswith(f"_{unit}"):
+        ends = stem.lower().endswith(f"_{unit}")
+        if ends and (unit not in ("min", "h") or _TIME.match(stem)):  # `motor_min` is the lowest
             stem, suffix = stem[: -len(unit) - 1], unit
             break
     if suffix and stem.lower().endswith("_per"):  # `_deg_per_s` is not a time in s
@@ -157,6 +163,26 @@ def unit_spelt(text: str) -> str:
     """Return a unit in the spelling of this package, `deg` for `°`; unknown units in lower case."""
     text = text.strip().lower()
     return _SPELLINGS.get(text, text)
+
+
+def radians_of(unit: str, counts_per_rev: int | None, lead_mm: float | None) -> float | None:
+    """Return the angle in rad of a reading 1 of a shaft, without sign and scale.
+
+    It is None for counts without counts per revolution, and for a length without the lead of the
+    screw, which is the travel in mm in one turn.
+    """
+    if unit == "counts":
+        return None if counts_per_rev is None else ANGLE_UNITS["rev"] / counts_per_rev
+    if unit in LENGTH_UNITS:
+        return None if lead_mm is None else ANGLE_UNITS["rev"] * LENGTH_UNITS[unit] / lead_mm
+    return ANGLE_UNITS[unit]
+
+
+def per_turn(unit: str, counts_per_rev: int | None) -> int | float | None:
+    """Return the readings per turn at which a shaft may wrap; a length never wraps."""
+    if unit in LENGTH_UNITS:
+        return None
+    return counts_per_rev if unit == "counts" else ANGLE_UNITS["rev"] / ANGLE_UNITS[unit]
 
 
 def unit_of(role: str, name: str, stated: str | None, where: str) -> str:

@@ -22,6 +22,7 @@ class Table:
       separate time stamps. - `held`: indices of columns of which only changes are logged.
     - `sample_numbers`: numbers of the rows in the full record if samples are missing.
     - `notes`: sentences on assumptions and on what is left out.
+    - `units`: name of a computed column → unit of the columns from which it is computed.
     """
 
     names: tuple[str, ...]
@@ -32,6 +33,7 @@ class Table:
     sample_numbers: Int64[np.ndarray, " _"] | None = None
     digest: str = ""
     notes: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
         """Return the columns with these indices, without an incomplete last row.
@@ -60,6 +62,10 @@ class Table:
         **Raises** `LogError` naming the line of a row without this field.
         """
         raise NotImplementedError(f"column {index} is no text")
+
+    def starts_with_a_number(self, index: int) -> bool:
+        """Return whether the first field of a column is a number."""
+        return True
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""

@@ -142,16 +142,17 @@ class NameReading:
         return self.role != "time" and not self.other and self.unit not in TIME_UNITS
 
 
-def read_name(name: str, where: str) -> NameReading:
+def read_name(name: str, where: str, units: Sequence[str] = ANGLES) -> NameReading:
     """Return role, unit, other quantity and setpoint that the name of a column contains.
 
     Slashes, dots and colons divide a name into parts, as in `rec/motor.pos`. The role comes from
     the last part, or from the whole name if the last part has no role. A name with two different
-    roles gets no role. `where` names file and column in error messages.
+    roles gets no role. `where` names file and column in error messages; `units` are those of a
+    shaft.
 
     **Raises** `LogError` if the name has two different units.
     """
-    stem, unit = name_and_unit(name, (*ANGLES, *TIME_UNITS), where)
+    stem, unit = name_and_unit(name, (*units, *TIME_UNITS), where)
     inside = bracket_of(name)
     other = inside if unit is None and inside in OTHER_UNITS else ""
     last = [part for part in _PARTS.split(stem) if part.strip()][-1:]

@@ -47,6 +47,7 @@ QUESTIONS = {
     " or convert the column.",
     "no-counts": "the column `{a}` of {role} is in counts, and no log says how many make a"
     " turn; give {options}.",
+    "no-lead": "the column {facts} for {role} is a length; {options}.",
     "unused-counts": "--counts is given, but no column is in counts; leave it out.",
     "no-time": "no column is certainly the time; give --column time=NAME, or --sample-rate"
     " HZ{seen}.",
