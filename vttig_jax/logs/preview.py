@@ -408,9 +408,8 @@ def _report(
     counts = found.statement.encoders[role == "driven"].counts_per_rev if role in SHAFTS else None
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
     unit = name_and_unit(name, units, name)[1] or found.units.get(role or "")
-    plain = ColumnReport(
-        role, name, unit, *map(float, (np.fmin.reduce(values), np.fmax.reduce(values)))
-    )
+    low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+    plain = ColumnReport(role, name, unit, low, high)
     lead = found.statement.layout.lead_mm
     shaft = role in SHAFTS or (role is None and unit in ANGLES)
     if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) < LEAST_RANGE:

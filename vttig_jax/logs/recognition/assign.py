@@ -356,9 +356,9 @@ class Search:
     def _refuse_unread(self, columns: Sequence[Candidate]) -> None:
         """Raise the `LogError` of a column that may be a shaft and holds a field without number."""
         for one in columns:
-            if one.values is None and one.reading.is_angle and not one.dated:
-                if self.table.starts_with_a_number(one.index):
-                    self.table.columns([one.index])
+            angle = one.values is None and one.reading.is_angle and not one.dated
+            if angle and self.table.starts_with_a_number(one.index):
+                self.table.columns([one.index])
 
     def _two_readings(self, slug: str, ratio: Fraction) -> Question:
         text = self.statement.two_readings
