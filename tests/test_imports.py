@@ -73,6 +73,7 @@ INNER_FLOORS = {
     "logs": (
         "source",
         "channel",
+        "rows",
         "readers",
         "fractions",
         "slope",

@@ -15,10 +15,10 @@ from jaxtyping import Float, Int, Real
 
 from ..base.errors import LogError
 from ..base.shown_text import name_of_file
-from ..base.units import ARCSEC
+from ..base.units import ARCSEC, per_turn
 from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap
-from .readers.column_names import ROW_INDEX, TIME_UNITS, Column, per_turn
+from .readers.column_names import ROW_INDEX, TIME_UNITS, Column
 from .readers.table import Table
 from .readers.times.seconds import (
     check_days,

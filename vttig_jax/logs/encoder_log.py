@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..base.errors import LogError
 from ..base.files.text_tables import key_values
 from ..base.numerics.counting import pieces
-from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
+from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn
 from ..pair.schema import Encoder, PairSpec, as_fraction
 from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel
 from .channel.speed import Speed, smooth_speed
@@ -23,13 +23,7 @@ from .channel.standstill import is_at_standstill
 from .channel.stuck import refuse_stuck
 from .channel.unwrap import find_modulus
 from .clocks import OneClock, at_common_times
-from .readers.column_names import (
-    ACCELERATION_UNITS,
-    LENGTH_UNITS,
-    SHAFT_UNITS,
-    SPEED_UNITS,
-    per_turn,
-)
+from .readers.column_names import ACCELERATION_UNITS, SHAFT_UNITS, SPEED_UNITS
 from .readers.table import Table
 from .recognition.assign import Roles
 from .recognition.request import SHAFTS, Statement, TwoShafts

@@ -14,7 +14,7 @@ from jaxtyping import Real
 from ..base.errors import LogError, UsageError
 from ..base.files.text_tables import key_values, text_table
 from ..base.shown_text import one_line, shown_name
-from ..base.units import ARCSEC, REV
+from ..base.units import ARCSEC, REV, per_turn, radians_of
 from ..pair.schema import PairSpec, as_ratio
 from .channel.steps import step_of
 from .channel.unwrap import find_modulus, unwrap, wrap_steps
@@ -29,8 +29,6 @@ from .readers.column_names import (
     TIME_UNITS,
     listed,
     name_and_unit,
-    per_turn,
-    radians_of,
     units_of,
 )
 from .readers.open_table import open_table

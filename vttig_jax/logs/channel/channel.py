@@ -8,9 +8,8 @@ from jaxtyping import Bool, Float, Int, Real
 
 from ...base.errors import LogError
 from ...base.numerics.counting import pieces
-from ...base.units import REV
+from ...base.units import LENGTH_UNITS, REV, per_turn, radians_of
 from ...pair.schema import Encoder, as_fraction
-from ..readers.column_names import LENGTH_UNITS, per_turn, radians_of
 from ..source import LEAST_RANGE, Source
 from .continuous import GAP as GAP
 from .continuous import Continuous, Origin, make_continuous

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ...base.errors import LogError
-from ...base.units import ANGLE_UNITS
+from ...base.units import ANGLE_UNITS, LENGTH_UNITS
 
 ROLES = (
     "time",
@@ -24,9 +24,6 @@ ROLES = (
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 86400.0}
 TIME_UNITS |= {"min": 60.0, "h": 3600.0}
 """Seconds in one of each unit of time."""
-
-LENGTH_UNITS = {"mm": 1.0, "um": 1e-3}
-"""Millimetres in one of each unit of length, that of a linear axis or of an axial position."""
 
 SPEED_UNITS = {
     "rpm": ANGLE_UNITS["rev"] / 60,
@@ -163,26 +160,6 @@ def unit_spelt(text: str) -> str:
     """Return a unit in the spelling of this package, `deg` for `°`; unknown units in lower case."""
     text = text.strip().lower()
     return _SPELLINGS.get(text, text)
-
-
-def radians_of(unit: str, counts_per_rev: int | None, lead_mm: float | None) -> float | None:
-    """Return the angle in rad of a reading 1 of a shaft, without sign and scale.
-
-    It is None for counts without counts per revolution, and for a length without the lead of the
-    screw, which is the travel in mm in one turn.
-    """
-    if unit == "counts":
-        return None if counts_per_rev is None else ANGLE_UNITS["rev"] / counts_per_rev
-    if unit in LENGTH_UNITS:
-        return None if lead_mm is None else ANGLE_UNITS["rev"] * LENGTH_UNITS[unit] / lead_mm
-    return ANGLE_UNITS[unit]
-
-
-def per_turn(unit: str, counts_per_rev: int | None) -> int | float | None:
-    """Return the readings per turn at which a shaft may wrap; a length never wraps."""
-    if unit in LENGTH_UNITS:
-        return None
-    return counts_per_rev if unit == "counts" else ANGLE_UNITS["rev"] / ANGLE_UNITS[unit]
 
 
 def unit_of(role: str, name: str, stated: str | None, where: str) -> str:

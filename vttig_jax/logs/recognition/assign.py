@@ -13,12 +13,11 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from ...base.errors import LogError, VttigError
-from ...base.units import REV
+from ...base.units import LENGTH_UNITS, REV
 from ...pair.schema import PairSpec, UnitTable, as_fraction
 from ..fractions import ratio_option
 from ..readers.column_names import (
     ANGLES,
-    LENGTH_UNITS,
     ROLES,
     ROW,
     ROW_INDEX,

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from ...base.errors import PairError, UsageError
 from ...base.files.standard_input import STDIN, kept_bytes
-from ...base.units import ANGLE_UNITS
+from ...base.units import ANGLE_UNITS, radians_of
 from ...pair.pair_file import PAIR_FILE, check_rows
 from ...pair.schema import (
     DriveTable,
@@ -26,7 +26,7 @@ from ...pair.schema import (
     as_fraction,
     as_ratio,
 )
-from ..readers.column_names import ROLES, SHAFT_UNITS, TIME_UNITS, radians_of, unit_spelt
+from ..readers.column_names import ROLES, SHAFT_UNITS, TIME_UNITS, unit_spelt
 
 SHAFTS = ("driving", "driven")
 UNITS = {
