@@ -75,7 +75,6 @@ INNER_FLOORS = {
         "channel",
         "rows",
         "readers",
-        "fractions",
         "slope",
         "recognition",
         "clocks",

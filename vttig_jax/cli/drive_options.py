@@ -19,7 +19,7 @@ from ..runs.stated_drive import write_pair
 from .output import Output
 
 if TYPE_CHECKING:
-    from ..logs.recognition.questions import Guess
+    from ..logs.recognition.candidates import Guess
     from ..pair.schema import PairSpec
     from ..runs.options import ReadingOptions
 

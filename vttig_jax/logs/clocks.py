@@ -16,16 +16,10 @@ from jaxtyping import Float, Int, Real
 from ..base.errors import LogError
 from ..base.shown_text import name_of_file
 from ..base.units import ARCSEC, per_turn
-from .channel.steps import step_of
-from .channel.unwrap import find_modulus, unwrap
+from .channel.unwrap import find_modulus, step_of, unwrap
 from .readers.column_names import ROW_INDEX, TIME_UNITS, Column
 from .readers.table import Table
-from .readers.times.seconds import (
-    check_days,
-    exact_numbers,
-    seconds_of_numbers,
-    seconds_of_stamps,
-)
+from .readers.times import check_days, exact_numbers, seconds_of_numbers, seconds_of_stamps
 from .recognition.assign import Roles
 from .recognition.request import SHAFTS
 from .source import FEWEST_SAMPLES, Source

@@ -17,10 +17,8 @@ from ..base.files.text_tables import key_values
 from ..base.numerics.counting import pieces
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn
 from ..pair.schema import Encoder, PairSpec, as_fraction
-from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel
-from .channel.speed import Speed, smooth_speed
-from .channel.standstill import is_at_standstill
-from .channel.stuck import refuse_stuck
+from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck
+from .channel.speed import Speed, is_at_standstill, smooth_speed
 from .channel.unwrap import find_modulus
 from .clocks import OneClock, at_common_times
 from .readers.column_names import ACCELERATION_UNITS, SHAFT_UNITS, SPEED_UNITS

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from ..base.errors import UsageError, VttigError
-from ..base.files.standard_input import KEPT_STEM, STDIN, kept_bytes, kept_name
+from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..logs.recognition.request import DriveRequest
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run

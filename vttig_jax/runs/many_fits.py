@@ -14,9 +14,8 @@ import msgspec
 
 from ..base.errors import InputError, LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
-from ..base.files.limits import asked_bytes, free_bytes, most_memory
+from ..base.files.limits import asked_bytes, free_bytes, kept_bytes, most_memory
 from ..base.files.run_folder import data_sha256
-from ..base.files.standard_input import kept_bytes
 from ..base.shown_text import name_of_file
 from ..base.threads import usable_cores
 from ..control.sweeps.sweep import Memory
@@ -37,7 +36,7 @@ from .row_store import FolderNames, SweepFolder, read_table
 from .stated_drive import spec_of_file
 
 if TYPE_CHECKING:
-    from ..logs.recognition.questions import Guess
+    from ..logs.recognition.candidates import Guess
 
 NAMES = FolderNames("table of fits", "fits.parquet", "fits.json")
 """Name of the result in messages, and names of the files that `vttig fit-many` writes."""

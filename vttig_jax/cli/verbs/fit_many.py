@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from ...base.errors import NoAnswerError, UsageError
-from ...base.files.standard_input import STDIN
+from ...base.files.limits import STDIN
 from ...base.logger import LOGGER
 from ...identify.fit_settings import BATCH, FitSettings
 from ...logs.readers.open_table import with_standard_input

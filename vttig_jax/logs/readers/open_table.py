@@ -1,4 +1,7 @@
-"""The table of a file of any format, or of standard input."""
+"""The table of a file of any format, or of standard input.
+
+Text layouts that are recognised, in the order in which they are tested.
+"""
 
 import hashlib
 from collections.abc import Sequence
@@ -7,20 +10,36 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError, LogError, UsageError
-from ...base.files.limits import MemoryBudget
-from ...base.files.standard_input import STDIN, keep, read_standard_input
+from ...base.files.limits import STDIN, MemoryBudget, keep, read_standard_input
 from ...base.logger import LOGGER
 from ...pair.schema import LogLayout
-from .binary.formats import format_of, read_binary
-from .binary.hdf5 import HDF5_SIGNATURE, hdf5_leaves
-from .binary.matlab import matlab_leaves
-from .binary.matlab_objects import check_objects, object_leaves
+from .binary import format_of, read_binary
 from .column_names import ROLES, number_of
-from .computed import with_computed
 from .delimited import find_table
-from .layouts.recognised import read_layout
-from .table import Table, matrix_columns
-from .text import NESTED, printable, read_bytes, read_text
+from .layouts import LABVIEW, OSCILLOSCOPE, SECTIONS, TWINCAT, Found
+from .matlab import HDF5_SIGNATURE, check_objects, hdf5_leaves, matlab_leaves, object_leaves
+from .phd2 import PHD2
+from .records import BRACKETS, JSON, PAIRS, SIDE
+from .samples import CAMONITOR, CANTOOLS, HALSAMPLER, LONG_TABLE
+from .table import Table, matrix_columns, with_computed
+from .text import NESTED, Lines, printable, read_bytes, read_text
+
+LAYOUTS = (
+    *(JSON, TWINCAT, LABVIEW, OSCILLOSCOPE, CANTOOLS, CAMONITOR, HALSAMPLER, PHD2),
+    *(LONG_TABLE, SIDE, PAIRS, BRACKETS, SECTIONS),
+)
+"""Layouts other than a table with one row for each instant."""
+
+
+def read_layout(text: str, source: str) -> Found | None:
+    """Return the table and notes of a text in one of the layouts, or None for another text.
+
+    **Raises** `LogError` for a text that is damaged in its layout.
+    """
+    lines = Lines(text)
+    layout = next((one for one in LAYOUTS if one.matches(lines)), None)
+    return None if layout is None else layout.read(list(lines), source)
+
 
 SIGNATURES = (
     (b"MATLAB", ".mat"),

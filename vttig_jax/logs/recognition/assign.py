@@ -15,7 +15,6 @@ from jaxtyping import Float, Real
 from ...base.errors import LogError, VttigError
 from ...base.units import LENGTH_UNITS, REV
 from ...pair.schema import PairSpec, UnitTable, as_fraction
-from ..fractions import ratio_option
 from ..readers.column_names import (
     ANGLES,
     ROLES,
@@ -25,27 +24,31 @@ from ..readers.column_names import (
     Column,
     default_column,
     index_of,
+    inputs_and_outputs,
     name_and_unit,
+    read_name,
     scale_of,
     unit_of,
 )
 from ..readers.table import Table
-from ..readers.times.epochs import epoch_unit
+from ..readers.times import epoch_unit
 from ..rows import complete
-from ..slope import MOST_ROWS, slope
+from ..slope import MOST_ROWS, ratio_option, slope
 from .candidates import (
     APART,
     EQUAL,
     MOST_LISTED,
+    UNIT_TOO,
     Candidate,
+    Guess,
+    Question,
+    ask,
     have_slope,
     is_copy,
     is_speed_of,
     listed_facts,
     turns_of,
 )
-from .names import inputs_and_outputs, read_name
-from .questions import UNIT_TOO, Guess, Question, ask
 from .request import SHAFTS, Statement, in_words
 
 DAYS = ((36_526, 73_051), (730_486, 767_011))

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from ...base.errors import PairError, UsageError
-from ...base.files.standard_input import STDIN, kept_bytes
+from ...base.files.limits import STDIN, kept_bytes
 from ...base.units import ANGLE_UNITS, radians_of
 from ...pair.pair_file import PAIR_FILE, check_rows
 from ...pair.schema import (

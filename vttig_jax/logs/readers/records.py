@@ -15,16 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from ....base.errors import LogError
-from ..binary.matlab import DEEPEST
-from ..column_names import unit_in, with_units
-from ..delimited import TextTable, is_value, split
-from ..number_format import looks_like_number, to_number
-from ..table import MOST_COLUMNS, Table
-from ..text import Lines, printable
-from ..times.stamps import looks_like_stamp, read_stamps
-from .cells import Found, Layout, Row, content, cut_at, numbers
+from ...base.errors import LogError
+from .column_names import unit_in, with_units
+from .delimited import TextTable, is_value, looks_like_number, split, to_number
+from .layouts import Found, Layout, Row, content, cut_at, numbers
+from .matlab import DEEPEST
 from .samples import SAMPLE, read_long_rows, roles_of
+from .table import MOST_COLUMNS, Table
+from .text import Lines, printable
+from .times import looks_like_stamp, read_stamps
 
 _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
 _LONGEST = 19  # digits of the largest int64

@@ -1,8 +1,14 @@
-"""Conversion of written dates and times of day to whole nanoseconds.
+"""Times of a log: dates and times of day, stamps since an epoch, and their seconds.
+
+Conversion of written dates and times of day to whole nanoseconds.
 
 The accepted forms are ISO 8601 with or without date, zone, and decimal comma, also in its basic
 form `20261101T235950.5`; German dates `01.11.2026`; dates with slashes; names of months; AM and PM;
 times of day, which may pass midnight; and minutes and seconds `59:50.5`, which may pass the hour.
+
+Conversion of the stamps of a time column to seconds without loss of digits.
+
+Units of numeric time stamps that count from an epoch, recognised from their magnitude.
 """
 
 import re
@@ -11,9 +17,10 @@ from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float, Int64, Real
 
-from ....base.errors import LogError
+from ...base.errors import LogError
+from .column_names import TIME_UNITS
 
 _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 _GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
@@ -195,3 +202,120 @@ def _year_month_day(text: str, order: str) -> tuple[int, int, int]:
         day, month = month, day
     number = _MONTH.get(month[:3].lower(), 0) if month.isalpha() else int(month)
     return int(year) + (2000 if len(year) == 2 else 0), number, int(day)
+
+
+FAR = 2**31
+"""If stamps exceed this number, the first stamp is subtracted, because float64 has too few digits
+(chosen)."""
+
+_LONGEST = 40  # most characters of a stamp (chosen); nanoseconds since 1970 have 20
+
+FINE_ENOUGH = 0.1
+"""Largest step of the printed stamps as a fraction of the sampling interval (chosen)."""
+
+
+def seconds_of_stamps(fields: Sequence[str], where: str) -> tuple[Float[np.ndarray, " n"], str]:
+    """Return the seconds since the first stamp from written dates or times, and a note on it."""
+    nanoseconds, note = read_stamps(fields, where)
+    return nanoseconds / 1e9, note
+
+
+def since_first(stamps: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Return dates or durations of NumPy in s since the first valid one; a missing one is NaN.
+
+    They are subtracted as whole nanoseconds.
+    """
+    kind = "datetime64[ns]" if stamps.dtype.kind == "M" else "timedelta64[ns]"
+    whole = stamps.ravel().astype(kind)
+    known, counted = ~np.isnat(whole), whole.astype(np.int64)
+    return np.where(known, (counted - counted[known][:1].sum()) / 1e9, np.nan)
+
+
+def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.ndarray, " n"]:
+    """Return numeric stamps in seconds; stamps beyond `FAR` are counted from the first stamp.
+
+    Integers are subtracted before the conversion to float64, because float64 represents nanoseconds
+    since 1970 only with a step of 256 ns.
+    """
+    if len(values) and max(float(values.max()), -float(values.min())) > FAR:
+        values = values - values[0]
+    factor = TIME_UNITS[unit]
+    return values if factor == 1 and values.dtype.kind == "f" else values * factor
+
+
+def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
+    """Return decimal stamps minus the first stamp, subtracted as integers without loss of digits.
+
+    The result is None unless all fields are plain decimal numbers of at most 40 characters.
+    """
+    if any(len(field) > _LONGEST for field in fields):
+        return None
+    parts = [field.replace(",", ".").partition(".") for field in fields]
+    if not all(
+        whole.lstrip("+-").isdecimal() and (not part or part.isdecimal())
+        for whole, _, part in parts
+    ):
+        return None
+    digits = max((len(part) for _, _, part in parts), default=0)
+    scaled = [int(whole + part.ljust(digits, "0")) for whole, _, part in parts]
+    return np.array([value - scaled[0] for value in scaled], np.float64) / 10.0**digits
+
+
+def check_days(fields: Sequence[str], seconds: Float[np.ndarray, " n"], where: str) -> None:
+    """Raise `LogError` if stamps in days have too few decimals to resolve the sampling interval."""
+    if len(seconds) < 3:
+        return
+    digits = min(len(field.replace(",", ".").partition(".")[2]) for field in fields[:1000])
+    step_s = TIME_UNITS["d"] * 10.0**-digits
+    usual = float(np.median(np.abs(np.diff(seconds))))
+    if step_s > FINE_ENOUGH * usual:
+        raise LogError(
+            f"days with {digits} decimals hold time to {step_s:.2g} s, too coarse for samples"
+            f" {usual:.2g} s apart; export more decimals, or give --sample-rate.",
+            where=where,
+        )
+
+
+FIRST_S, LAST_S = 978_307_200, 4_102_444_800
+"""Seconds from 1970 to 2001 and to 2100; every log was recorded between these years (chosen)."""
+
+FILETIME_OFFSET = 11_644_473_600
+"""Seconds from 1601, the epoch of FILETIME, to 1970."""
+
+FILETIME = "100ns"
+"""Unit of FILETIME stamps: 100 nanoseconds since 1601."""
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """Unit of stamps, its length in ns, and the epoch from which the stamps count.
+
+    `since` is a text for notes; `offset_s` are the seconds from the epoch to 1970.
+    """
+
+    unit: str
+    nanoseconds: int
+    since: str
+    offset_s: int = 0
+
+    def holds(self, low: int | float, high: int | float) -> bool:
+        """Return whether all stamps from `low` to `high` lie between 2001 and 2100."""
+        scale = 1_000_000_000 // self.nanoseconds
+        first, last = FIRST_S + self.offset_s, LAST_S + self.offset_s
+        return first * scale <= low <= high <= last * scale
+
+
+EPOCHS = (
+    Epoch("s", 1_000_000_000, "seconds since 1970"),
+    Epoch("ms", 1_000_000, "milliseconds since 1970"),
+    Epoch("us", 1_000, "microseconds since 1970"),
+    Epoch("ns", 1, "nanoseconds since 1970"),
+    Epoch(FILETIME, 100, "100 ns since 1601 (FILETIME)", FILETIME_OFFSET),
+)
+"""Units that are recognised; their number ranges for 2001 to 2100 do not overlap."""
+
+
+def epoch_unit(stamps: Real[np.ndarray, " n"]) -> Epoch | None:
+    """Return the epoch with which all stamps lie between 2001 and 2100, or None."""
+    low, high = stamps.min().item(), stamps.max().item()
+    return next((epoch for epoch in EPOCHS if epoch.holds(low, high)), None)

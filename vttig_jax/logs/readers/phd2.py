@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ....base.errors import LogError
-from ....base.units import DEG
-from ..delimited import split
-from ..number_format import to_number
-from ..table import Table
-from ..text import Lines, printable
-from .cells import SPARE, Found, Layout
+from ...base.errors import LogError
+from ...base.units import DEG
+from .delimited import split, to_number
+from .layouts import SPARE, Found, Layout
+from .table import Table
+from .text import Lines, printable
 
 NAMES = ("time_s", "transmission_error_arcsec")
 """Names of the two columns of a session."""
