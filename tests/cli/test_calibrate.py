@@ -6,7 +6,7 @@ import pytest
 import tomli_w
 
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.posterior.calibration import calibrate as room
 from vttig_jax.rig import PassMotion, paper_rig
@@ -17,7 +17,7 @@ def logged(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     rig = paper_rig(motion=PassMotion(speed_rpm=240.0, reversal_deg=3600.0, ramp_s=0.2))
     (folder / "log.csv").write_text(log_csv(rig.log(0)))
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(rig.pair))))
     return folder
 
 

@@ -10,9 +10,6 @@ from ..pair.schema import LogLayout, as_cut, as_edge
 from .channel.unwrap import unwrap
 from .source import FEWEST_SAMPLES, Source
 
-ENOUGH = 10
-"""Least number of rows over which columns are compared where rows lack numbers (chosen)."""
-
 
 def kept_rows(
     layout: LogLayout,
@@ -119,7 +116,7 @@ def joined(
 def complete(columns: Mapping[int, Real[np.ndarray, " _"]]) -> dict[int, Real[np.ndarray, " _"]]:
     """Return the columns in rows in which each of them has a number, to compare them.
 
-    A column that leaves fewer than `ENOUGH` of these rows is left out.
+    A column that leaves fewer than three times `FEWEST_SAMPLES` of these rows is left out.
     """
     found: dict[int, np.ndarray] = {}
     for size in {len(one) for one in columns.values()}:
@@ -127,7 +124,7 @@ def complete(columns: Mapping[int, Real[np.ndarray, " _"]]) -> dict[int, Real[np
         rows, kept = np.ones(size, bool), []
         for k in sorted(numbers, key=lambda k: -np.count_nonzero(numbers[k])):
             both = rows & numbers[k]
-            if np.count_nonzero(both) >= min(ENOUGH, size):
+            if np.count_nonzero(both) >= min(3 * FEWEST_SAMPLES, size):
                 rows, kept = both, [*kept, k]
         found |= {k: columns[k][rows] for k in kept}
     return dict(sorted(found.items()))

@@ -11,7 +11,7 @@ frozen pytrees with NumPy float64 leaves, so new values never recompile a jitted
 
 import math
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import numpy as np
@@ -23,10 +23,6 @@ from ..base.units import DEG
 from .schema import Encoder, GearTable, HarmonicOrders, LogLayout, UnitTable
 
 Scalar = Float[Number, ""]
-
-
-def _optional_float64(value: Any) -> Any:
-    return None if value is None else float64(value)
 
 
 class Rack(eqx.Module):
@@ -43,7 +39,9 @@ class Rack(eqx.Module):
 
     addendum: Scalar = eqx.field(converter=float64, default=1.0)
     clearance: Scalar = eqx.field(converter=float64, default=0.25)
-    tip_radius: Scalar | None = eqx.field(converter=_optional_float64, default=None)
+    tip_radius: Scalar | None = eqx.field(
+        converter=lambda radius: None if radius is None else float64(radius), default=None
+    )
     depth_ratio: Scalar = eqx.field(converter=float64, default=1.0)
 
     __repr__ = written

@@ -8,6 +8,7 @@ from ..base.errors import PairError
 from ..base.files.toml_io import TomlFile, plain_table
 from ..base.units import DEG
 from .schema import (
+    GearTable,
     LogLayout,
     PairSpec,
     RackTable,
@@ -229,17 +230,7 @@ def _check_tables(spec: PairSpec) -> None:
         if spec.rack != RackTable():
             raise PairError("a [drive] has no teeth; remove this table.", where="rack")
         for shaft, gear in (("driving", spec.driving), ("driven", spec.driven)):
-            for key in (
-                "teeth",
-                "face_width_mm",
-                "helix_angle_deg",
-                "helix_left_deg",
-                "helix_right_deg",
-                "profile_shift",
-                "crowning_um",
-                "tooth_thinning_mm",
-                "stated",
-            ):
+            for key in GearTable.__struct_fields__[:-1]:  # all but the encoder
                 if getattr(gear, key):
                     raise PairError(
                         "a [drive] has no gear geometry; remove this key, or replace [drive] by"

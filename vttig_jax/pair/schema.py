@@ -15,6 +15,7 @@ from msgspec import Meta
 from ..base.errors import PairError
 from ..base.files.toml_io import Table
 
+Written = str | float | int
 Positive = Annotated[float, Meta(gt=0, le=1e9)]  # all limits are chosen; 1e9 excludes infinity
 Angle = Annotated[float, Meta(gt=0, lt=45)]
 Helix = Annotated[float, Meta(gt=-45, lt=45)]
@@ -150,8 +151,7 @@ class LogLayout(Table, frozen=True):
     @property
     def leaves_out_rows(self) -> bool:
         """Whether rows of the log may be left out."""
-        stated = (self.start, self.stop, self.missing)
-        return bool(self.cut) or any(one is not None for one in stated)
+        return (self.start, self.stop, self.missing, self.cut) != (None, None, None, ())
 
 
 class UnitTable(Table, frozen=True):
@@ -228,20 +228,15 @@ def as_ratio(value: str | float | int, where: str) -> Fraction:
     `"16:9"` states driving turns to driven turns, as on a reducer, and is the ratio `"9/16"`.
     """
     driving, colon, driven = str(value).partition(":")
-    if not colon:
-        return as_fraction(value, where)
-    if "/" in driving + driven or ":" in driven:
-        raise _not_positive(value, where)
-    try:
-        return as_fraction(f"{driven}/{driving}", where)
-    except PairError:
-        raise _not_positive(value, where) from None
+    turns = colon and "/" not in driving + driven
+    return as_fraction(f"{driven}/{driving}" if turns else value, where, value)
 
 
-def as_fraction(value: str | float | int, where: str) -> Fraction:
+def as_fraction(value: Written, where: str, written: Written | None = None) -> Fraction:
     """Convert `"7/1798"`, `"1/7.2976"` or a number to a positive fraction, or raise `PairError`.
 
-    A number is converted by its shortest decimal form, so that 0.1 becomes 1/10.
+    A number is converted by its shortest decimal form, so that 0.1 becomes 1/10. `written` is what
+    the user wrote instead of `value`.
     """
     above, slash, below = str(value).replace(" ", "").partition("/")
     try:
@@ -249,7 +244,11 @@ def as_fraction(value: str | float | int, where: str) -> Fraction:
     except (ValueError, ZeroDivisionError):
         fraction = Fraction(0)
     if not 1e-9 <= fraction <= 1e9:
-        raise _not_positive(value, where)
+        raise PairError(
+            f"{(written or value)!r} is not a positive ratio; write a number or a quotient such as"
+            ' "7/1798".',
+            where=where,
+        )
     return fraction
 
 
@@ -274,8 +273,7 @@ def as_cut(text: str, where: str) -> tuple[float, float, str]:
     found = [as_edge(edge, where) for edge in edges]
     units = {unit for _, unit in found}
     if len(found) != 2 or len(units) != 1 or found[0] >= found[1]:
-        message = f"{text!r} must be two places in order, such as 18:21 or 3rev:4rev."
-        raise PairError(message, where=where)
+        raise PairError(f"{text!r} is no cut; write for example 18:21 or 3rev:4rev.", where=where)
     return found[0][0], found[1][0], found[0][1]
 
 
@@ -285,10 +283,3 @@ def _decimal(text: str) -> Fraction:
     The conversion of numbers with huge exponents would take too long.
     """
     return Fraction(text) if "/" not in text and 1e-9 <= float(text) <= 1e12 else Fraction(0)
-
-
-def _not_positive(value: str | float | int, where: str) -> PairError:
-    return PairError(
-        f'{value!r} is not a positive ratio; write a number or a quotient such as "7/1798".',
-        where=where,
-    )

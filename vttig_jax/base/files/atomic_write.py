@@ -194,11 +194,6 @@ class Stage:
             shutil.rmtree(self.path, ignore_errors=True)
 
 
-def has_stages(folder: Path) -> bool:
-    """Return whether a folder holds files of a commit that is not finished."""
-    return next(_stages(folder), None) is not None
-
-
 def settle(folder: Path) -> None:
     """Finish or undo the commits of killed processes. The lock of the folder must be held.
 
@@ -219,7 +214,7 @@ def settle_if_free(folder: Path) -> None:
 
     Nothing happens if this process has no permission to write to the folder.
     """
-    if not has_stages(folder):
+    if next(_stages(folder), None) is None:
         return
     from filelock import FileLock, Timeout
 

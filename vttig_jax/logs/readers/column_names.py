@@ -10,9 +10,11 @@ question to the user, but a wrong word leads to a wrong role.
 
 import difflib
 import re
+import tomllib
 import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from ...base.errors import LogError
@@ -58,31 +60,15 @@ _UNITS = {
     "speed": tuple(SPEED_UNITS),
     "acceleration": tuple(ACCELERATION_UNITS),
 }
+_WORDS_OF = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+"""Words for roles, other quantities and setpoints, and spellings of units."""
+
 _SPELLINGS = {
-    **{
-        "°": "deg",
-        "″": "arcsec",
-        "′": "arcmin",
-        "m°": "mdeg",
-        "µrad": "urad",
-        "μrad": "urad",
-        "µs": "us",
-        "μs": "us",
-        "µm": "um",
-        "μm": "um",
-    },
-    **dict.fromkeys(("º", "degree", "degrees", "degs", "grados", "gradi", "graus"), "deg"),
-    **dict.fromkeys(("radian", "radians", "radiant"), "rad"),
-    **dict.fromkeys(("turn", "turns", "revs", "revolution", "revolutions", "umdr", "tr"), "rev"),
-    **dict.fromkeys(("count", "cnt", "cts", "inc", "incr", "ink", "inkr"), "counts"),
-    **dict.fromkeys(("increments", "inkremente", "pulses", "ticks", "impulse"), "counts"),
-    **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunden"), "s"),
-    **{"msec": "ms", "millis": "ms", "usec": "us", "nsec": "ns", "days": "d", "tage": "d"},
-    **{"°/s": "deg_per_s", "deg/s": "deg_per_s", "rad/s": "rad_per_s"},
-    **{"1/min": "rpm", "r/min": "rpm", "n·m": "nm", "n*m": "nm", "n m": "nm"},
-    **{f"{angle}/s{two}": "deg_per_s2" for angle in ("°", "deg") for two in ("2", "^2", "²")},
-    **{f"rad/s{two}": "rad_per_s2" for two in ("2", "^2", "²")},
+    text: unit for unit, texts in _WORDS_OF["spellings"].items() for text in texts.split(", ")
 }
+OTHER_UNITS = frozenset(_WORDS_OF["other_units"].split())
+"""Units of quantities other than angle and time, in lower case."""
+
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _POWER = r"(?:1e[+-]?\d+|10+|0[.,]0*1)"
 _SCALE = re.compile(
@@ -322,17 +308,6 @@ def _normalised(name: str) -> str:
     return name.lower().replace(" ", "").removeprefix("/")
 
 
-_OTHER = """
-    nm n·m n*m mnm a ma ka v mv kv w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn mm
-    m cm um µm μm nm/a hz khz mhz rpm 1/min min-1 r/min u/min rev/min rad/s deg/s °/s rev/s
-    rad/s2 rad/s^2 rad/s² deg/s2 deg/s^2 deg/s² °/s2 °/s^2 °/s² m/s m/s2 m/s^2 m/s² mm/s g kg
-    ohm db lux ppm px pixel pixels bit bool °c/s deg_per_s rad_per_s deg_per_s2 rad_per_s2 min
-    h inch in lb lbf ft degf mil volt volts ampere amperes
-"""
-
-OTHER_UNITS = frozenset(_OTHER.split())
-"""Units of quantities other than angle and time, in lower case."""
-
 NO_UNITS = frozenset(("", "-", "–", "none", "(none)", "n/a", "1"))
 """Fields in a row of units that mean "no unit"."""
 
@@ -379,86 +354,13 @@ def fold(text: str) -> str:
     return unicodedata.normalize("NFC", plain)  # joins Korean syllables again
 
 
-def _words(text: str) -> frozenset[str]:
-    """Return the words of a text in lower case without accents."""
-    return frozenset(fold(text).split())
-
-
-DRIVING: Final = _words(
-    """
-    driving drive driver drv motor mot servo input inp inputshaft antrieb antriebs eingang
-    eingangs ingang ingaand ingaande aandrijving aandrijf ingaende indgang inngang drivande
-    drivende moottori tulo
-    moteur entree menant menante motore ingresso entrata motrice entrada motriz conductor
-    conduttore motora
-    silnik silnika wejscie wejscia napedowe napedowy vstup hnaci giris motoru
-    вход входа ведущий двигатель двигателя мотор мотора
-    电机 电动机 馬達 输入 輸入 主动 主動 驱动 驅動 入力 駆動 モータ モーター 입력 모터 구동
-    """
+DRIVING, DRIVEN, OUTPUT_SIDE, TIME, QUANTITIES, SETPOINTS = (
+    frozenset(fold(_WORDS_OF[key]).split())
+    for key in ("driving", "driven", "output_side", "time", "quantities", "setpoints")
 )
-"""Words for the driving shaft."""
+"""Words for the shafts and for time; words such as `joint`, which are the driven shaft where no
+other name says it; and words for other quantities, and for angles that were not measured."""
 
-DRIVEN: Final = _words(
-    """
-    driven load output outp outputshaft abtrieb abtriebs ausgang ausgangs last lastseite
-    lastwinkel lastposition lastgeber uitgang uitgaand uitgaande aangedreven belasting utgang
-    utgaende udgang drivna drivet drevet lahto kuorma
-    sortie mene menee charge recepteur uscita condotto carico salida conducido carga saida movida
-    conduzida
-    wyjscie wyjscia napedzane napedzany obciazenie obciazenia vystup hnany zatez cikis yuk
-    выход выхода ведомый нагрузка нагрузки
-    负载 負載 负荷 负荷 输出 輸出 从动 從動 被动 被動 被驱动 出力 負荷 従動 被駆動 출력 부하
-    """
-)
-"""Words for the driven shaft."""
-
-OUTPUT_SIDE: Final = _words("joint link arm axis secondary")
-"""Words for the driven shaft where no other name says it: `axis 1 motor` is the driving shaft."""
-
-TIME: Final = _words(
-    """
-    time t elapsed uptime zeit zeitpunkt laufzeit messzeit
-    timestamp stamp timestamps zeitstempel datetime date datum uhrzeit clock
-    epoch utc datenum tijd tid tidpunkt aika temps horodatage tempo tiempo fecha hora heure czas
-    cas время zaman 时间 時間 時刻 时刻 시간
-    """
-)
-"""Words for time."""
-
-QUANTITIES: Final = _words(
-    """
-    speed velocity vel rpm omega otacky turtall geschwindigkeit drehzahl vitesse velocidad velocita
-    velocidade hastighet hastighed snelheid toerental predkosc rychlost nopeus скорость hiz
-    速度 转速 轉速 回転数 속도 acceleration accel acc beschleunigung versnelling
-    torque moment drehmoment couple coppia koppel vridmoment torsion par torsor 扭矩 转矩
-    トルク current cur curr strom courant corriente corrente stroom iq id amps ampere 电流 電流
-    temp temperature temperatur temperatuur temperatura 温度 voltage volt volts spannung tension
-    spanning power leistung puissance force kraft pressure druck error err fehler deviation
-    abweichung lag schleppfehler status state zustand flag flags mode modus alarm enable enabled
-    fault index idx row zeile sample samples humidity noise per dps rps nm mm um
-    v n w velo cell file kn kg ma mv kv kw bar hz khz degc voltaje tensione intensite courants
-    proud napeti prad
-    napiecie varvtal spanningen leistung vermogen puissance potencia potenza teplota temp момент
-    температура ток мощность напряжение sicaklik tork akim 토크 온도 전류 전압 電流 電圧 功率
-    elec electrical elektrisch electrique electrico elettrico
-    vibration vib pwm duty gain checksum crc sequence seq utilization percent
-    """
-)
-"""Words for quantities other than the angle of a shaft."""
-
-SETPOINTS: Final = _words(
-    """
-    set setpoint setp sp soll sollwert solllage sollposition target tgt command commanded cmd
-    demand demanded ref reference desired des nominal consigne consigna riferimento ziel
-    leitwert zadana zadany referencia gewenst gewenste borvarde cible objetivo
-    obiettivo hedef уставка wanted setvalue
-    profile trajectory trajektorie planned virtual 指令 目标 目標 задание 목표 지령
-    expected expect ideal theoretical theory predicted prediction modelled modeled simulated
-    calculated calc computed erwartet erwartung berechnet theoretisch vorhergesagt simuliert
-    attendu calcule theorique previsto calcolato teorico esperado calculado berekend verwacht
-    """
-)
-"""Words for a setpoint or for a computed angle; neither is a measured one."""
 
 COMPOUND: Final = 5
 """Least number of letters of a word that is also searched inside a longer word, such as `drehzahl`

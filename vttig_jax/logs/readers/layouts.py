@@ -23,7 +23,7 @@ are named `2/motor` for column `motor` of section 2.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -48,19 +48,6 @@ Row = tuple[int, list[str]]
 
 Found = tuple[Table, tuple[str, ...]]
 """Table and notes."""
-
-
-@dataclass(frozen=True)
-class Layout:
-    """A text layout of a recording program.
-
-    **Arguments**
-    - `matches`: function that returns whether lines have this layout.
-    - `read`: function of all lines and the file name that returns the table and its notes.
-    """
-
-    matches: Callable[[Lines], bool]
-    read: Callable[[list[str], str], Found]
 
 
 def content(lines: Sequence[str], most: int = SPARE) -> list[str]:
@@ -156,15 +143,12 @@ _VOLTS = re.compile(r"([A-Z]+\d*)\s*V")
 """Name of a channel of Rigol with its unit, such as `CH1V`."""
 
 
-def _is_twincat(lines: Sequence[str]) -> bool:
-    """Return whether the text has the rows `Name` and `SampleTime` of an export."""
-    head = lines[:_HEAD]
-    named = any(re.match(r"Name[\t;, :]", line) for line in head)
-    return named and any(map(_SAMPLE_TIME.match, head))
-
-
-def _read_twincat(lines: list[str], source: str) -> Found:
-    match = next(filter(None, map(_SAMPLE_TIME.match, lines[:_HEAD])))
+def read_twincat(text: Lines, source: str) -> Found | None:
+    """Return the table of an export, which has the rows `Name` and `SampleTime`, or None."""
+    match = next(filter(None, map(_SAMPLE_TIME.match, text[:_HEAD])), None)
+    if match is None or not any(re.match(r"Name[\t;, :]", line) for line in text[:_HEAD]):
+        return None
+    lines = list(text)
     mark = match.string[match.end()]
     described, start = _description(lines, mark)
     names = described["Name"]
@@ -232,12 +216,11 @@ def _plain(field: str) -> str:
     return field if value is None else f"{value:g}"
 
 
-def _is_lvm(lines: Sequence[str]) -> bool:
-    """Return whether the text begins as a LabVIEW measurement file does."""
-    return lines[0].lstrip("\ufeff").strip().startswith(START)
-
-
-def _read_lvm(lines: list[str], source: str) -> Found:
+def read_lvm(text: Lines, source: str) -> Found | None:
+    """Return the table of a LabVIEW measurement file, or None for another text."""
+    if not text[0].lstrip("\ufeff").strip().startswith(START):
+        return None
+    lines = list(text)
     ends = [k for k, line in enumerate(lines) if line.strip(" \t,;").startswith(END_OF_HEADER)]
     mark = "," if any(line.startswith("Separator,") for line in lines[:40]) else "\t"
     head = (split(line, mark, trim=False) for line in (lines[: ends[-1]] if ends else []))
@@ -302,15 +285,15 @@ def _channels(
     return found
 
 
-def _states_increment(lines: Sequence[str]) -> bool:
-    """Return whether the header states the first stamp and the increment of the time."""
-    named = split(lines[0], ",")[-2:] == ["Start", "Increment"]
-    return named or _STATED.search(lines[0]) is not None
+def read_increment(text: Lines, source: str) -> Found | None:
+    """Return time and channels of an oscilloscope; the column `X` counts the samples, or nothing.
 
-
-def _read_increment(lines: list[str], source: str) -> Found:
-    """Return time and channels; the column `X` counts the samples, or nothing does."""
-    names, stated = split(lines[0], ","), _STATED.search(lines[0])
+    The header states the first stamp and the increment of the time; else the result is None.
+    """
+    names, stated = split(text[0], ","), _STATED.search(text[0])
+    if stated is None and names[-2:] != ["Start", "Increment"]:
+        return None
+    lines = list(text)
     units, first = split(lines[1], ","), 2
     if stated is not None:
         texts, units, first = stated.groups(), [], 1
@@ -340,19 +323,11 @@ def _read_increment(lines: list[str], source: str) -> Found:
     ), notes
 
 
-TWINCAT = Layout(_is_twincat, _read_twincat)
-LABVIEW = Layout(_is_lvm, _read_lvm)
-OSCILLOSCOPE = Layout(_states_increment, _read_increment)
-
-
 DELIMITERS = (",", ";", "\t")
 """Delimiters in the order in which they are tried."""
 
 FEWEST_ROWS = 3
 """Least number of rows of a table that counts as a section (chosen)."""
-
-_BELOW_FIRST = 2
-"""Number of lines of the first header and the first row; no second section can begin in them."""
 
 _DIGIT = re.compile(r"\d")
 _WORD = re.compile(r"""^[^\S\n]*["']?[^\W\d_]""", re.MULTILINE)
@@ -391,13 +366,11 @@ class Section:
             yield f"{number}/{name}", numbers(cells, decimal_of(self.rows, mark), source, place)
 
 
-def _matches(lines: Lines) -> bool:
-    """Return whether the text has at least two tables, each with a line of names."""
-    return lines.match(_WORD, _BELOW_FIRST) and len(_sections(list(lines))[0]) > 1
-
-
-def _read(lines: list[str], source: str) -> Found:
-    found, mark = _sections(lines)
+def read_sections(lines: Lines, source: str) -> Found | None:
+    """Return the columns of at least two tables, each with a line of names, or None."""
+    found, mark = _sections(list(lines)) if lines.match(_WORD, 2) else ([], "")
+    if not found:
+        return None
     columns: dict[str, np.ndarray] = {}
     notes = []
     for number, section in enumerate(found, 1):
@@ -466,6 +439,3 @@ def _has_numbers(fields: list[str]) -> bool:
     """Return whether the first field or most of the fields are numbers or dates."""
     kinds = list(map(is_value, fields))
     return kinds[0] or 2 * sum(kinds) >= len(kinds)
-
-
-SECTIONS = Layout(_matches, _read)

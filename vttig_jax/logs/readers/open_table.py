@@ -16,30 +16,20 @@ from ...pair.schema import LogLayout
 from .binary import format_of, read_binary
 from .column_names import ROLES, number_of
 from .delimited import find_table
-from .layouts import LABVIEW, OSCILLOSCOPE, SECTIONS, TWINCAT, Found
+from .layouts import read_increment, read_lvm, read_sections, read_twincat
 from .matlab import HDF5_SIGNATURE, check_objects, hdf5_leaves, matlab_leaves, object_leaves
-from .phd2 import PHD2
-from .records import BRACKETS, JSON, PAIRS, SIDE
-from .samples import CAMONITOR, CANTOOLS, HALSAMPLER, LONG_TABLE
+from .phd2 import read_guide_log
+from .records import read_brackets, read_json, read_pairs, read_side
+from .samples import read_changes, read_frames, read_halsampler, read_long
 from .table import Table, matrix_columns, with_computed
 from .text import NESTED, Lines, printable, read_bytes, read_text
 
 LAYOUTS = (
-    *(JSON, TWINCAT, LABVIEW, OSCILLOSCOPE, CANTOOLS, CAMONITOR, HALSAMPLER, PHD2),
-    *(LONG_TABLE, SIDE, PAIRS, BRACKETS, SECTIONS),
+    *(read_json, read_twincat, read_lvm, read_increment, read_frames, read_changes),
+    *(read_halsampler, read_guide_log, read_long, read_side, read_pairs, read_brackets),
+    read_sections,
 )
-"""Layouts other than a table with one row for each instant."""
-
-
-def read_layout(text: str, source: str) -> Found | None:
-    """Return the table and notes of a text in one of the layouts, or None for another text.
-
-    **Raises** `LogError` for a text that is damaged in its layout.
-    """
-    lines = Lines(text)
-    layout = next((one for one in LAYOUTS if one.matches(lines)), None)
-    return None if layout is None else layout.read(list(lines), source)
-
+"""Readers of layouts other than a table with one row for each instant, in the order of trials."""
 
 SIGNATURES = (
     (b"MATLAB", ".mat"),
@@ -101,7 +91,8 @@ def _table_of(path: str | Path, layout: LogLayout, requested: Sequence[str | Non
     if Path(path).suffix.lower() in NESTED:
         return _read_nested(path)
     text, digest, notes = read_text(path, layout.encoding)
-    found = None if layout.delimiter is not None else read_layout(text, str(path))
+    lines, own = Lines(text), LAYOUTS if layout.delimiter is None else ()
+    found = next(filter(None, (read(lines, str(path)) for read in own)), None)
     if found is None:
         highest = max([1, *map(number_of, requested)])
         table = find_table(text, str(path), layout, highest)

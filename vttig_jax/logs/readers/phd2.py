@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ...base.errors import LogError
 from ...base.units import DEG
 from .delimited import split, to_number
-from .layouts import SPARE, Found, Layout
+from .layouts import SPARE, Found
 from .table import Table
 from .text import Lines, printable
 
@@ -193,18 +193,18 @@ class Session:
         return text
 
 
-def _matches(lines: Lines) -> bool:
-    """Return whether the first lines and a line of column names are those of a guide log."""
-    first = any(map(_FIRST.match, lines[:SPARE]))
-    return first and any(line.startswith(HEADER) for line in lines)
-
-
-def _read(lines: list[str], source: str) -> Found:
+def read_guide_log(text: Lines, source: str) -> Found | None:
     """Return time and transmission error of every session, and notes on the sessions.
+
+    The result is None unless the first lines and a line of names are those of a guide log.
 
     **Raises** `LogError` if no session can be used; an incomplete last row is left out.
     """
-    sessions = dict(enumerate(_sessions(lines, source), 1))
+    if not any(map(_FIRST.match, text[:SPARE])):
+        return None
+    if not any(line.startswith(HEADER) for line in text):
+        return None
+    sessions = dict(enumerate(_sessions(list(text), source), 1))
     kept = {number: one for number, one in sessions.items() if not one.reason}
     reasons = [f"session {n}, {one.reason}" for n, one in sessions.items() if one.reason]
     left_out = "; ".join(reasons)
@@ -243,6 +243,3 @@ def _sessions(lines: Sequence[str], source: str) -> Iterator[Session]:
                     raise
     if current is not None:
         yield current
-
-
-PHD2 = Layout(_matches, _read)

@@ -18,7 +18,7 @@ import numpy as np
 from ...base.errors import LogError
 from .column_names import unit_in, with_units
 from .delimited import TextTable, is_value, looks_like_number, split, to_number
-from .layouts import Found, Layout, Row, content, cut_at, numbers
+from .layouts import Found, Row, content, cut_at, numbers
 from .matlab import DEEPEST
 from .samples import SAMPLE, read_long_rows, roles_of
 from .table import MOST_COLUMNS, Table
@@ -39,19 +39,17 @@ def _loads(text: str) -> Any:
     return json.loads(text, parse_int=lambda one: int(one) if len(one) <= _LONGEST else float(one))
 
 
-def _is_json(lines: Lines) -> bool:
-    """Return whether a text begins as an object or a list of objects or rows does."""
-    return _JSON.match(lines.text) is not None
-
-
-def _read_json(lines: list[str], source: str) -> Found:
+def read_json(lines: Lines, source: str) -> Found | None:
+    """Return lists of numbers of a text that begins as objects or rows of JSON do, or None."""
+    if _JSON.match(lines.text) is None:
+        return None
     notes: list[str] = []
     try:
-        value = _loads("\n".join(lines))
+        value = _loads(lines.text)
     except RecursionError:
         value = None
     except json.JSONDecodeError as error:
-        value = _json_lines(lines, source, notes, error)
+        value = _json_lines(list(lines), source, notes, error)
     if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
         names = list(value[0])
         rows = ((k, [str(one.get(name)) for name in names]) for k, one in enumerate(value, 1))
@@ -153,7 +151,11 @@ def _pairs(line: str) -> tuple[list[str], list[str]]:
     return (["time", *names], [before, *texts]) if looks_like_stamp(before) else (names, texts)
 
 
-def _read_pairs(lines: list[str], source: str) -> Found:
+def read_pairs(text: Lines, source: str) -> Found | None:
+    """Return the columns of a text whose lines are pairs of a name and a value, or None."""
+    if not _are_pairs(text):
+        return None
+    lines = list(text)
     names, first = _pairs(next(line for line in lines if line.strip()))
     amounts = map(_AMOUNT.fullmatch, first)
     units = [one[2] if one is not None and unit_in(one[2]) else "" for one in amounts]
@@ -177,26 +179,24 @@ def _plain(names: Sequence[str], lines: Sequence[str], mark: str | None, source:
     return TextTable(names, Lines("\n".join(lines)), -1, mark, decimal=None, source=source)
 
 
-def _are_in_brackets(lines: Sequence[str]) -> bool:
-    """Return whether each of the first lines consists of as many numbers, some in brackets."""
+def read_brackets(lines: Lines, source: str) -> Found | None:
+    """Return the columns of lines with equally many fields, some in brackets, or None.
+
+    At least half of the fields are numbers, in the same places of each of the first lines.
+    """
     first = content(lines)
     rows = [line.translate(_BRACKETS).split() for line in first]
     if len(rows) > 2:
-        del rows[-1]
-    bracketed = all(any(mark in line for mark in "([{") for line in first)
-    return (
-        bracketed
-        and len(rows) > 1
-        and 1 < len(rows[0]) <= MOST_COLUMNS
-        and all(len(row) == len(rows[0]) and all(map(looks_like_number, row)) for row in rows)
-    )
-
-
-def _read_in_brackets(lines: list[str], source: str) -> Found:
-    first = next(line for line in lines if line.strip())
-    names = [f"#{k + 1}" for k in range(len(first.translate(_BRACKETS).split()))]
-    rows = [line.translate(_BRACKETS) for line in lines]
-    return _plain(names, rows, None, source), ("rows in brackets: columns #1, #2, …",)
+        del rows[-1]  # it may be cut off
+    if len(rows) < 2 or not all(any(mark in line for mark in "([{") for line in first):
+        return None
+    kinds = {tuple(map(looks_like_number, row)) for row in rows}
+    (kind,) = kinds if len(kinds) == 1 else ((),)
+    if not 1 < len(kind) <= MOST_COLUMNS or 2 * sum(kind) < len(kind):
+        return None
+    names = [f"#{k + 1}" for k in range(len(kind))]
+    told = ("rows in brackets: columns #1, #2, …",)
+    return _plain(names, [line.translate(_BRACKETS) for line in lines], None, source), told
 
 
 def _side(lines: Sequence[str]) -> list[Row]:
@@ -217,13 +217,11 @@ def _side(lines: Sequence[str]) -> list[Row]:
     return []
 
 
-def _lies_on_its_side(lines: Sequence[str]) -> bool:
-    """Return whether each line is one channel."""
-    return bool(_side(lines))
-
-
-def _read_side(lines: list[str], source: str) -> Found:
+def read_side(lines: Lines, source: str) -> Found | None:
+    """Return the channels of a table with one line for each, or None for another text."""
     rows = _side(lines)
+    if not rows:
+        return None
     number, last = rows[-1]
     if len(last) != len(rows[0][1]):
         raise LogError(
@@ -241,9 +239,3 @@ def _read_side(lines: list[str], source: str) -> Found:
     )
     note = f"the table lies on its side: {len(rows)} rows of {len(last) - skip} samples"
     return Table(names, arrays, source), (note,)
-
-
-JSON = Layout(_is_json, _read_json)
-PAIRS = Layout(_are_pairs, _read_pairs)
-BRACKETS = Layout(_are_in_brackets, _read_in_brackets)
-SIDE = Layout(_lies_on_its_side, _read_side)

@@ -23,7 +23,7 @@ import numpy as np
 from ...base.errors import LogError
 from .binary import ClockedColumn, table_of
 from .delimited import looks_like_number, split
-from .layouts import SPARE, Cell, Found, Layout, Row, content, cut_at, numbers
+from .layouts import SPARE, Cell, Found, Row, content, cut_at, numbers
 from .table import MOST_COLUMNS, Table
 from .text import Lines
 from .times import exact_numbers, looks_like_stamp, read_stamps
@@ -46,6 +46,9 @@ SAMPLE = 400
 
 _MOST_CHANNELS = 50
 """Largest number of different channel names in these rows (chosen)."""
+
+WHOLE = 0.9
+"""Least share of these rows that have the usual form; others are damaged (chosen)."""
 
 _FEWEST = 4
 """Least mean number of rows per channel (chosen)."""
@@ -90,14 +93,14 @@ class Channels:
         return table_of(columns, source, held=held, start=float(seconds.min())), tuple(notes)
 
 
-def _are_changes(lines: Sequence[str]) -> bool:
-    """Return whether all of the first lines are changes or disconnections of EPICS channels."""
+def read_changes(lines: Lines, source: str) -> Found | None:
+    """Return the channels of EPICS, or None unless all first lines are changes of them."""
     first = content(lines)
-    found = [_CHANGE.fullmatch(line) is not None for line in first]
-    return any(found) and all(own or _STOP in line for own, line in zip(found, first, strict=True))
-
-
-def _read_changes(lines: list[str], source: str) -> Found:
+    seen = [_CHANGE.fullmatch(line) is not None for line in first]
+    if not any(seen) or not all(
+        own or _STOP in line for own, line in zip(seen, first, strict=True)
+    ):
+        return None
     channels = Channels()
     lost = invalid = 0
     notes = ["EPICS camonitor: only changes are logged, between which a channel keeps its value"]
@@ -107,7 +110,7 @@ def _read_changes(lines: list[str], source: str) -> Found:
             lost += _STOP in line
         elif match is None:
             what = "this line is none of `camonitor` (name, date, time, value); remove it."
-            notes += cut_at(lines, number, source, what)
+            notes += cut_at(list(lines), number, source, what)
         elif INVALID in (match[4] or "") and "UDF" not in match[4]:
             invalid += 1
         else:
@@ -119,14 +122,14 @@ def _read_changes(lines: list[str], source: str) -> Found:
     return channels.found(source, notes, held=True)
 
 
-def _are_frames(lines: Sequence[str]) -> bool:
-    """Return whether one of the first lines is a decoded frame."""
-    return any(map(_FRAME.fullmatch, content(lines)))
+def read_frames(text: Lines, source: str) -> Found | None:
+    """Return the signals `Message.Signal [unit]`; an incomplete last message is left out.
 
-
-def _read_frames(lines: list[str], source: str) -> Found:
-    """Return the signals `Message.Signal [unit]`; an incomplete last message is left out."""
-    channels = Channels()
+    The result is None unless one of the first lines is a decoded frame.
+    """
+    if not any(map(_FRAME.fullmatch, content(text))):
+        return None
+    channels, lines = Channels(), list(text)
     undecoded = cut = 0
     for number, stamp, rest in _messages(lines):
         message = _MESSAGE.fullmatch(rest)
@@ -161,26 +164,25 @@ def _messages(lines: Sequence[str]) -> Iterator[tuple[int, str, str]]:
         number, stamp, parts = k, frame["stamp"].strip(), [frame["rest"].strip()]
 
 
-def _is_long(lines: Sequence[str]) -> bool:
-    """Return whether each row consists of a time, one of a few channel names, and a number."""
-    return _long_columns(lines) is not None
-
-
 def _long_columns(lines: Sequence[str]) -> tuple[str, tuple[int, int, int]] | None:
     """Return the delimiter and the column indices of time, name and value, or None."""
     for mark in _DELIMITERS:
         head, *rows = (split(line, mark) for line in lines[: SAMPLE + 1])
         rows = [row for row in rows if row][:-1]
-        roles = roles_of(head, rows) if len(set(map(len, rows))) == 1 else None
+        usual = max(map(len, rows), key=[*map(len, rows)].count, default=0)
+        whole = [row for row in rows if len(row) == usual]
+        roles = roles_of(head, whole) if len(whole) > WHOLE * len(rows) else None
         if roles is not None:
             return mark, roles
     return None
 
 
-def _read_long(lines: list[str], source: str) -> Found:
-    found = _long_columns(lines)
-    assert found is not None  # `_is_long` has found it
-    mark, roles = found
+def read_long(text: Lines, source: str) -> Found | None:
+    """Return the channels of a table whose rows are a time, a name of a few, and a number."""
+    found = _long_columns(text)
+    if found is None:
+        return None
+    (mark, roles), lines = found, list(text)
     rows: list[Row] = []
     notes: list[str] = []
     for number, line in enumerate(lines[1:], 2):
@@ -218,9 +220,9 @@ def roles_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, i
         return None
     names, times, values = [], [], []
     for k, column in enumerate(zip(*rows, strict=True)):
-        if all(map(looks_like_stamp, column)):
+        if np.mean([looks_like_stamp(text) for text in column]) > WHOLE:
             times.append(k)
-        elif all(map(looks_like_number, column)):
+        elif np.mean([looks_like_number(text) for text in column]) > WHOLE:
             values.append(k)
         elif not any(map(looks_like_number, column)) and _repeats(column):
             names.append(k)
@@ -239,27 +241,20 @@ def _repeats(column: Sequence[str]) -> bool:
     return 2 <= different <= _MOST_CHANNELS and often and changes >= different
 
 
-CANTOOLS = Layout(_are_frames, _read_frames)
-CAMONITOR = Layout(_are_changes, _read_changes)
-LONG_TABLE = Layout(_is_long, _read_long)
-
-
 OVERRUN = "overrun"
 LOST = 10
 """Number of samples assumed to be lost in a gap of unknown length (chosen). It is more than five,
 so that all later steps treat the gap as a pause."""
 
 
-def _matches(lines: Lines) -> bool:
-    """Return whether a line is `overrun` and the first other line contains only numbers."""
-    if not lines.have(OVERRUN) or OVERRUN not in (line.strip() for line in lines):
-        return False
-    first = next((line for line in lines if line.strip() not in ("", OVERRUN)), "").split()
-    return 0 < len(first) <= MOST_COLUMNS and all(map(looks_like_number, first))
-
-
-def _read(lines: list[str], source: str) -> Found:
-    rows: list[Row] = []
+def read_halsampler(text: Lines, source: str) -> Found | None:
+    """Return rows of numbers with lines `overrun` between them, or None for another text."""
+    if not text.have(OVERRUN) or OVERRUN not in (line.strip() for line in text):
+        return None
+    first = next((line for line in text if line.strip() not in ("", OVERRUN)), "").split()
+    if not 0 < len(first) <= MOST_COLUMNS or not all(map(looks_like_number, first)):
+        return None
+    lines, rows = list(text), list[Row]()
     gaps: list[int] = []
     for number, line in enumerate(lines, 1):
         fields = line.split()
@@ -306,6 +301,3 @@ def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, boo
     for gap in gaps:
         numbers[gap:] += LOST
     return numbers, False
-
-
-HALSAMPLER = Layout(_matches, _read)

@@ -117,7 +117,6 @@ def matrix_columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Shaped[n
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")
 _NUMBER = r"(?<![\w.#])(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])"
 _OPERATIONS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply}
-_LONGEST = 1000  # characters of a formula that are read (chosen)
 _LOW, _HIGH = 1 / 3, 2 / 3
 """A level falls below the first fraction of its range and rises above the second one (chosen)."""
 
@@ -268,7 +267,7 @@ def _formula(text: str, table: Table) -> Computed:
         return f"c{used[-1]}"
 
     try:
-        tree = ast.parse(token.sub(spelt, text[:_LONGEST]), mode="eval").body
+        tree = ast.parse(token.sub(spelt, text[:1000]), mode="eval").body
         _ = _value(tree, dict.fromkeys(used, np.zeros(1)))
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise LogError(

@@ -235,7 +235,8 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
             ) from None
         notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
     except (LookupError, ValueError):  # a null character in the name, a codec that always fails
-        raise _unusable(encoding) from None
+        cure = f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252."
+        raise LogError(cure, where="log.encoding") from None
     is_plain = text.isascii() and not data.translate(None, _PLAIN)
     del data  # before a changed copy of the text takes memory too
     text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
@@ -246,13 +247,6 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
 def printable(text: str) -> str:
     """Return a text with control codes replaced, because they could control the user's terminal."""
     return _CONTROL.sub("\ufffd", text)
-
-
-def _unusable(encoding: str | None) -> LogError:
-    return LogError(
-        f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252.",
-        where="log.encoding",
-    )
 
 
 def _utf16_without_mark(data: bytes) -> str | None:
