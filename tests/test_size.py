@@ -32,7 +32,7 @@ BOUNDS = {
     "control": (5807, 66),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
     "runs": (2199, 5),  # 900
-    "cli": (3809, 19),  # 2600
+    "cli": (3805, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""
