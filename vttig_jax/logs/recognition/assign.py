@@ -549,10 +549,10 @@ class Search:
                 raise self._ask("twin-columns", role=role, columns=[one, twin])
         ratio, measured = self.statement.ratio, [o for o in others if not o.reading.setpoint]
         turn = ratio is not None and guessed and all(one.turns for one in named.values())
-        if ratio is not None and turn and len(measured) > 1:
+        if ratio is not None and turn and measured:
             fitting, _, unknown = self.fitting_pairs(named, (), ratio)
             if not fitting and not unknown:
-                turning, _, _ = self.fitting_pairs({}, measured, ratio)
+                turning, _, _ = self.fitting_pairs({}, [*named.values(), *measured], ratio)
                 for c, d in turning:
                     a, b = named.values()
                     raise self._ask(
