@@ -33,7 +33,7 @@ from vttig_jax.base.runtime import enable_x64
 from vttig_jax.cli.main import main as vttig
 from vttig_jax.cli.verbs.demo import log_csv
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
@@ -175,7 +175,7 @@ def write_paper(seed: int, folder: Path) -> dict[str, dict[str, Any]]:
         rate_hz=float(rng.uniform(500, 2000)),
     )
     (folder / "log.csv").write_text(log_csv(rig.log(int(rng.integers(2**31)))))
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(rig.pair))))
     shorter = np.sqrt(21.0 / (turns * 60.0 / speed_rpm))
     numbers: dict[str, dict[str, Any]] = {
         "delay_s": {"value": rig.delay_s, "widest": None},

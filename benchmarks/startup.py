@@ -23,7 +23,7 @@ import numpy as np
 import tomli_w
 
 import vttig_jax
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_rig
 
@@ -51,7 +51,7 @@ def make_log(folder: Path) -> tuple[Path, Path]:
     header = "time_s,driving_counts,driven_counts"
     path, pair = folder / "log.csv", folder / "pair.toml"
     np.savetxt(path, columns, ["%.7f", "%d", "%d"], ",", header=header, comments="")
-    pair.write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    pair.write_text(tomli_w.dumps(spec_table(spec_of(rig.pair))))
     return path, pair
 
 

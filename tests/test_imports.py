@@ -73,8 +73,8 @@ INNER_FLOORS = {
     "logs": (
         "source",
         "channel",
+        "rows",
         "readers",
-        "fractions",
         "slope",
         "recognition",
         "clocks",

@@ -20,19 +20,19 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
-    "base": (1270, 19),  # 950
+    "base": (1268, 19),  # 950
     "pair": (671, 1),  # 560
     "kinematics": (1104, 17),  # 780
     "geometry": (3530, 56),  # 2800
-    "logs": (10209, 274),  # 7400
+    "logs": (10208, 274),  # 7400
     "rig": (326, 1),  # 260
     "model": (2105, 44),
-    "identify": (3482, 24),  # 9000 together with posterior
+    "identify": (3480, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
     "control": (5954, 70),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
-    "runs": (2470, 9),  # 900
-    "cli": (3941, 19),  # 2600
+    "runs": (2432, 9),  # 900
+    "cli": (3937, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""
@@ -166,6 +166,6 @@ def test_constants_are_numbers_under_names_in_capitals():
 
 @pytest.mark.parametrize("now", [(11, 2), (10, 3)])
 def test_a_room_that_grew_is_named(now):
-    assert grown({"base": (1270, 19), "rig": now}, {"base": (1270, 19), "rig": (326, 1)}) != []
-    assert grown({"base": (1270, 19), "rig": (326, 1)}, {"base": (1270, 19), "rig": (326, 1)}) == []
+    assert grown({"base": (1268, 19), "rig": now}, {"base": (1268, 19), "rig": (326, 1)}) != []
+    assert grown({"base": (1268, 19), "rig": (326, 1)}, {"base": (1268, 19), "rig": (326, 1)}) == []
     assert len(grown({"new": now}, {})) == 2

@@ -10,7 +10,7 @@ import tomli_w
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.main import main
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
@@ -37,7 +37,7 @@ def rig_folder(tmp_path_factory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("rig")
     rig = paper_rig(1, PassMotion(speed_rpm=120.0, reversal_deg=2880.0))
     (folder / "log.csv").write_text(log_csv(rig.log(1)))
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(rig.pair))))
     yield from _shared(folder)
 
 

@@ -10,7 +10,7 @@ import tomli_w
 
 import vttig_jax
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_pair, paper_rig
@@ -27,7 +27,7 @@ def rigs(tmp_path_factory) -> Path:
         (folder / f"rig{number}.csv").write_text(log_csv(rig.log(number)))
     (folder / "empty.csv").write_text("time_s,driving_counts,driven_counts\n")
     (folder / "broken.csv").write_text("time_s,driving_counts,driven_counts\n0,1,nonsense\n")
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
     return folder
 
 

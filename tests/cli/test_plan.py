@@ -4,7 +4,7 @@ import pytest
 import tomli_w
 
 from vttig_jax.cli.main import VERBS
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 
@@ -94,7 +94,7 @@ def test_options_that_change_something_else(planned):
 
 def test_perfect_encoders_pay_less(vttig_json, tmp_path):
     path = tmp_path / "gears.toml"
-    path.write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    path.write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
     common = ("plan", "--pair", path, "--turns", 8, "--rate-hz", 993)
     noise = ("--noise-std-deg", 0.002, "--noise-correlation-s", 0.005)
     (_, plain), (_, perfect) = (

@@ -14,7 +14,7 @@ from vttig_jax.cli.verbs.simulate import _stride
 from vttig_jax.control.scenario.defaults import default_toml
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.identify.backlash import contact_map
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 from vttig_jax.runs.run import open_run
@@ -42,7 +42,7 @@ COLUMNS = (
 def scenario(tmp_path) -> Path:
     """A scenario of the paper's rig; its pair file lies in a folder beside it."""
     (tmp_path / "gears").mkdir()
-    table = spec_table(pair_spec(paper_pair()))
+    table = spec_table(spec_of(paper_pair()))
     (tmp_path / "gears" / "pair.toml").write_text(tomli_w.dumps(table))
     path = tmp_path / "scenario.toml"
     path.write_text(SCENARIO)

@@ -10,7 +10,7 @@ from tests.control.texts import RIG
 from vttig_jax import enable_x64
 from vttig_jax.control.simulation.metrics import METRICS
 from vttig_jax.identify.archive import read_fit
-from vttig_jax.pair.load import pair_from_spec, pair_spec
+from vttig_jax.pair.load import pair_from_spec, spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.posterior.sampler import read_posterior
 from vttig_jax.rig.paper import paper_pair
@@ -32,7 +32,7 @@ ramp_s = 0.2
 
 @pytest.fixture
 def sweep(tmp_path) -> Path:
-    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
     path = tmp_path / "sweep.toml"
     path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
     return path
@@ -101,7 +101,7 @@ def test_rigs_of_a_posterior(vttig, vttig_json, sampled_folder, tmp_path):
     text = SWEEP.format(rig="").replace("[eccentricities]\n", "").replace("pair.toml", "rig.toml")
     run = f'rig = {{ from = "{sampled_folder}", draws = 3, seed = 1 }}\n'
     path.write_text(run + text)
-    (tmp_path / "rig.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    (tmp_path / "rig.toml").write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
     out = tmp_path / "swept"
     code, record = vttig_json("sweep", path, "--out", out, "-q")
     assert code == 0 and record["cases"] == 30 and record["axes"][0] == "draw"
@@ -129,7 +129,7 @@ def test_a_run_without_draws(vttig, run_folder, tmp_path):
     path = tmp_path / "sweep.toml"
     text = SWEEP.format(rig="").replace("[eccentricities]\n", "")
     path.write_text(f'rig = {{ from = "{run_folder}" }}\n' + text)
-    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
     code, out, err = vttig("sweep", path)
     assert (code, out) == (3, "") and "`vttig sample " in err and err.count("\n") == 1
 

@@ -5,7 +5,7 @@ import tomli_w
 
 from tests.control.texts import RIG
 from vttig_jax.control.scenario.spec import load_sweep_spec
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 
@@ -28,7 +28,7 @@ MARGIN = "judgement.margin_mm"
 
 @pytest.fixture
 def sweep(tmp_path) -> Path:
-    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(paper_pair()))))
+    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
     path = tmp_path / "sweep.toml"
     path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
     return path

@@ -50,8 +50,8 @@ FACTS = re.compile(
     r"`[^`\n]+`|--[a-z][a-z-]*(?:[= ][^\s`'();,]*[^\s`'();,.:])?|\bline \d+|#\d+|#row"
 )
 HEAD = ("options", "pair", "xfail", "doors", "needs")
-REPEATED = ("column", "unit", "invert")
-KEYWORDS = {"column": "columns", "sample_rate": "sample_rate_hz"}
+REPEATED = ("column", "unit", "invert", "cut")
+KEYWORDS = {"column": "columns", "sample_rate": "sample_rate_hz", "from": "start", "to": "stop"}
 
 Found = dict[str, dict[str, Any]]
 
@@ -107,7 +107,7 @@ def keywords(words: list[str]) -> dict[str, Any]:
         elif name in REPEATED:
             found.setdefault(name, []).append(value)
         else:
-            found[name] = float(value) if name == "sample_rate" else value
+            found[name] = float(value) if name in ("sample_rate", "lead_mm") else value
     if "column" in found:
         found["column"] = dict(one.split("=", 1) for one in found["column"])
     if "=" in "".join(found.get("unit", "")):

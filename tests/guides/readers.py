@@ -9,7 +9,7 @@ import tomli_w
 from tests.cli.drive import write_drive
 from tests.guides.pages import REPOSITORY, fences, text_of
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.load import pair_spec
+from vttig_jax.pair.load import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig import PassMotion, paper_rig
 
@@ -60,7 +60,7 @@ def with_rigs(folder: Path) -> None:
     (folder / "rigs").mkdir()
     for seed in range(3):
         (folder / "rigs" / f"{seed}.csv").write_text(log_csv(rig.log(seed)))
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(pair_spec(rig.pair))))
+    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(rig.pair))))
 
 
 def with_pair(folder: Path) -> None:

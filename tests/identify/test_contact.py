@@ -13,7 +13,7 @@ from vttig_jax.identify.backlash import backlash_map, contact_map
 from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.model.parameter import Parameter
-from vttig_jax.pair.load import pair_from_spec, pair_spec
+from vttig_jax.pair.load import pair_from_spec, spec_of
 
 ANGLES = np.linspace(0.0, 16 * REV, 500)
 GAP_DEG = 0.038
@@ -25,7 +25,7 @@ def fits():
     rig = quick_rig(3)
     log = rig.log(3)
     assert log.driven is not None
-    spec = pair_spec(rig.pair)
+    spec = spec_of(rig.pair)
     layout = msgspec.structs.replace(spec.log, zero="reading")
     pair = pair_from_spec(msgspec.structs.replace(spec, log=layout))
     found = {}

@@ -8,10 +8,10 @@ import pytest
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.files.json_io import dumps, load_schema
 from vttig_jax.cli.main import main
-from vttig_jax.logs.checks.order_spectrum import order_spectrum
 from vttig_jax.logs.checks.sampling import (
     SpeedPlateau,
     aliased,
+    order_spectrum,
 )
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log

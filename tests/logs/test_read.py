@@ -99,3 +99,22 @@ def test_calibration_table_of_an_encoder(data_dir):
 def test_a_measured_worm(data_dir):
     worm = read_log(data_dir / "worm_mount" / "ap_gt1100.csv", drive("1/225"))
     assert len(worm) == 666 and worm.driving.turns == pytest.approx(5.694, abs=1e-3)
+
+
+def test_rows_that_are_left_out_are_as_if_they_were_not_there(tmp_path):
+    """One turn is lost in the readings of the part that is cut out."""
+    turns = np.linspace(0, 4, 161)
+    angles = np.column_stack([turns, 360 * turns, 202.5 * turns])
+    part = (turns > 1.01) & (turns < 1.09)
+    wrapped, whole, damaged = tmp_path / "w.csv", tmp_path / "n.csv", tmp_path / "d.csv"
+    readings = angles % [9, 360, 360]
+    lost = np.where(part[:, None], [0, 180, 0], readings * [0, 1, 1]) + angles * [1, 0, 0]
+    for path, values in ((wrapped, readings), (whole, angles[~part]), (damaged, lost)):
+        np.savetxt(path, values, "%.6f", ",", header="time_s,motor_deg,load_deg", comments="")
+    expected = read_log(whole, ratio="16:9")
+    for path in (wrapped, damaged):
+        found = read_log(path, ratio="16:9", cut="1.01:1.09")
+        for name in ("time", "driving_angle", "driven_angle"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-7)
+        again = read_log(path, found.spec)
+        np.testing.assert_array_equal(again.driven_angle, found.driven_angle)

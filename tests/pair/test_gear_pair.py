@@ -14,10 +14,9 @@ import pytest
 
 from vttig_jax.base.units import DEG
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair, involute
+from vttig_jax.pair.gear_pair import Drive, Gear, GearPair, Rack, involute
 from vttig_jax.pair.load import load_pair, pair_from_spec
 from vttig_jax.pair.pair_file import parse_pair_spec
-from vttig_jax.pair.rack import Rack
 
 
 def test_the_papers_rig(paper_pair):

@@ -8,10 +8,9 @@ import pytest
 
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.tooth import tooth_of
-from vttig_jax.pair.gear_pair import GearPair
-from vttig_jax.pair.load import pair_from_spec, pair_spec
+from vttig_jax.pair.gear_pair import GearPair, Rack
+from vttig_jax.pair.load import pair_from_spec, spec_of
 from vttig_jax.pair.pair_file import parse_pair_spec, spec_table
-from vttig_jax.pair.rack import Rack
 from vttig_jax.pair.schema import RackTable
 
 
@@ -38,7 +37,7 @@ def test_the_usual_rack():
     np.testing.assert_array_equal(pair.root_radii, [42.5, 77.5])
     usual = 0.25 * 2.0 / (1 - math.sin(math.radians(20)))
     assert tooth_of(pair, "driving").fillet_radius_mm == pytest.approx(usual, rel=1e-14)
-    assert parse_pair_spec(spec_table(pair_spec(pair))).rack == RackTable()
+    assert parse_pair_spec(spec_table(spec_of(pair))).rack == RackTable()
 
 
 @pytest.mark.parametrize(
@@ -61,7 +60,7 @@ def test_each_key_of_the_rack(rack, tips, roots, fillet):
         index = ("driving", "driven").index(shaft)
         assert tooth.tip_radius == pytest.approx(tips[index], rel=1e-14)
         assert tooth.root_radius == pytest.approx(roots[index], rel=1e-14)
-    assert pair_spec(pair).rack.tip_radius == rack.get("tip_radius")
+    assert spec_of(pair).rack.tip_radius == rack.get("tip_radius")
 
 
 def test_profile_shift_moves_tip_root_and_flank():
@@ -114,7 +113,7 @@ def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears():
     shifted, against = {"profile_shift": 0.3, **HELICAL}, {"profile_shift": -0.3, **HELICAL}
     options = {"normal_module_mm": 2.0, "centre_distance_mm": 129.409522551}
     pair = pair_of({"tip_radius": 0.3}, driving=shifted, driven=against, **options)
-    again = pair_from_spec(pair_spec(pair))
+    again = pair_from_spec(spec_of(pair))
     assert isinstance(again, GearPair)
     np.testing.assert_allclose(again.tip_radii, pair.tip_radii, rtol=1e-14)
     np.testing.assert_allclose(again.root_radii, pair.root_radii, rtol=1e-14)

@@ -86,6 +86,8 @@ def test_every_other_key(text):
     for orders in ("driving_orders", "driven_orders"):
         if "fit" in read:
             read["fit"][orders] = tuple(read["fit"][orders])
+    if "cut" in read.get("log", {}):
+        read["log"]["cut"] = tuple(read["log"]["cut"])
     assert found == read
 
 

@@ -16,7 +16,16 @@ from vttig_jax.runs.run_file import RunRecord, read_run, require_same_data
 pytestmark = pytest.mark.smoke
 
 OPTIONS = RunOptions(
-    ReadingOptions(columns=("time=time_s",), decimal=".", sample_rate=50.0),
+    ReadingOptions(
+        columns=("time=time_s",),
+        decimal=".",
+        sample_rate=50.0,
+        start="0.5rev",
+        stop=9.5,
+        cut=("2:3",),
+        missing="skip",
+        lead_mm=5.0,
+    ),
     FitSettings(
         flank="A",
         perfect_encoders=True,
@@ -64,7 +73,7 @@ def test_every_option_comes_back(run, tmp_path):
     folder = tmp_path / "run"
     table = full.table(folder)
     assert read_run(write(tmp_path, table)).options.table() == table["options"]
-    names = (*ReadingOptions.__struct_fields__, *FitSettings.__struct_encode_fields__)
+    names = (*ReadingOptions.__struct_encode_fields__, *FitSettings.__struct_encode_fields__)
     excluded = {"delay_within_ms"}  # by the given delay
     assert set(table["options"]) == set(names) - excluded
     table["options"] |= {"delay": "auto", "delay_within_ms": 5.0}

@@ -14,14 +14,21 @@ import click
 
 from ..base.errors import UsageError
 from ..base.logger import LOGGER
-from ..logs.recognition.request import SHAFTS, UNITS, DriveRequest, counts_of, units_of_options
+from ..logs.recognition.request import (
+    SHAFTS,
+    UNITS,
+    DriveRequest,
+    ReadingOptions,
+    counts_of,
+    units_of_options,
+)
 from ..runs.stated_drive import write_pair
+from .options import with_options
 from .output import Output
 
 if TYPE_CHECKING:
-    from ..logs.recognition.questions import Guess
+    from ..logs.recognition.candidates import Guess
     from ..pair.schema import PairSpec
-    from ..runs.options import ReadingOptions
 
 
 def _units(_: click.Context, __: click.Parameter, incomplete: str) -> list[str]:
@@ -105,11 +112,9 @@ GROUPS = {
         "units",
         "driving_scale",
         "driven_scale",
-        "columns",
         "quadrature",
         "explain_columns",
-        "decimal",
-        "sample_rate",
+        *ReadingOptions.__struct_fields__,
     ),
 }
 """Title in the help → parameters, for every verb that reads logs."""
@@ -134,9 +139,7 @@ def drive_options(function: Callable[..., None]) -> Callable[..., None]:
         drive = DriveOptions(request, options.pop("write_pair"), options.pop("explain_columns"))
         function(*arguments, drive=drive, **options)
 
-    for option in reversed((*_OF_THE_DRIVE, *_OF_THE_LOG)):
-        wrapper = option(wrapper)
-    return wrapper
+    return with_options(wrapper, (*_OF_THE_DRIVE, *_OF_THE_LOG))
 
 
 def ratio_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -147,9 +150,7 @@ def ratio_options(function: Callable[..., None]) -> Callable[..., None]:
         request = DriveRequest(**{name: options.pop(name) for name in ("ratio", "teeth", "counts")})
         function(*arguments, drive=request, **options)
 
-    for option in reversed(_OF_THE_DRIVE):
-        wrapper = option(wrapper)
-    return wrapper
+    return with_options(wrapper, _OF_THE_DRIVE)
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ class DriveOptions:
         if others:
             raise UsageError("--explain-columns explains one log; name one.")
         spec, guesses, reading = read
-        report = preview_log(first, spec=spec, **reading.keywords())
+        report = preview_log(first, spec=spec, reading=reading)
         report = replace(report, notes=(*map(str, guesses), *report.notes))
         output.emit(report.to_json(), report)
         return True

@@ -9,7 +9,7 @@ import click
 
 from ..base.errors import UsageError
 from ..identify.fit_settings import BATCH, LONGEST_DELAY_S, REMOVED, Field, fields, members
-from .options import POSITIVE
+from .options import POSITIVE, with_options
 
 _UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(s|ms|us|µs)?")
@@ -71,11 +71,11 @@ class DelayParam(click.ParamType):
 
 def model_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add to a command one option for every field of `FitSettings`."""
-    for field in reversed(fields()):
-        function = _option(field)(function)
-    for name, (default, instead) in REMOVED.items():
-        function = _removed("--" + name.replace("_", "-"), instead, flag=default is False)(function)
-    return function
+    removed = (
+        _removed("--" + name.replace("_", "-"), instead, flag=default is False)
+        for name, (default, instead) in REMOVED.items()
+    )
+    return with_options(function, (*removed, *map(_option, fields())))
 
 
 def _removed(option: str, instead: str, *, flag: bool) -> Callable[..., Any]:
@@ -92,10 +92,7 @@ def _removed(option: str, instead: str, *, flag: bool) -> Callable[..., Any]:
 
 def batch_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add to a command one option for every setting of a fit of many logs."""
-    for field in reversed(fields()):
-        if field.name in BATCH:
-            function = _option(field)(function)
-    return function
+    return with_options(function, [_option(one) for one in fields() if one.name in BATCH])
 
 
 def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from click.core import ParameterSource
 
 from ..base.files.limits import most_memory
 from ..logs.readers.column_names import ROLES
-from ..runs.options import roles_of
+from ..logs.recognition.request import roles_of
 from .output import Narrator, Output
 from .program_cache import kept_programs
 
@@ -159,51 +159,6 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
     return wrapper
 
 
-def log_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options `columns` (texts ROLE=NAME), `decimal` and `sample_rate` to a verb.
-
-    `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`.
-    """
-
-    @functools.wraps(function)
-    def wrapper(*arguments: Any, quadrature: tuple[str, ...], **options: Any) -> None:
-        counted = (one.partition("=") for one in quadrature)
-        columns = tuple(f"{role}=quadrature({channels})" for role, _, channels in counted)
-        function(*arguments, **{**options, "columns": (*options["columns"], *columns)})
-
-    for option in reversed(
-        [
-            click.option(
-                "--column",
-                "columns",
-                multiple=True,
-                metavar="ROLE=NAME",
-                callback=_checked,
-                shell_complete=_columns_of_log,
-                help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
-                " first column of a text file, #row the number 0, 1, 2, … of the row.",
-            ),
-            click.option(
-                "--quadrature",
-                multiple=True,
-                metavar="ROLE=A,B",
-                callback=_checked,
-                help="Count the angle of a shaft from the levels of two channels, A and B or STEP"
-                " and DIR; may be repeated.",
-            ),
-            click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark."),
-            click.option(
-                "--sample-rate",
-                type=POSITIVE,
-                metavar="HZ",
-                help="Samples per second, in place of a time column.",
-            ),
-        ]
-    ):
-        wrapper = option(wrapper)
-    return wrapper
-
-
 def _columns_of_log(
     context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[str]:
@@ -217,3 +172,73 @@ def _checked(
 ) -> tuple[str, ...]:
     roles_of(columns)
     return columns
+
+
+_OF_READING = (
+    click.option(
+        "--column",
+        "columns",
+        multiple=True,
+        metavar="ROLE=NAME",
+        callback=_checked,
+        shell_complete=_columns_of_log,
+        help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
+        " first column of a text file, #row the number 0, 1, 2, … of the row, and 0.5*(a+b)"
+        " is computed from two columns.",
+    ),
+    click.option(
+        "--quadrature",
+        multiple=True,
+        metavar="ROLE=A,B",
+        callback=_checked,
+        help="Count the angle of a shaft from the levels of two channels, A and B or STEP"
+        " and DIR; may be repeated.",
+    ),
+    click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark."),
+    click.option(
+        "--sample-rate",
+        type=POSITIVE,
+        metavar="HZ",
+        help="Samples per second, in place of a time column.",
+    ),
+    click.option(
+        "--from",
+        "start",
+        metavar="PLACE",
+        help="Read the log from here: seconds, or turns of the driving shaft such as 3rev,"
+        " since its first sample.",
+    ),
+    click.option("--to", "stop", metavar="PLACE", help="Read the log up to here."),
+    click.option(
+        "--cut",
+        multiple=True,
+        metavar="A:B",
+        help="Leave out this part, such as 18:21 or 3rev:4rev; may be repeated.",
+    ),
+    click.option(
+        "--missing",
+        type=click.Choice(["skip"]),
+        help="Leave out the rows in which a column that is used has no number.",
+    ),
+    click.option("--lead-mm", type=POSITIVE, help="Travel in one turn of an axis in mm or µm."),
+)
+"""Options of `ReadingOptions`; `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`."""
+
+
+def log_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options for reading a log to a verb, which receives those of `ReadingOptions`."""
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, quadrature: tuple[str, ...], **options: Any) -> None:
+        counted = (one.partition("=") for one in quadrature)
+        columns = tuple(f"{role}=quadrature({channels})" for role, _, channels in counted)
+        function(*arguments, **{**options, "columns": (*options["columns"], *columns)})
+
+    return with_options(wrapper, _OF_READING)
+
+
+def with_options(
+    function: Callable[..., None], options: Sequence[Callable[..., Any]]
+) -> Callable[..., None]:
+    """Return a command to which options are added, in the order in which the help lists them."""
+    return functools.reduce(lambda made, option: option(made), reversed(options), function)

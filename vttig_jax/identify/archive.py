@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from ..base.errors import InputError, UsageError
-from ..base.files.commit import settle_if_free
+from ..base.files.atomic_write import settle_if_free
 from ..base.files.limits import MemoryBudget, read_regular
 from ..kinematics.flank_error import FlankError
 from ..kinematics.harmonic import OrderModel

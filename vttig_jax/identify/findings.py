@@ -15,10 +15,9 @@ import numpy as np
 from ..base.units import DEG, duration_text
 from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
-from ..logs.fractions import better_fraction
-from ..logs.lines.hidden_shaft import hidden_shaft
+from ..logs.lines.search import hidden_shaft
 from ..logs.motion.segments import Segments
-from ..logs.slope import computed_text, exact_slope
+from ..logs.slope import better_fraction, computed_text, exact_slope
 from ..model.components import NEEDED
 from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
 from ..model.parameter import Parameter

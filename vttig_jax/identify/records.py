@@ -7,8 +7,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Float
 
-from ..logs.checks.ratio import Verdict
-from ..logs.checks.slope_cause import Cause
+from ..logs.checks.ratio import Cause, Verdict
 
 Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", "contradicts"]
 

@@ -8,4 +8,4 @@ from .motion.segments import find_segments as find_segments
 from .read import read_log as read_log
 from .readers.backlash_readings import BacklashReadings as BacklashReadings
 from .readers.backlash_readings import read_backlash_readings as read_backlash_readings
-from .readers.deviations import read_deviations as read_deviations
+from .readers.backlash_readings import read_deviations as read_deviations

@@ -15,17 +15,11 @@ from jaxtyping import Float, Int, Real
 
 from ..base.errors import LogError
 from ..base.shown_text import name_of_file
-from ..base.units import ANGLE_UNITS, ARCSEC, REV
-from .channel.steps import step_of
-from .channel.unwrap import find_modulus, unwrap
+from ..base.units import ARCSEC, per_turn
+from .channel.unwrap import find_modulus, step_of, unwrap
 from .readers.column_names import ROW_INDEX, TIME_UNITS, Column
 from .readers.table import Table
-from .readers.times.seconds import (
-    check_days,
-    exact_numbers,
-    seconds_of_numbers,
-    seconds_of_stamps,
-)
+from .readers.times import check_days, exact_numbers, seconds_of_numbers, seconds_of_stamps
 from .recognition.assign import Roles
 from .recognition.request import SHAFTS
 from .source import FEWEST_SAMPLES, Source
@@ -168,15 +162,13 @@ def _channel(table: Table, column: Column, roles: Roles, place: Source) -> Clock
     if column.role not in SHAFTS:
         return ClockedChannel(stamps, values, held=held)
     encoder = roles.statement.encoders[SHAFTS.index(column.role)]
-    counted = column.unit == "counts"
-    radians = REV / (encoder.counts_per_rev or 1) if counted else ANGLE_UNITS[column.unit]
     return ClockedChannel(
         time=stamps,
         values=values,
-        radians=radians,
-        per_turn=encoder.counts_per_rev if counted else REV / radians,
+        radians=roles.statement.radians(column.role, column.unit),
+        per_turn=per_turn(column.unit, encoder.counts_per_rev),
         held=held,
-        modulus=encoder.modulus if counted else None,
+        modulus=encoder.modulus if column.unit == "counts" else None,
     )
 
 

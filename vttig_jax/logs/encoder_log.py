@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from jaxtyping import Bool, Float, Int8, Real
 from numpy.typing import ArrayLike
@@ -14,17 +15,17 @@ from numpy.typing import ArrayLike
 from ..base.errors import LogError
 from ..base.files.text_tables import key_values
 from ..base.numerics.counting import pieces
-from ..base.units import ANGLE_UNITS, ARCSEC, DEG, REV
-from ..pair.schema import PairSpec, as_fraction
-from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel
-from .channel.speed import Speed, smooth_speed
-from .channel.standstill import is_at_standstill
-from .channel.stuck import refuse_stuck
+from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn
+from ..pair.schema import Encoder, PairSpec, as_fraction
+from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck
+from .channel.speed import Speed, is_at_standstill, smooth_speed
+from .channel.unwrap import find_modulus
 from .clocks import OneClock, at_common_times
-from .readers.column_names import ACCELERATION_UNITS, LENGTH_UNITS, SPEED_UNITS
+from .readers.column_names import ACCELERATION_UNITS, SHAFT_UNITS, SPEED_UNITS
 from .readers.table import Table
 from .recognition.assign import Roles
 from .recognition.request import SHAFTS, Statement, TwoShafts
+from .rows import joined, kept_rows, unwrapped
 from .source import Source, check_time, refuse_turns, refuse_values
 
 
@@ -55,10 +56,9 @@ def check_arguments(
             f"Argument `driven` must be given, or `transmission_error` instead, but {seen} given."
         )
     for unit in units:
-        if unit not in ("counts", *ANGLE_UNITS):
-            raise ValueError(
-                f"Argument `unit` must be counts, {', '.join(ANGLE_UNITS)}, but is {unit!r}."
-            )
+        if unit not in SHAFT_UNITS:
+            known = ", ".join(SHAFT_UNITS)
+            raise ValueError(f"Argument `unit` must be {known}, but is {unit!r}.")
     if error_unit not in ANGLE_UNITS:
         raise ValueError(
             f"Argument `transmission_error_unit` must be one of {', '.join(ANGLE_UNITS)}, but is"
@@ -231,7 +231,8 @@ class EncoderLog:
 
         **Arguments**
         - `time_s`: time in s. `driving`, `driven`: readings in `unit` (one unit, or one per shaft):
-          "counts" (with the encoder of `pair`), "deg", "rad", "rev", "arcsec" or "urad".
+          "counts" (with the encoder of `pair`), "deg", "rad", "rev", "arcsec" or "urad", or "mm" or
+          "um" with the lead in `pair.log`.
         - `transmission_error`: replaces `driven`, in `transmission_error_unit`.
         - `pair`: ratio and encoders; its `log` contains the zero and the scales.
         - `direction` (+1, 0, −1), `axial_mm`, `torque`, `speed` (rad/s), `acceleration` (rad/s²):
@@ -315,16 +316,17 @@ class EncoderLog:
         `found` holds the shafts in `units`, other columns as in `EncoderLog`; the columns of the
         shafts are taken out of it, so that their memory is free once they are unwrapped.
         """
+        found, place, encoders = _kept(found, units, statement, place)
         time, values, layout = found.time, found.values, statement.layout
         refuse_values("time", time, place)
         for role, column in values.items():
             if role != "time":
                 refuse_values(role, column, place)
         notes, channels = [*found.notes, *check_time(time, place)], {}
-        for role, encoder in zip(SHAFTS, statement.encoders, strict=True):
+        for role, encoder in zip(SHAFTS, encoders, strict=True):
             if role in values:
                 scale, step = getattr(layout, f"{role}_scale"), found.steps.get(role, 0.0)
-                raw = RawChannel(values.pop(role), units[role], scale, step)
+                raw = RawChannel(values.pop(role), units[role], scale, step, layout.lead_mm)
                 channels[role], told = make_channel(role, raw, encoder, time, layout.zero, place)
                 notes += told
         driving, driven = channels["driving"], channels.get("driven")
@@ -370,6 +372,41 @@ class EncoderLog:
             speed=values.get("speed"),
             acceleration=values.get("acceleration"),
         )
+
+
+def _kept(
+    found: OneClock, units: Mapping[str, str], statement: Statement, place: Source
+) -> tuple[OneClock, Source, tuple[Encoder, ...]]:
+    """Return the rows that the statement keeps, their places, and the encoders.
+
+    Where rows between others are left out, the shafts are unwrapped before, and the encoders have
+    no modulus any more.
+    """
+
+    if not statement.layout.leaves_out_rows:
+        return found, place, statement.encoders
+    values, encoders, turn = dict(found.values), statement.encoders, float(statement.ratio or 0)
+    moduli: dict[str, int | float | None] = {}
+    sizes: dict[str, float] = {}
+    for role, encoder, ratio in zip(SHAFTS, encoders, (turn, 1.0), strict=True):
+        if role in values:
+            numbers, unit = values[role][np.isfinite(values[role])], units[role]
+            given = encoder.modulus if unit == "counts" else None
+            moduli[role] = given or find_modulus(numbers, per_turn(unit, encoder.counts_per_rev))
+            scale = as_fraction(getattr(statement.layout, f"{role}_scale"), f"log.{role}_scale")
+            sizes[role] = ratio * encoder.sign * float(scale) * (statement.radians(role, unit) or 0)
+
+    def turns() -> Float[np.ndarray, " n"]:
+        return unwrapped(values["driving"], moduli["driving"]) * (sizes["driving"] / turn / REV)
+
+    rows, notes = kept_rows(statement.layout, {**values, "time": found.time}, turns, place)
+    assert rows is not None
+    kept = {role: one[rows] for role, one in values.items()}
+    if len(rows) <= rows[-1] - rows[0]:
+        kept |= joined({role: values[role] for role in moduli}, rows, moduli, sizes)
+        encoders = tuple(msgspec.structs.replace(one, modulus=None) for one in encoders)
+    left = replace(found, time=found.time[rows], values=kept, notes=(*found.notes, *notes))
+    return left, replace(place, rows=rows), encoders
 
 
 def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:

@@ -13,22 +13,22 @@ from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, REV
 from ..pair.schema import HarmonicOrders
 from .channel.channel import Channel
-from .checks.order_spectrum import OrderLine, order_spectrum
 from .checks.ratio import SeenRatio, seen_ratio
 from .checks.sampling import (
     Aliased,
     Commensurate,
+    OrderLine,
     Sampling,
     SpeedPlateau,
     aliased,
     commensurate,
+    order_spectrum,
     plateaus_of,
     sampling_of,
 )
 from .checks.slip import find_slips, slips_text
 from .encoder_log import EncoderLog
-from .lines.blind_search import blind_lines
-from .lines.search import Line
+from .lines.search import Line, blind_lines
 from .motion.coverage import Support, support_of
 from .motion.flank_assignment import assigned_segments
 from .motion.segments import Segments

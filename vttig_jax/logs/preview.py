@@ -1,4 +1,7 @@
-"""Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it."""
+"""Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it.
+
+Rows of a column without a number: empty cells, and readings that are NaN or infinite.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,25 +14,92 @@ from typing import Any
 import numpy as np
 from jaxtyping import Real
 
-from ..base.errors import LogError
+from ..base.errors import LogError, UsageError
 from ..base.files.text_tables import key_values, text_table
 from ..base.shown_text import one_line, shown_name
-from ..base.units import ANGLE_UNITS, ARCSEC, REV
+from ..base.units import ARCSEC, REV, per_turn, radians_of
 from ..pair.schema import PairSpec, as_ratio
-from .channel.steps import step_of
-from .channel.unwrap import find_modulus, unwrap, wrap_steps
-from .checks.missing_cells import missing_notes
+from .channel.unwrap import find_modulus, step_of, unwrap, wrap_steps
 from .checks.sampling import Sampling, sampling_of
-from .fractions import likely_fraction, ratio_option
-from .read import stated_table
-from .readers.column_names import ROW, ROW_INDEX, TIME_UNITS, listed, name_and_unit, units_of
-from .readers.times.seconds import seconds_of_numbers, seconds_of_stamps
+from .readers.column_names import (
+    ANGLES,
+    ROW,
+    ROW_INDEX,
+    SHAFT_UNITS,
+    TIME_UNITS,
+    listed,
+    name_and_unit,
+    units_of,
+)
+from .readers.delimited import TextTable
+from .readers.open_table import open_table
+from .readers.table import Table
+from .readers.times import seconds_of_numbers, seconds_of_stamps
 from .recognition.assign import Roles, Search
-from .recognition.candidates import EQUAL, Candidate, is_copy
-from .recognition.questions import Question
-from .recognition.request import SHAFTS, DriveRequest, Statement, fit_command, in_words
-from .slope import slope
+from .recognition.candidates import EQUAL, Candidate, Question, is_copy
+from .recognition.request import (
+    SHAFTS,
+    DriveRequest,
+    ReadingOptions,
+    Statement,
+    fit_command,
+    in_words,
+)
+from .rows import kept_rows
+from .slope import likely_fraction, ratio_option, slope
 from .source import LEAST_RANGE, Source, check_time
+
+_CURE = "a fit refuses such a column, unless --missing skip leaves out these rows"
+
+
+def missing_notes(table: Table, arrays: Mapping[int, Real[np.ndarray, " _"]]) -> list[str]:
+    """Return notes on the columns of a table in which rows hold no number.
+
+    `arrays` is index → values of the columns that are read. Of other columns of a text the empty
+    cells are counted.
+    """
+    notes = [missing_numbers(table.names[k], values) for k, values in arrays.items()]
+    if isinstance(table, TextTable):
+        notes += _empty_cells(table, [k for k in range(len(table.names)) if k not in arrays])
+    return [note for note in notes if note is not None]
+
+
+def missing_numbers(name: str, values: Real[np.ndarray, " n"]) -> str | None:
+    """Return a note that counts the readings of a column that are no finite number, or None.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.preview import missing_numbers
+    >>> missing_numbers("pos", np.array([1.0, np.nan])).partition(";")[0]
+    'column `pos`: 1 of 2 rows holds no number (NaN or infinite), row 2 first'
+
+    ```
+    """
+    rows = np.flatnonzero(~np.isfinite(values)).tolist()
+    return _counted(name, rows, len(values), "NaN or infinite")
+
+
+def _empty_cells(table: TextTable, columns: Sequence[int]) -> list[str | None]:
+    empty: dict[int, list[int]] = {k: [] for k in columns}
+    count = 0
+    for _, row in table.rows() if columns else ():
+        for k, rows in empty.items():
+            if not (k < len(row) and row[k].strip()):
+                rows.append(count)
+        count += 1
+    return [_counted(table.names[k], rows, count, "empty cells") for k, rows in empty.items()]
+
+
+def _counted(name: str, rows: Sequence[int], size: int, what: str) -> str | None:
+    if not rows:
+        return None
+    holds = "holds" if len(rows) == 1 else "hold"
+    return (
+        f"column `{name}`: {len(rows)} of {size} rows {holds} no number ({what}), row"
+        f" {rows[0] + 1} first; {_CURE}"
+    )
+
 
 MOST_COLUMNS = 30
 """A table of more columns than this shows the columns of one matrix in one row (chosen)."""
@@ -145,11 +215,9 @@ def preview_log(
     *,
     spec: PairSpec | None = None,
     request: DriveRequest = DriveRequest(),
-    columns: Mapping[str, str] | None = None,
-    decimal: str | None = None,
-    sample_rate_hz: int | float | None = None,
+    reading: ReadingOptions = ReadingOptions(),
 ) -> Preview:
-    """Return a preview of a log; `columns`, `decimal` and `sample_rate_hz` are as in `read_log`.
+    """Return a preview of a log that is read with the options `reading`.
 
     `spec` is a pair file that names columns and units. Without it they are recognised from the
     column names, and the notes ask for information that neither the names nor `request` give.
@@ -159,10 +227,8 @@ def preview_log(
 
     **Raises** `LogError` for files without a table, and for names that do not exist.
     """
-    options: dict[str, Any] = {"columns": columns, "decimal": decimal}
-    options["sample_rate_hz"] = sample_rate_hz
-    statement = request.statement(**options) if spec is None else Statement.of(spec, **options)
-    table = stated_table(path, statement)
+    statement = request.statement(reading) if spec is None else Statement.of(spec, reading)
+    table, rate_hz = open_table(path, statement.layout), statement.layout.sample_rate_hz
     search = Search(table, statement)
     found = search.result()
     roles = {index: role for role, index in search.roles.items()}
@@ -174,20 +240,38 @@ def preview_log(
     arrays = {k: a for k, a in arrays.items() if len(a) == size}
     names = {k: ROW if k == ROW_INDEX else table.names[k] for k in (*roles, *arrays)}
     source = Source(table.source, {r: names[k] for k, r in roles.items()}, table.line_of)
-    shown = [_report(names[k], roles.get(k), a, found, request) for k, a in arrays.items()]
-    reports = [report for report, _ in shown]
-    angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
+    shown = [_report(names[k], roles.get(k), a, found) for k, a in arrays.items()]
     hints = [*table.notes, *table.left_out(range(len(table.names))), *unread]
-    hints += missing_notes(table, arrays)
+    hints += missing_notes(table, arrays) if statement.layout.missing is None else ()
     for role, name in source.columns.items():
         if search.roles[role] not in arrays:
             how = "differs in length" if name in dict(others) else "is not read"
             told = f"cannot be the {role} of this record of {size} samples: it {how}"
             hints.append(f"column `{name}` {told}")
-    time = None if sample_rate_hz is None else np.arange(size) / sample_rate_hz
-    for report, values in zip(reports, arrays.values(), strict=True):
+    time = None if rate_hz is None else np.arange(size) / rate_hz
+    for (report, _), values in zip(shown, arrays.values(), strict=True):
         if report.role == "time" and time is None:
             time = seconds_of_numbers(values, report.unit or "s")
+
+    def turns() -> np.ndarray:
+        for report, angle in shown:
+            if report.role == "driving" and report.turns is not None and angle is not None:
+                return angle / REV
+        raise UsageError(
+            "turns of the driving shaft are known once its column and unit are; name them with"
+            " --column driving=NAME and --unit."
+        )
+
+    used = {roles.get(k, names[k]): a for k, a in arrays.items() if k in roles or not roles}
+    used |= {"time": np.arange(size) if time is None else time}
+    rows, told = kept_rows(statement.layout, used, turns, source)
+    if rows is not None:
+        arrays, size = {k: a[rows] for k, a in arrays.items()}, len(rows)
+        time, source = None if time is None else time[rows], replace(source, rows=rows)
+        shown = [_report(names[k], roles.get(k), a, found) for k, a in arrays.items()]
+    hints += told
+    reports = [report for report, _ in shown]
+    angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
     hints += [] if time is None else check_time(time, source)
     ratio = _ratio(reports, angles)
     command, proposed = "", ()
@@ -202,11 +286,10 @@ def preview_log(
             " orders"
         )
         hints += [f"a fit asks: {question.message}" for question in found.questions]
-        keywords = {"decimal": decimal, "sample_rate_hz": sample_rate_hz}
         if not found.questions and ratio is not None and ratio[0] != 0:
-            command = fit_command(path, with_ratio(request, ratio), found.names, **keywords)
+            command = fit_command(path, with_ratio(request, ratio), found.names, reading)
         elif found.questions and not request.names_a_drive:
-            proposed = proposals(search, request, path, **options)
+            proposed = proposals(search, request, path, reading)
         if not command and not proposed:
             hints.append(_ANSWER if found.questions else _NO_RATIO)
     return Preview(
@@ -304,7 +387,7 @@ def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
 
     **Raises** `LogError` if no column is read.
     """
-    table, arrays, errors = search.table, dict(search.numeric()), {}
+    table, arrays, errors = search.table, search.table.numeric(), {}
     for k, name in enumerate(table.names):
         if table.is_dated(k):
             if search.roles.get("time") == k:
@@ -368,24 +451,24 @@ def _report(
     role: str | None,
     values: Real[np.ndarray, " n"],
     found: Roles,
-    request: DriveRequest,
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
     """Return a row of the column table, and the unwrapped readings if the column is a shaft.
 
-    The readings are in rad, or in counts if `request` does not state the counts per revolution.
+    The readings are in rad, or in counts if the counts per revolution are not stated.
     """
-    counts = request.counts
-    per_turn = counts[SHAFTS.index(role)] if counts and role in SHAFTS else None
+    counts = found.statement.encoders[role == "driven"].counts_per_rev if role in SHAFTS else None
     units = units_of(role) if role else (*units_of("driving"), *TIME_UNITS)
     unit = name_and_unit(name, units, name)[1] or found.units.get(role or "")
-    plain = ColumnReport(role, name, unit, float(values.min()), float(values.max()))
-    shaft = role in SHAFTS or (role is None and unit in ("counts", *ANGLE_UNITS))
+    low, high = float(np.fmin.reduce(values)), float(np.fmax.reduce(values))
+    plain = ColumnReport(role, name, unit, low, high)
+    lead = found.statement.layout.lead_mm
+    shaft = role in SHAFTS or (role is None and unit in ANGLES)
     if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) < LEAST_RANGE:
         return plain, None
     if unit == "counts" and np.all(values == np.rint(values)):
         values = values.astype(np.int64)
-    radians = REV / per_turn if unit == "counts" and per_turn else ANGLE_UNITS.get(unit)
-    modulus = find_modulus(values, None if radians is None else per_turn or REV / radians)
+    radians = radians_of(unit, counts, lead) if unit in SHAFT_UNITS else None
+    modulus = find_modulus(values, per_turn(unit, counts) if unit in SHAFT_UNITS else None)
     wraps = 0
     if modulus is not None:
         wraps = int(np.count_nonzero(wrap_steps(values, modulus)))
@@ -411,8 +494,7 @@ def proposals(
     search: Search,
     request: DriveRequest,
     path: str | Path,
-    columns: Mapping[str, str] | None = None,
-    **keywords: Any,
+    reading: ReadingOptions = ReadingOptions(),
 ) -> tuple[Proposal, ...]:
     """Return the commands for both readings of the pairs of columns that turn together.
 
@@ -433,12 +515,12 @@ def proposals(
             if any(search.roles.get(role, one.index) != one.index for role, one in chosen.items()):
                 continue  # an option or a name gives the role to another column
             trial = with_ratio(request, seen)
-            named = {**(columns or {}), **{r: search.name_of(c.index) for r, c in chosen.items()}}
-            complete = search.assuming(trial.statement(named, **keywords)).result()
+            named = reading.with_columns({r: search.name_of(c.index) for r, c in chosen.items()})
+            complete = search.assuming(trial.statement(named)).result()
             if complete.questions:
                 continue
             drives = f"`{driving.name}` drives `{driven.name}`"
-            command = fit_command(path, trial, complete.names, **keywords)
+            command = fit_command(path, trial, complete.names, reading)
             commands.append(Proposal(f"{drives}: {in_words(trial.speed_ratio)}", command))
         if is_copy(*pair) and all(abs(abs(seen[0]) - 1) < EQUAL for seen, _ in known):
             copies += commands

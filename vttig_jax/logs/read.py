@@ -4,18 +4,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from ..base.errors import UsageError
 from ..base.logger import LOGGER
 from ..pair.schema import PairSpec
 from .encoder_log import EncoderLog
-from .readers.column_names import ROLES
 from .readers.open_table import open_table
 from .readers.table import Table
 from .recognition.assign import Roles, assign
 from .recognition.request import (
     DriveRequest,
+    ReadingOptions,
     Statement,
     TwoShafts,
     counts_of,
@@ -36,6 +35,11 @@ def read_log(
     columns: Mapping[str, str] | None = None,
     decimal: str | None = None,
     sample_rate_hz: int | float | None = None,
+    start: str | float | None = None,
+    stop: str | float | None = None,
+    cut: str | Sequence[str] = (),
+    missing: str | None = None,
+    lead_mm: int | float | None = None,
 ) -> EncoderLog:
     """Read a log of two encoders, or of one encoder and the transmission error.
 
@@ -58,10 +62,15 @@ def read_log(
     - `driving_rpm`: speed in rpm of a driving shaft that turns at constant speed and has no
       encoder; "sidereal" for the worm of a telescope mount, whose driven shaft follows the stars.
     - `columns`: role ("time", "driving", "driven", "transmission_error", "direction", "axial_mm",
-      "torque", "speed" and "acceleration" of the driving shaft) → column name. This argument and
-      the next two override `pair.log`.
+      "torque", "speed" and "acceleration" of the driving shaft) → column name, or a formula of
+      columns such as "0.5*(m1+m2)" with +, -, * and brackets. This argument and those that follow
+      override `pair.log`.
     - `decimal`: decimal mark, "." or ",".
     - `sample_rate_hz`: sampling rate in Hz if there is no time column.
+    - `start`, `stop`: first and last time in s since the first sample, or turns of the driving
+      shaft since then, such as "3rev". `cut`: parts that are left out, such as "18:21".
+    - `missing`: "skip" leaves out the rows in which a column that is used has no number.
+    - `lead_mm`: travel in one turn of a shaft that is logged in mm or µm.
 
     **Raises** `LogError` naming the file, line or channel and the cure; `UsageError` for HDF5
     without the package h5py.
@@ -101,19 +110,22 @@ def read_log(
             where=str(path),
         )
     if pair is None and not request.names_a_drive:
-        request.check()
         raise UsageError(
             "the ratio of the drive is missing; give a pair file, or the ratio as driving turns to"
             ' driven turns, such as "64:23".',
             where=str(path),
         )
-    opened = open_log(
-        path,
-        request if pair is None else pair,
-        columns=columns,
+    reading = ReadingOptions.of(
+        columns,
+        sample_rate_hz,
+        cut,
         decimal=decimal,
-        sample_rate_hz=sample_rate_hz,
+        start=start,
+        stop=stop,
+        missing=missing,
+        lead_mm=lead_mm,
     )
+    opened = open_log(path, request if pair is None else pair, reading)
     log, guesses = opened.log, tuple(guess.fact for guess in opened.roles.guesses)
     log = replace(log, spec=opened.roles.spec, notes=(*guesses, *log.notes))
     LOGGER.info("%s: %d samples", path, len(log))
@@ -126,13 +138,13 @@ def read_log(
 class OpenLog:
     """Log whose table is open, with the roles of its columns; its values are not checked yet.
 
-    - `options`: options for reading, as keyword arguments of `read_log`.
+    - `reading`: options for reading.
     """
 
     path: Path
     table: Table
     roles: Roles
-    options: Mapping[str, Any]
+    reading: ReadingOptions
 
     @property
     def spec(self) -> PairSpec:
@@ -144,42 +156,22 @@ class OpenLog:
     def log(self) -> EncoderLog:
         """The log with validated values; the table is then closed."""
         log = EncoderLog.of(self.table, self.roles)
-        return replace(log, keywords=self.options, path=self.path.resolve())
+        return replace(log, keywords=self.reading.keywords(), path=self.path.resolve())
 
 
 def open_log(
     path: str | Path,
     drive: DriveRequest | TwoShafts,
-    *,
-    columns: Mapping[str, str] | None = None,
-    decimal: str | None = None,
-    sample_rate_hz: int | float | None = None,
+    reading: ReadingOptions = ReadingOptions(),
 ) -> OpenLog:
     """Open a log, and find the columns by the options of a user or by a pair file.
 
     **Raises** `LogError` or `UsageError` if the log can be read in two ways; the message names the
     option that decides.
     """
-    options: dict[str, Any] = {
-        "columns": dict(columns or {}),
-        "decimal": decimal,
-        "sample_rate_hz": sample_rate_hz,
-    }
     if isinstance(drive, DriveRequest):
-        statement = drive.statement(**options)
+        statement = drive.statement(reading)
     else:
-        statement = Statement.of(drive, **options)
-    table = stated_table(path, statement)
-    return OpenLog(Path(path), table, assign(table, statement).decided(), options)
-
-
-def stated_table(path: str | Path, statement: Statement) -> Table:
-    """Open the table of a file whose text has the form that a statement says."""
-    layout = statement.layout
-    return open_table(
-        path,
-        encoding=layout.encoding,
-        delimiter=layout.delimiter,
-        decimal=layout.decimal,
-        requested=[getattr(layout, role) for role in ROLES],
-    )
+        statement = Statement.of(drive, reading)
+    table = open_table(path, statement.layout)
+    return OpenLog(Path(path), table, assign(table, statement).decided(), reading)

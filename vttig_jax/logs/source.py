@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Float, Int, Real
 
 from ..base.errors import LogError
 
@@ -23,17 +23,20 @@ class Source:
     - `line_of`: function from row to line number; without it messages give the number of the
       sample, counted from 0.
     - `kind`: noun for a channel in messages, "column" or "argument".
+    - `rows`: number of the row of each sample if rows are left out.
     """
 
     name: str
     columns: Mapping[str, str] = field(default_factory=dict)
     line_of: Callable[[int], int] | None = None
     kind: str = "column"
+    rows: Int[np.ndarray, " n"] | None = field(default=None, repr=False, compare=False)
 
     def at(self, role: str = "", row: int | None = None) -> str:
         """Return the position as text: "log.csv: line 7, column `driving_counts`"."""
         parts = []
         if row is not None:
+            row = row if self.rows is None else int(self.rows[row])
             parts.append(f"line {self.line_of(row)}" if self.line_of else f"sample {row}")
         if role:
             parts.append(f"{self.kind} `{self.columns.get(role, role)}`")
@@ -119,7 +122,8 @@ def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> 
     if not finite.all():
         row = int(np.argmin(finite))
         raise LogError(
-            f"{values[row]} is not a number; remove the line or correct the reading.",
+            f"{values[row]} is not a number; correct the reading, or leave out such rows with"
+            ' --missing skip (`missing = "skip"` in [log]).',
             where=source.at(role, row),
         )
     if values.dtype.kind == "f" and np.abs(values).max(initial=0.0) > LARGEST:

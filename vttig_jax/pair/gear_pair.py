@@ -1,4 +1,8 @@
-"""Gear, gear pair and drive: nominal transverse data and the quantities derived from them.
+"""Gear, rack, gear pair and drive: nominal transverse data and what is derived from them.
+
+Basic rack of both gears, with tooth depths in modules.
+
+Gear, gear pair and drive: nominal transverse data and the quantities derived from them.
 
 Lengths are in mm and angles in rad unless a suffix states another unit. Flank A is the left flank
 of both gears and flank B the right one; arrays with a flank axis are ordered (A, B). Objects are
@@ -16,11 +20,34 @@ from jaxtyping import Array, Float
 from ..base.arrays import Number, Numbers, float64, namespace, written
 from ..base.files.text_tables import key_values
 from ..base.units import DEG
-from .rack import Rack
 from .schema import Encoder, GearTable, HarmonicOrders, LogLayout, UnitTable
 
-Flank = Literal["A", "B"]
 Scalar = Float[Number, ""]
+
+
+class Rack(eqx.Module):
+    """Basic rack with depths in multiples of a module, normal or transverse.
+
+    **Arguments**
+    - `addendum`: addendum h_ap, the height of the gear tip above the profile reference line.
+    - `clearance`: bottom clearance c_p, the depth of the root below the tip of the mating gear.
+    - `tip_radius`: radius of the arcs at the tip of the cutter, in the transverse plane. None means
+      c_p/(1 − sin αₜ), the arc tangent to the tip line and to the flank at the mating addendum.
+    - `depth_ratio`: the module of depths and profile shifts divided by the transverse module:
+      cos β if the normal module is given, else 1.
+    """
+
+    addendum: Scalar = eqx.field(converter=float64, default=1.0)
+    clearance: Scalar = eqx.field(converter=float64, default=0.25)
+    tip_radius: Scalar | None = eqx.field(
+        converter=lambda radius: None if radius is None else float64(radius), default=None
+    )
+    depth_ratio: Scalar = eqx.field(converter=float64, default=1.0)
+
+    __repr__ = written
+
+
+Flank = Literal["A", "B"]
 
 
 class Gear(eqx.Module):

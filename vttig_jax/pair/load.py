@@ -1,17 +1,23 @@
-"""Conversion of a pair file to a `GearPair` or `Drive`, and of a `GearPair` to a pair file."""
+"""Conversion of a pair file to a `GearPair` or `Drive` and back, and of encoder readings.
+
+Conversion of a pair file to a `GearPair` or `Drive`, and of a `GearPair` to a pair file.
+
+Conversion of an encoder reading to the angle of its shaft.
+"""
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
-from .gear_pair import Drive, Gear, GearPair
+from ..base.units import DEG, REV
+from .gear_pair import Drive, Gear, GearPair, Rack
 from .pair_file import (
     depth_ratio,
     load_pair_spec,
     transverse_module_mm,
     transverse_pressure_angles_deg,
 )
-from .rack import Rack
-from .schema import DriveTable, GearTable, PairSpec, PairTable, RackTable
+from .schema import DriveTable, Encoder, GearTable, PairSpec, PairTable, RackTable
 
 
 def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
@@ -27,53 +33,43 @@ def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
         module_mm=transverse_module_mm(spec),
         pressure_angles_deg=transverse_pressure_angles_deg(spec),
         centre_distance_mm=spec.pair.centre_distance_mm,
-        rack=_rack(spec),
+        rack=Rack(spec.rack.addendum, spec.rack.clearance, spec.rack.tip_radius, depth_ratio(spec)),
         **sections,
-    )
-
-
-def pair_spec(pair: GearPair) -> PairSpec:
-    """Return the contents of the pair file of a gear pair with equal pressure angles.
-
-    **Raises** `ValueError` for different pressure angles, for which the file has no key.
-    """
-    left, right = (float(angle) for angle in pair.pressure_angles_deg)
-    if left != right:
-        raise ValueError(
-            "Argument `pair` must have one pressure angle, but flanks A and B have"
-            f" {left:g}° and {right:g}°."
-        )
-    return PairSpec(
-        name=pair.name,
-        pair=PairTable(
-            module_mm=float(pair.module_mm),
-            pressure_angle_deg=left,
-            centre_distance_mm=float(pair.centre_distance_mm),
-        ),
-        rack=_rack_table(pair.rack),
-        driving=_gear_table(pair.driving, pair.rack),
-        driven=_gear_table(pair.driven, pair.rack),
-        log=pair.log,
-        unit=pair.unit,
-        fit=pair.fit,
     )
 
 
 def spec_of(pair: GearPair | Drive) -> PairSpec:
     """Return the contents of the pair file of a gear pair with equal pressure angles or a drive.
 
+    Depths are written in transverse modules.
+
     **Raises** `ValueError` for different pressure angles, for which the file has no key.
     """
-    if isinstance(pair, GearPair):
-        return pair_spec(pair)
+    sections = {"name": pair.name, "log": pair.log, "unit": pair.unit, "fit": pair.fit}
+    if isinstance(pair, Drive):
+        drive = DriveTable(ratio=str(pair.ratio))
+        return PairSpec(drive=drive, driving=pair.driving, driven=pair.driven, **sections)
+    left, right = (float(angle) for angle in pair.pressure_angles_deg)
+    if left != right:
+        raise ValueError(
+            "Argument `pair` must have one pressure angle, but flanks A and B have"
+            f" {left:g}° and {right:g}°."
+        )
+    rack, depth = pair.rack, pair.rack.depth_ratio
     return PairSpec(
-        name=pair.name,
-        drive=DriveTable(ratio=str(pair.ratio)),
-        driving=pair.driving,
-        driven=pair.driven,
-        log=pair.log,
-        unit=pair.unit,
-        fit=pair.fit,
+        pair=PairTable(
+            module_mm=float(pair.module_mm),
+            pressure_angle_deg=left,
+            centre_distance_mm=float(pair.centre_distance_mm),
+        ),
+        rack=RackTable(
+            addendum=float(rack.addendum * depth),
+            clearance=float(rack.clearance * depth),
+            tip_radius=None if rack.tip_radius is None else float(rack.tip_radius * depth),
+        ),
+        driving=_gear_table(pair.driving, rack),
+        driven=_gear_table(pair.driven, rack),
+        **sections,
     )
 
 
@@ -87,13 +83,11 @@ def load_pair(path: str | Path) -> GearPair | Drive:
 
 def _gear(table: GearTable) -> Gear:
     assert table.teeth is not None
-    left, right = table.helix_deg
-    width = math.nan if table.face_width_mm is None else table.face_width_mm
     return Gear(
         teeth=table.teeth,
-        helix_left_deg=left,
-        helix_right_deg=right,
-        face_width_mm=width,
+        helix_left_deg=table.helix_deg[0],
+        helix_right_deg=table.helix_deg[1],
+        face_width_mm=math.nan if table.face_width_mm is None else table.face_width_mm,
         encoder=table.encoder,
         profile_shift=table.profile_shift,
         crowning_um=table.crowning_um,
@@ -101,30 +95,67 @@ def _gear(table: GearTable) -> Gear:
     )
 
 
-def _rack(spec: PairSpec) -> Rack:
-    rack = spec.rack
-    return Rack(rack.addendum, rack.clearance, rack.tip_radius, depth_ratio(spec))
-
-
-def _rack_table(rack: Rack) -> RackTable:
-    """Return table `[rack]` with depths in transverse modules, as `pair_spec` writes m."""
-    addendum, clearance = (
-        float(depth * rack.depth_ratio) for depth in (rack.addendum, rack.clearance)
-    )
-    radius = None if rack.tip_radius is None else float(rack.tip_radius * rack.depth_ratio)
-    return RackTable(addendum=addendum, clearance=clearance, tip_radius=radius)
-
-
 def _gear_table(gear: Gear, rack: Rack) -> GearTable:
-    left, right = gear.helix_deg
     width = float(gear.face_width_mm)
     return GearTable(
         teeth=gear.teeth,
         face_width_mm=None if math.isnan(width) else width,
-        helix_left_deg=left,
-        helix_right_deg=right,
+        helix_left_deg=gear.helix_deg[0],
+        helix_right_deg=gear.helix_deg[1],
         profile_shift=float(gear.profile_shift * rack.depth_ratio),
         crowning_um=float(gear.crowning_um),
         tooth_thinning_mm=float(gear.tooth_thinning_mm),
         encoder=gear.encoder,
     )
+
+
+@dataclass(frozen=True)
+class ShaftReading:
+    """Linear relation of shaft angle and reading, φ = `radians_per_unit` · (reading − `origin`).
+
+    **Arguments**
+    - `unit`: unit of the reading: "counts", or "rad" if the counts per revolution are unknown.
+    - `radians_per_unit`: factor in rad per `unit` with the sign and scale of the log channel.
+    - `origin`: reading at which φ is zero, in `unit`.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.pair import ShaftReading, shaft_reading
+    >>> from vttig_jax.pair import Encoder
+    >>> shaft = shaft_reading(Encoder(counts_per_rev=3600, sign=-1), origin_rad=0.0)
+    >>> round(shaft.angle(900), 4), round(shaft.angle_of_deg(90.0), 4)
+    (-1.5708, -1.5708)
+
+    ```
+    """
+
+    unit: str
+    radians_per_unit: float
+    origin: float
+
+    def angle(self, reading: float | int) -> float:
+        """Return φ in rad for a reading in `unit`."""
+        return self.radians_per_unit * (reading - self.origin)
+
+    def angle_of_deg(self, reading_deg: float) -> float:
+        """Return φ in rad for a reading in degrees of the shaft.
+
+        `reading_deg` increases with the counts of the encoder. The scale of the log column is
+        already applied to it.
+        """
+        sign = math.copysign(1.0, self.radians_per_unit)
+        return sign * reading_deg * DEG - self.radians_per_unit * self.origin
+
+
+def shaft_reading(encoder: Encoder, origin_rad: float, scale: float = 1.0) -> ShaftReading:
+    """Return the relation of shaft angle and reading for an encoder.
+
+    **Arguments**
+    - `origin_rad`: reading at which φ is zero, in rad of the encoder, before its sign and `scale`
+      are applied.
+    - `scale`: scale of the log column, `driving_scale` or `driven_scale` of the pair file.
+    """
+    if encoder.counts_per_rev is None:
+        return ShaftReading("rad", encoder.sign * scale, origin_rad)
+    count = REV / encoder.counts_per_rev
+    return ShaftReading("counts", encoder.sign * scale * count, origin_rad / count)

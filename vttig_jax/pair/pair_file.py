@@ -7,7 +7,17 @@ from typing import Any
 from ..base.errors import PairError
 from ..base.files.toml_io import TomlFile, plain_table
 from ..base.units import DEG
-from .schema import PairSpec, RackTable, StatedTable, as_fraction, as_ratio
+from .schema import (
+    GearTable,
+    LogLayout,
+    PairSpec,
+    RackTable,
+    StatedTable,
+    as_cut,
+    as_edge,
+    as_fraction,
+    as_ratio,
+)
 
 PAIR_FILE = TomlFile(
     PairError,
@@ -204,8 +214,7 @@ def _check_tables(spec: PairSpec) -> None:
             " with the ratio for a drive without gear geometry.",
             where="pair",
         )
-    as_fraction(spec.log.driving_scale, "log.driving_scale")
-    as_fraction(spec.log.driven_scale, "log.driven_scale")
+    check_rows(spec.log)
     if spec.log.time is not None and spec.log.sample_rate_hz is not None:
         raise PairError(
             "`time` and `sample_rate_hz` are both given; keep only one of them.",
@@ -221,17 +230,7 @@ def _check_tables(spec: PairSpec) -> None:
         if spec.rack != RackTable():
             raise PairError("a [drive] has no teeth; remove this table.", where="rack")
         for shaft, gear in (("driving", spec.driving), ("driven", spec.driven)):
-            for key in (
-                "teeth",
-                "face_width_mm",
-                "helix_angle_deg",
-                "helix_left_deg",
-                "helix_right_deg",
-                "profile_shift",
-                "crowning_um",
-                "tooth_thinning_mm",
-                "stated",
-            ):
+            for key in GearTable.__struct_fields__[:-1]:  # all but the encoder
                 if getattr(gear, key):
                     raise PairError(
                         "a [drive] has no gear geometry; remove this key, or replace [drive] by"
@@ -241,6 +240,17 @@ def _check_tables(spec: PairSpec) -> None:
     else:
         check_geometry(spec)
         _check_stated(spec)
+
+
+def check_rows(log: LogLayout) -> None:
+    """Raise `PairError` for wrong scales, and for a wrong window or cut of the rows."""
+    as_fraction(log.driving_scale, "log.driving_scale")
+    as_fraction(log.driven_scale, "log.driven_scale")
+    for key, edge in (("from", log.start), ("to", log.stop)):
+        if edge is not None:
+            as_edge(edge, f"log.{key}")
+    for text in log.cut:
+        as_cut(text, "log.cut")
 
 
 def _check_stated(spec: PairSpec) -> None:

@@ -5,6 +5,7 @@ keys, wrong types and impossible values raise a `PairError` whose `where` names 
 """
 
 import math
+import re
 from fractions import Fraction
 from typing import Annotated, Any, Literal
 
@@ -14,6 +15,7 @@ from msgspec import Meta
 from ..base.errors import PairError
 from ..base.files.toml_io import Table
 
+Written = str | float | int
 Positive = Annotated[float, Meta(gt=0, le=1e9)]  # all limits are chosen; 1e9 excludes infinity
 Angle = Annotated[float, Meta(gt=0, lt=45)]
 Helix = Annotated[float, Meta(gt=-45, lt=45)]
@@ -26,9 +28,9 @@ HIGHEST_ORDER = 1000
 
 Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
 AngleUnit = Literal[
-    "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon"
+    "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon", "mm", "um"
 ]
-TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d"]
+TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d", "min", "h"]
 
 
 class Encoder(Table, frozen=True):
@@ -114,7 +116,12 @@ class DriveTable(Table, frozen=True):
 
 
 class LogLayout(Table, frozen=True):
-    """Table `[log]`: columns of the channels, their scales and the format of the text."""
+    """Table `[log]`: columns of the channels, their scales, the rows and the format of the text.
+
+    - `from`, `to`, `cut`: rows that are read, by the time in s or the turns (`3rev`) of the driving
+      shaft since the first sample; a cut `18:21` is left out. - `missing`: "skip" leaves out rows
+      without a number. - `lead_mm`: travel of a shaft in mm or µm in one turn.
+    """
 
     time: str | None = None
     sample_rate_hz: Positive | None = None
@@ -135,6 +142,16 @@ class LogLayout(Table, frozen=True):
     decimal: Literal[".", ","] | None = None
     delimiter: str | None = None
     encoding: str | None = None
+    start: str | float | None = msgspec.field(default=None, name="from")
+    stop: str | float | None = msgspec.field(default=None, name="to")
+    cut: tuple[str, ...] = ()
+    missing: Literal["skip"] | None = None
+    lead_mm: Positive | None = None
+
+    @property
+    def leaves_out_rows(self) -> bool:
+        """Whether rows of the log may be left out."""
+        return (self.start, self.stop, self.missing, self.cut) != (None, None, None, ())
 
 
 class UnitTable(Table, frozen=True):
@@ -211,20 +228,15 @@ def as_ratio(value: str | float | int, where: str) -> Fraction:
     `"16:9"` states driving turns to driven turns, as on a reducer, and is the ratio `"9/16"`.
     """
     driving, colon, driven = str(value).partition(":")
-    if not colon:
-        return as_fraction(value, where)
-    if "/" in driving + driven or ":" in driven:
-        raise _not_positive(value, where)
-    try:
-        return as_fraction(f"{driven}/{driving}", where)
-    except PairError:
-        raise _not_positive(value, where) from None
+    turns = colon and "/" not in driving + driven
+    return as_fraction(f"{driven}/{driving}" if turns else value, where, value)
 
 
-def as_fraction(value: str | float | int, where: str) -> Fraction:
+def as_fraction(value: Written, where: str, written: Written | None = None) -> Fraction:
     """Convert `"7/1798"`, `"1/7.2976"` or a number to a positive fraction, or raise `PairError`.
 
-    A number is converted by its shortest decimal form, so that 0.1 becomes 1/10.
+    A number is converted by its shortest decimal form, so that 0.1 becomes 1/10. `written` is what
+    the user wrote instead of `value`.
     """
     above, slash, below = str(value).replace(" ", "").partition("/")
     try:
@@ -232,8 +244,37 @@ def as_fraction(value: str | float | int, where: str) -> Fraction:
     except (ValueError, ZeroDivisionError):
         fraction = Fraction(0)
     if not 1e-9 <= fraction <= 1e9:
-        raise _not_positive(value, where)
+        raise PairError(
+            f"{(written or value)!r} is not a positive ratio; write a number or a quotient such as"
+            ' "7/1798".',
+            where=where,
+        )
     return fraction
+
+
+_EDGE = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(s|rev)?\s*")
+
+
+def as_edge(value: str | float, where: str) -> tuple[float, str]:
+    """Split `12.5`, "12.5s" or "3rev" into a number and its unit, or raise `PairError`."""
+    match = _EDGE.fullmatch(str(value))
+    if match is None:
+        raise PairError(
+            f"{value!r} is no place in a log; write seconds such as 12.5, or turns of the driving"
+            " shaft such as 3rev, both from the first sample.",
+            where=where,
+        )
+    return float(match[1]), match[2] or "s"
+
+
+def as_cut(text: str, where: str) -> tuple[float, float, str]:
+    """Split "18:21" or "3rev:4rev" into both numbers and their unit, or raise `PairError`."""
+    edges = text.split(":")
+    found = [as_edge(edge, where) for edge in edges]
+    units = {unit for _, unit in found}
+    if len(found) != 2 or len(units) != 1 or found[0] >= found[1]:
+        raise PairError(f"{text!r} is no cut; write for example 18:21 or 3rev:4rev.", where=where)
+    return found[0][0], found[1][0], found[0][1]
 
 
 def _decimal(text: str) -> Fraction:
@@ -242,10 +283,3 @@ def _decimal(text: str) -> Fraction:
     The conversion of numbers with huge exponents would take too long.
     """
     return Fraction(text) if "/" not in text and 1e-9 <= float(text) <= 1e12 else Fraction(0)
-
-
-def _not_positive(value: str | float | int, where: str) -> PairError:
-    return PairError(
-        f'{value!r} is not a positive ratio; write a number or a quotient such as "7/1798".',
-        where=where,
-    )

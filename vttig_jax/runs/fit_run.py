@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from ..base.errors import UsageError, VttigError
-from ..base.files.standard_input import KEPT_STEM, STDIN, kept_bytes, kept_name
+from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..logs.recognition.request import DriveRequest
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
@@ -114,16 +114,7 @@ def record_of(fit: "Fit") -> RunRecord:
             " which knows its options, or copy the folder.",
             where=fit.source,
         )
-    reading = fit.request.reading
-    columns = tuple(f"{role}={name}" for role, name in (reading.get("columns") or {}).items())
-    options = RunOptions(
-        ReadingOptions(
-            columns=columns,
-            decimal=reading.get("decimal"),
-            sample_rate=reading.get("sample_rate_hz"),
-        ),
-        fit.request.settings,
-    )
+    options = RunOptions(ReadingOptions.of(**fit.request.reading), fit.request.settings)
     record = RunRecord(
         tuple(
             path or Path(log.source) for path, log in zip(fit.request.paths, fit.logs, strict=True)

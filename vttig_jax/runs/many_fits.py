@@ -14,9 +14,8 @@ import msgspec
 
 from ..base.errors import InputError, LogError, UsageError, VttigError
 from ..base.files.json_io import dumps
-from ..base.files.limits import asked_bytes, free_bytes, most_memory
+from ..base.files.limits import asked_bytes, free_bytes, kept_bytes, most_memory
 from ..base.files.run_folder import data_sha256
-from ..base.files.standard_input import kept_bytes
 from ..base.shown_text import name_of_file
 from ..base.threads import usable_cores
 from ..control.sweeps.sweep import Memory
@@ -37,7 +36,7 @@ from .row_store import FolderNames, SweepFolder, read_table
 from .stated_drive import spec_of_file
 
 if TYPE_CHECKING:
-    from ..logs.recognition.questions import Guess
+    from ..logs.recognition.candidates import Guess
 
 NAMES = FolderNames("table of fits", "fits.parquet", "fits.json")
 """Name of the result in messages, and names of the files that `vttig fit-many` writes."""
@@ -95,7 +94,7 @@ class ManyFits:
         failed: LogError | None = None
         for log in logs:
             try:
-                found = open_log(log, drive, **reading.keywords())
+                found = open_log(log, drive, reading)
             except LogError as error:
                 failed = failed or error
                 continue
@@ -178,7 +177,7 @@ class ManyFits:
         """Read a log once; raise `LogError` if its columns are read unlike those of the first."""
         if not self.drive.names_a_drive:
             return read_log(path, pair, **self.reading.keywords())
-        opened = open_log(path, self.drive, **self.reading.keywords())
+        opened = open_log(path, self.drive, self.reading)
         if opened.spec != self.spec:
             raise LogError(
                 "its columns are read in another way than those of the first log; name them with"

@@ -1,36 +1,15 @@
 """Options of one call of `vttig fit` as stored in `run.toml`: for reading logs, and for the fit."""
 
-from collections.abc import Iterable
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
-from msgspec import Meta
 
 from ..base.errors import UsageError
-from ..identify.fit_settings import REMOVED, FitSettings, Positive, fields
-from ..logs.readers.column_names import ROLES
+from ..identify.fit_settings import REMOVED, FitSettings, fields
+from ..logs.recognition.request import ReadingOptions as ReadingOptions
+from ..logs.recognition.request import roles_of
 
 _OPTION = {field.name: field.option.split("/")[0] for field in fields()}
-
-
-class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Options for reading a log, with the names that `run.toml` uses.
-
-    `columns` are texts ROLE=NAME, `decimal` is the decimal mark, and `sample_rate` (Hz) replaces a
-    time column.
-    """
-
-    columns: tuple[str, ...] = ()
-    decimal: Annotated[str, Meta(pattern="^[.,]$")] | None = None
-    sample_rate: Positive | None = None
-
-    def keywords(self) -> dict[str, Any]:
-        """Return these options as keyword arguments of `read_log`."""
-        return {
-            "columns": roles_of(self.columns),
-            "decimal": self.decimal,
-            "sample_rate_hz": self.sample_rate,
-        }
 
 
 class RunOptions(msgspec.Struct, frozen=True):
@@ -70,7 +49,7 @@ def options_from(table: dict[str, Any]) -> RunOptions:
     """
     if not isinstance(table, dict):
         raise TypeError("options")
-    names = ReadingOptions.__struct_fields__
+    names = ReadingOptions.__struct_encode_fields__
     reading = {name: value for name, value in table.items() if name in names}
     settings = {name: value for name, value in table.items() if name not in names}
     for name, (default, instead) in REMOVED.items():
@@ -101,22 +80,3 @@ def in_options(message: str) -> str:
     for name, option in _OPTION.items():
         message = message.replace(f"`{name}`", option)
     return message.removeprefix("Arguments ").removeprefix("Argument ")
-
-
-def roles_of(columns: Iterable[str]) -> dict[str, str]:
-    """Return role → name of the column from texts ROLE=NAME.
-
-    **Raises** `UsageError` for a text of another form, an unknown role, and a role that occurs
-    twice.
-    """
-    named: dict[str, str] = {}
-    for text in columns:
-        role, equals, name = text.partition("=")
-        if not equals or not name or role not in ROLES:
-            raise UsageError(
-                f"--column {text!r} must be ROLE=NAME with a role of {', '.join(ROLES)}."
-            )
-        if role in named:
-            raise UsageError(f"--column: `{role}` is named twice; keep one of the two.")
-        named[role] = name
-    return named

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..base.errors import NoAnswerError, UsageError
-from ..base.files.commit import settle_if_free
+from ..base.files.atomic_write import settle_if_free
 from .map_table import banded_record, csv_text
 from .run_file import CHECKPOINT
 

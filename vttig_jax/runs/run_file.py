@@ -11,19 +11,18 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from ..base.errors import InputError, UsageError
-from ..base.files.commit import settle_if_free
-from ..base.files.limits import read_regular
+from ..base.files.atomic_write import settle_if_free
+from ..base.files.limits import kept_bytes, kept_name, read_regular
 from ..base.files.run_folder import data_sha256
-from ..base.files.standard_input import kept_bytes, kept_name
 from ..base.shown_text import shown_name
-from ..logs.readers.binary.formats import folder_sha256, format_of
+from ..logs.readers.binary import folder_sha256, format_of
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
 from .options import RunOptions, options_from
 
 if TYPE_CHECKING:
     from ..logs.read import OpenLog
-    from ..logs.recognition.questions import Guess
+    from ..logs.recognition.candidates import Guess
 
 CHECKPOINT = "posterior.h5"
 

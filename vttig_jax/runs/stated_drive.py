@@ -33,7 +33,7 @@ def stated_spec(
     from ..logs.read import open_log
 
     drive.spec()  # says that the ratio is missing
-    opened = tuple(open_log(path, drive, **reading.keywords()) for path in logs)
+    opened = tuple(open_log(path, drive, reading) for path in logs)
     for one in opened:
         if one.spec != opened[0].spec:
             raise LogError(

@@ -4,12 +4,10 @@ from typing import TYPE_CHECKING
 
 from ..base.errors import InputError, NoAnswerError
 from ..base.files.run_folder import data_sha256
-from ..base.units import ANGLE_UNITS, REV
 from ..logs.readers.column_names import name_and_unit, units_of
-from ..logs.recognition.request import stated_layout
-from ..pair.encoder_reading import ShaftReading, shaft_reading
+from ..logs.recognition.request import Statement, stated_layout
+from ..pair.load import ShaftReading, shaft_reading
 from ..pair.schema import Encoder, as_fraction
-from .options import roles_of
 from .run_file import RunRecord
 
 if TYPE_CHECKING:
@@ -45,11 +43,10 @@ def _shaft_reading(run: RunRecord, fit: "Fit", shaft: str) -> ShaftReading:
     first = fit.zero_readings[shaft]
     if fit.zero == "reading" or not first:
         return shaft_reading(encoder, 0.0, factor)
-    unit = _unit(run, fit, shaft)
-    if unit != "counts":
-        return shaft_reading(encoder, first * ANGLE_UNITS[unit], factor)
-    assert encoder.counts_per_rev is not None  # ensured by the reader of the log
-    return shaft_reading(encoder, first * REV / encoder.counts_per_rev, factor)
+    statement = Statement.of(run.spec, run.options.reading)
+    radians = statement.radians(shaft, _unit(run, fit, shaft))
+    assert radians is not None  # ensured by the reader of the log
+    return shaft_reading(encoder, first * radians, factor)
 
 
 def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
@@ -60,8 +57,7 @@ def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
     """
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
-    columns = roles_of(run.options.reading.columns)
-    name = getattr(stated_layout(run.spec.log, columns, None, None), shaft)
+    name = getattr(stated_layout(run.spec.log, run.options.reading), shaft)
     written = name_and_unit(name, units_of(shaft), str(name))[1] if name else None
     return written or getattr(run.spec.unit, shaft) or _unit_of_log(run, fit, shaft)
 

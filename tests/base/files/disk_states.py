@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from vttig_jax.base.files import commit
+from vttig_jax.base.files import atomic_write as commit
 
 OPERATIONS = ("replace", "unlink", "rmdir", "mkdir", "fsync", "open")
 

@@ -13,7 +13,7 @@ import pytest
 
 from tests.base.files.disk_states import contents
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.base.files import commit
+from vttig_jax.base.files import atomic_write as commit
 from vttig_jax.base.files.run_folder import RunFolder, data_sha256
 
 

@@ -15,8 +15,7 @@ from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
-from vttig_jax.pair.rack import Rack
+from vttig_jax.pair.gear_pair import Flank, Gear, GearPair, Rack
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.array([0.013, 0.094])

@@ -9,7 +9,7 @@ import pytest
 from vttig_jax import Gear, GearPair
 from vttig_jax.geometry.form import fillet_interference, form_radius
 from vttig_jax.geometry.tooth import SIDES, Shaft, tooth_of
-from vttig_jax.pair.rack import Rack
+from vttig_jax.pair.gear_pair import Rack
 
 pytestmark = pytest.mark.smoke
 

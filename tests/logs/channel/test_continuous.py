@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.logs.channel.test_spikes import late
 from tests.logs.profiles import counts, geared, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.channel.continuous import Origin, make_continuous
+from vttig_jax.logs.channel.channel import Origin, make_continuous
 from vttig_jax.logs.source import Source
 
 TIME, ANGLE, _ = trapezoid(rate=500.0, reversal=1440.0, dwell=0.3)

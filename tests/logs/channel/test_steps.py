@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import DEG
-from vttig_jax.logs.channel.steps import digits_note, step_of
+from vttig_jax.logs.channel.unwrap import digits_note, step_of
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import Drive
 

@@ -13,8 +13,7 @@ from vttig_jax.logs.checks.ratio import (
     seen_ratio,
 )
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.fractions import better_fraction
-from vttig_jax.logs.slope import slope
+from vttig_jax.logs.slope import better_fraction, slope
 from vttig_jax.pair.pair_file import parse_pair_spec
 
 TIME, ANGLE, _ = trapezoid(rate=400.0, reversal=1800.0)

@@ -8,7 +8,7 @@ import pytest
 from tests.logs.profiles import drive
 from vttig_jax.logs.checks.ratio import SeenRatio, check_ratio, seen_ratio
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.fractions import likely_fraction, ratio_option
+from vttig_jax.logs.slope import likely_fraction, ratio_option
 
 pytestmark = pytest.mark.smoke
 

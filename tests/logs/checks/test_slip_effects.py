@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.logs import EncoderLog
-from vttig_jax.logs.checks.slip_effects import ORDERS, Effects
+from vttig_jax.logs.checks.slip import ORDERS, Effects
 from vttig_jax.pair import parse_pair_spec
 
 pytestmark = pytest.mark.smoke

@@ -5,7 +5,7 @@ import pytest
 
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
-from vttig_jax.logs.lines.blind_search import blind_lines
+from vttig_jax.logs.lines.search import blind_lines
 from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.logs.read import read_log
 from vttig_jax.pair.pair_file import parse_pair_spec

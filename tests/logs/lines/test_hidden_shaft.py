@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vttig_jax.logs.lines.hidden_shaft import hidden_shaft
+from vttig_jax.logs.lines.search import hidden_shaft
 
 STDS = [0.003, 0.0004, 0.002, 0.004]
 pytestmark = pytest.mark.smoke

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vttig_jax.logs.lines.regression import fitted
+from vttig_jax.logs.lines.rows import fitted
 
 
 @pytest.mark.parametrize("apart", [1.0, 1e-2, 1e-5, 1e-9])

@@ -8,17 +8,26 @@ from scipy.signal import lfilter
 
 from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.logs.lines.noise import filter_of_order, transposed, whitened
-from vttig_jax.logs.lines.noise_level import (
+from vttig_jax.logs.lines.rows import (
+    APART,
+    LineRegression,
+    Regressors,
+    Rows,
+    Stretch,
+    filter_of_order,
+    orthonormal,
+    stack,
+    transposed,
+    whitened,
+)
+from vttig_jax.logs.lines.search import Line, find_lines
+from vttig_jax.logs.lines.spectrum import (
+    Spectrum,
     false_alarm_probability,
     may_be_highest,
     noise_level,
     relative_height,
 )
-from vttig_jax.logs.lines.regression import APART, LineRegression, Regressors, orthonormal
-from vttig_jax.logs.lines.rows import Rows, Stretch, stack
-from vttig_jax.logs.lines.search import Line, find_lines
-from vttig_jax.logs.lines.spectrum import Spectrum
 
 
 def powers(rows: int, highest: int = 2) -> np.ndarray:

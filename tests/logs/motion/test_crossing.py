@@ -7,9 +7,12 @@ from tests.logs.profiles import drive, played
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.crossing import crossed_gap
-from vttig_jax.logs.motion.flank_assignment import assigned_segments, find_ramps
-from vttig_jax.logs.motion.flank_step import seen_gap
+from vttig_jax.logs.motion.flank_assignment import (
+    assigned_segments,
+    crossed_gap,
+    find_ramps,
+    seen_gap,
+)
 from vttig_jax.logs.motion.segments import AFTER_REVERSAL, find_segments
 from vttig_jax.pair.load import pair_from_spec
 

@@ -5,8 +5,7 @@ import pytest
 
 from tests.logs.profiles import DEG, counts, spec
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.plateaus import steady
-from vttig_jax.logs.motion.segments import find_segments
+from vttig_jax.logs.motion.segments import find_segments, steady
 
 RATE = 30.0
 TIME = np.arange(40 * 30) / RATE

@@ -7,8 +7,7 @@ import pytest
 
 from tests.logs.profiles import DEG, drive
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.flank_assignment import assigned_segments
-from vttig_jax.logs.motion.overrun import overrunning_segments
+from vttig_jax.logs.motion.flank_assignment import assigned_segments, overrunning_segments
 from vttig_jax.logs.motion.segments import Segments, find_segments
 
 RATE = 500.0

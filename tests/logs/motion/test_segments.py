@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from tests.logs.profiles import DEG, counts, drive, geared, spec, trapezoid
 from vttig_jax.logs.channel.speed import smooth_speed
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.motion.plateaus import steady
-from vttig_jax.logs.motion.segments import Segments, find_segments
+from vttig_jax.logs.motion.segments import Segments, find_segments, steady
 from vttig_jax.logs.read import read_log
 
 

@@ -264,7 +264,7 @@ def test_a_chunk_of_a_bag_unpacks_to_what_it_declares(tmp_path, write, kind):
     """A true size is no reason to refuse, a false one is damage, and a large one is too much."""
     pytest.importorskip("rosbags")
     from vttig_jax.base.files.limits import MemoryBudget
-    from vttig_jax.logs.readers.binary.bag_sizes import take_bag
+    from vttig_jax.logs.readers.rosbag import take_bag
 
     plain = bytes(3_000_000)
     module = {"bz2": "bz2", "lz4": "lz4.frame", "zstd": "backports.zstd"}[kind]

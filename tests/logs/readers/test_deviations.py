@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vttig_jax.base.errors import InputError
-from vttig_jax.logs.readers.deviations import read_deviations
+from vttig_jax.logs.readers.backlash_readings import read_deviations
 from vttig_jax.pair.gear_pair import Gear, GearPair
 
 pytestmark = pytest.mark.smoke

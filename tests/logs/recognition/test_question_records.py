@@ -8,7 +8,7 @@ from tests.corpus.cases import cases
 from tests.logs.rig_log import angles_deg, csv
 from vttig_jax.cli.main import main
 from vttig_jax.logs.read import open_log
-from vttig_jax.logs.recognition.questions import GUESSES, QUESTIONS, Question
+from vttig_jax.logs.recognition.candidates import GUESSES, QUESTIONS, Question
 from vttig_jax.logs.recognition.request import DriveRequest
 
 

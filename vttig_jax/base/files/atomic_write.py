@@ -1,16 +1,36 @@
-"""Atomic write of one file: write a temporary file, sync it to disk, then rename it.
+"""Files that are written whole or not at all, one or several at once.
+
+Atomic write of one file: write a temporary file, sync it to disk, then rename it.
 
 The temporary name is random and the file is created exclusively, so that an existing file or link
 of the same name is never opened.
+
+Commit of several files as one: the rename of one file, the result, switches all of them.
+
+New files are written into a stage, a folder with a random name inside the target folder. Its record
+lists them with their SHA-256. One of the files marks the result, for example `fit.json`:
+
+1. If no file of these names exists, the others are moved first and the result is moved last.
+2. Otherwise the result is moved first and replaces the old one; the others follow, and files that
+   depend on the old result are removed.
+
+The rename of the result is the switch. After a kill `settle` compares the result with the record:
+if the result is the new one, the remaining files are moved; otherwise those that were moved are
+removed. So the folder holds the old result or the new one and never a mixture of both.
 """
 
 import errno
+import hashlib
+import json
 import os
 import re
 import secrets
-from collections.abc import Iterator
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 from ..errors import InputError
 
@@ -111,3 +131,175 @@ def os_error_message(error: OSError) -> str:
     if error.errno == errno.ELOOP:
         return "a link is in the way of a file that is created here; remove it."
     return f"this file cannot be written: {error.strerror}."
+
+
+PREFIX, RECORD, LOCK = ".new-", ".commit.json", ".lock"
+
+
+class Stage:
+    """New files of a folder that are not yet visible under their names.
+
+    The lock of the folder must be held.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.path = Path(tempfile.mkdtemp(prefix=PREFIX, dir=folder))  # new, and closed to others
+        self._digests: dict[str, str] = {}
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file into the stage, or replace it there; `name` uses `/` for subfolders."""
+        staged = self.path / name
+        staged.parent.mkdir(parents=True, exist_ok=True)
+        staged.unlink(missing_ok=True)
+        self._digests[name] = hashlib.sha256(data).hexdigest()
+        write_synced(staged, data)
+
+    def commit(self, result: str | None, removed: Iterable[str]) -> None:
+        """Make all staged files visible and remove the old files `removed`.
+
+        `result` is the file whose rename is the switch; by default it is the last one written.
+
+        **Raises** `InputError` for an operation that the system refuses. If it fails before the
+        switch, the folder is unchanged. After the switch the stage stays for `settle` to finish.
+        """
+        if not self._digests:
+            return
+        result = result if result in self._digests else next(reversed(self._digests))
+        record = {
+            "result": result,
+            "files": self._digests,
+            "removed": [name for name in removed if name not in self._digests],
+        }
+        if len(self._digests) > 1 or record["removed"]:
+            with os_errors_as_input_errors(self.folder):
+                write_synced(self.path / RECORD, json.dumps(record).encode())
+                for folder in {(self.path / name).parent for name in self._digests} | {self.path}:
+                    sync_folder(folder)
+        stands = any((self.folder / name).exists() for name in self._digests)
+        try:
+            if not stands:
+                _move_staged(self.path, [name for name in self._digests if name != result])
+            _move_staged(self.path, [result])
+        except BaseException:
+            if not _is_switched(self.path, record):
+                _undo(self.path, record)
+            raise
+        _follow(self.path, record)
+
+    def drop(self) -> None:
+        """Remove the stage, unless the switch is done and files in the stage are still to move."""
+        record = _read_record(self.path)
+        if record is None or not _is_switched(self.path, record):
+            shutil.rmtree(self.path, ignore_errors=True)
+
+
+def settle(folder: Path) -> None:
+    """Finish or undo the commits of killed processes. The lock of the folder must be held.
+
+    **Raises** `InputError` for an operation that the system refuses.
+    """
+    for stage in list(_stages(folder)):
+        record = _read_record(stage)
+        if record is None:
+            shutil.rmtree(stage, ignore_errors=True)
+        elif _is_switched(stage, record):
+            _follow(stage, record)
+        else:
+            _undo(stage, record)
+
+
+def settle_if_free(folder: Path) -> None:
+    """Call `settle` before a folder is read, if no other process writes to it.
+
+    Nothing happens if this process has no permission to write to the folder.
+    """
+    if next(_stages(folder), None) is None:
+        return
+    from filelock import FileLock, Timeout
+
+    with suppress(OSError, Timeout, InputError), FileLock(folder / LOCK).acquire(timeout=0):
+        settle(folder)
+        (folder / LOCK).unlink()  # removed while locked; a waiting `filelock` detects that
+
+
+def _stages(folder: Path) -> Iterator[Path]:
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if path.name.startswith(PREFIX) and path.is_dir() and not path.is_symlink():
+                yield path
+
+
+def _read_record(stage: Path) -> dict[str, Any] | None:
+    """Return the record of a stage, or None if it is missing or names files outside the folder."""
+    try:
+        record = json.loads((stage / RECORD).read_bytes())
+        names = [record["result"], *record["files"], *record["removed"]]
+        digests = record["files"].values()
+        if record["result"] not in record["files"]:
+            return None
+        if not all(isinstance(digest, str) for digest in digests):
+            return None
+        return record if all(is_inside(stage.parent, name) for name in names) else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def is_inside(folder: Path, name: Any) -> bool:
+    """Return whether a relative name stays in a folder, also if the folder contains links."""
+    parts = PurePosixPath(name)
+    if parts.is_absolute() or ".." in parts.parts or not parts.name:
+        return False
+    return (folder / name).parent.resolve().is_relative_to(folder.resolve())
+
+
+def _is_switched(stage: Path, record: dict[str, Any]) -> bool:
+    result = record["result"]
+    return _digest(stage.parent / result) == record["files"][result]
+
+
+def _digest(path: Path) -> str | None:
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def _move_staged(stage: Path, names: Iterable[str]) -> None:
+    folders = set()
+    for name in names:
+        staged, target = stage / name, stage.parent / name
+        if staged.exists():
+            with os_errors_as_input_errors(target):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(staged, target)
+            folders.add(target.parent)
+    for folder in folders:  # after all moves, so that they follow each other closely
+        with os_errors_as_input_errors(folder):
+            sync_folder(folder)
+
+
+def _follow(stage: Path, record: dict[str, Any]) -> None:
+    """Finish a commit after its switch: move the other new files and remove the old files."""
+    _move_staged(stage, record["files"])
+    for name in record["removed"]:
+        target = stage.parent / name
+        with os_errors_as_input_errors(target):
+            target.unlink(missing_ok=True)
+    shutil.rmtree(stage, ignore_errors=True)
+
+
+def _undo(stage: Path, record: dict[str, Any]) -> None:
+    """Undo a commit before its switch: remove the moved files that are still unchanged."""
+    folders = set()
+    for name, digest in record["files"].items():
+        target = stage.parent / name
+        if not (stage / name).exists() and _digest(target) == digest:
+            with suppress(OSError):
+                target.unlink()
+            folders.add(target.parent)
+    for folder in folders - {stage.parent}:
+        with suppress(OSError):
+            os.rmdir(folder)  # fails, as wanted, for a folder that is not empty
+    shutil.rmtree(stage, ignore_errors=True)

@@ -15,10 +15,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import InputError, UsageError
+from .atomic_write import LOCK, Stage, settle
 from .atomic_write import os_errors_as_input_errors as _os_errors_as_input_errors
-from .commit import LOCK, Stage, settle
-from .limits import read_regular
-from .standard_input import kept_bytes
+from .limits import kept_bytes, read_regular
 
 _EXISTS = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
 

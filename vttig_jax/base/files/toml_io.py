@@ -240,7 +240,8 @@ def keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
     """Yield the keys of one table in the order of its struct; `above` is its dotted name."""
     for field in msgspec.structs.fields(struct):
         meta = next(_metas(field.type), Meta())
-        tables = [member for member in _types(field.type) if _is_table(member)]
+        classes = [member for member in _types(field.type) if isinstance(member, type)]
+        tables = [one for one in classes if issubclass(one, Struct)]
         yield Key(
             name=f"{above}.{field.encode_name}" if above else field.encode_name,
             kind=field.type,
@@ -281,7 +282,3 @@ def _metas(kind: Any) -> Iterator[Meta]:
 
 def _is_union(kind: Any) -> bool:
     return isinstance(kind, types.UnionType) or get_origin(kind) is Union
-
-
-def _is_table(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, Struct)

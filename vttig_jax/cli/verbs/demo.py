@@ -182,11 +182,11 @@ def _write_fit(
 
     from ...base.files.run_folder import RunFolder
     from ...identify.fit_settings import FitSettings
-    from ...pair.load import pair_spec
+    from ...pair.load import spec_of
     from ...pair.pair_file import stated_table
     from ...runs.options import RunOptions
 
-    spec = pair_spec(rig.pair)
+    spec = spec_of(rig.pair)
     data = log_csv(log)
     digest = hashlib.sha256(data.encode()).hexdigest()
     options = RunOptions(settings=FitSettings(delay=SAMPLED_TOGETHER))

@@ -21,7 +21,6 @@ from ..output import Output
 from .sample import refuse_existing
 
 if TYPE_CHECKING:
-    from ...identify.records import CoveredGap
     from ...identify.result import Fit
     from ...model.parameter import Parameter
 
@@ -117,24 +116,26 @@ def command(
         LOGGER.info("written to %s", out)
     parts = [in_words(result.pair.ratio)] if drive.request.names_a_drive else []
     parts += [str(result), *([_noise_to_plan(result)] if output.verbose else [])]
+    gap, lead_mm = result.checks.gap_over_angles_covered, run.options.reading.lead_mm
+    lead_mm = lead_mm or run.spec.log.lead_mm
+    if lead_mm is not None and gap.value is not None and gap.std is not None:
+        value, std = (1e3 * lead_mm / 360 * one for one in (gap.value, gap.std))
+        parts.append(f"gap on the axis of {lead_mm:g} mm a turn: {value:.4g} ± {std:.2g} µm")
     output.emit(result.to_json(), "\n\n".join(parts))
     _check_required(result, require)
-    gap = result.checks.gap_over_angles_covered
     if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
         # The result is printed before the error, because its numbers show what the error says.
         output.finish()
-        said = _contradiction(result) if result.outcome == "contradicts" else _gap_alone(gap)
+        said = (
+            f"only the gap over the covered angles: {gap.in_words}; the reasons are listed above."
+        )
+        said = f"the log determines no parameter, {said}"
+        if result.outcome == "contradicts":
+            said = _contradiction(result)
         LOGGER.error("%s: %s", result.source, said)
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
-
-
-def _gap_alone(gap: "CoveredGap") -> str:
-    return (
-        "the log determines no parameter, only the gap over the covered angles:"
-        f" {gap.in_words}; the reasons are listed above."
-    )
 
 
 def _contradiction(result: "Fit") -> str:
@@ -189,28 +190,21 @@ def _check_names(result: "Fit", names: tuple[str, ...]) -> None:
 
 
 def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
+    from ...identify.result import doubt
+
     for name in names:
-        parameter = _named(result)[name]
-        if not parameter.determined:
-            raise NoAnswerError(
-                f"{name} is required but undetermined: {parameter.reason}.", where=result.source
-            )
-        if not parameter.significant and name != "ratio":
+        p = _named(result)[name]
+        if not p.determined:
+            reason = f"{name} is required but undetermined: {p.reason}."
+            raise NoAnswerError(reason, where=result.source)
+        if not p.significant and name != "ratio":
             LOGGER.warning(
                 "%s is determined, as --require asks, but %s (%s): the log does not certainly tell"
                 " it from zero",
                 name,
-                _doubt(parameter),
-                _size(parameter),
+                doubt(p.value, p.low95, p.high95, p.reason).strip(" ()"),
+                _size(p),
             )
-
-
-def _doubt(parameter: "Parameter") -> str:
-    """Return in words why a value is not significant, with the rule that judges it."""
-    from ...identify.result import doubt
-
-    p = parameter
-    return doubt(p.value, p.low95, p.high95, p.reason).strip(" ()")
 
 
 def _size(parameter: "Parameter") -> str:

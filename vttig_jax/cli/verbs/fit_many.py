@@ -6,11 +6,11 @@ from typing import Any
 import click
 
 from ...base.errors import NoAnswerError, UsageError
-from ...base.files.standard_input import STDIN
+from ...base.files.limits import STDIN
 from ...base.logger import LOGGER
-from ...identify.fit_settings import BATCH, FitSettings
+from ...identify.fit_settings import BATCH
 from ...logs.readers.open_table import with_standard_input
-from ...runs.options import ReadingOptions, in_options
+from ...runs.options import options_of
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import batch_options
 from ..options import given, log_options, verb
@@ -79,12 +79,7 @@ def command(
     from ...runs.many_fits import ManyFits, fit_files
 
     vttig_jax.enable_x64()
-    reading = {name: value for name, value in options.items() if name not in BATCH}
-    changes = {name: value for name, value in options.items() if name in BATCH}
-    try:
-        settings = FitSettings(**changes)
-    except ValueError as error:
-        raise UsageError(in_options(str(error))) from None
+    chosen = options_of(options)
     if STDIN in logs:
         if dask is not None or (jobs or 1) > 1:
             raise UsageError(
@@ -92,7 +87,7 @@ def command(
             )
         jobs = 1
     logs = with_standard_input(logs)
-    task = ManyFits.of(logs, pair, settings, ReadingOptions(**reading), drive.request)
+    task = ManyFits.of(logs, pair, chosen.settings, chosen.reading, drive.request)
     if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
         return
     with output.progress(len(logs), "logs") as bar:

@@ -2,21 +2,20 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ...base.errors import UsageError
 from ...logs.readers.column_names import ROLES
 from ...logs.readers.open_table import with_standard_input
-from ..drive_options import GROUPS, DriveOptions, drive_options
+from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..options import log_options, verb
 from ..output import Output
 
 if TYPE_CHECKING:
     from ...logs.inspection import Inspection
     from ...logs.preview import Preview
-    from ...runs.options import ReadingOptions
 
 
 @verb(
@@ -29,21 +28,15 @@ if TYPE_CHECKING:
     groups=GROUPS,
 )
 @click.argument("log", type=click.Path(path_type=Path))
-@click.option(
-    "--pair",
-    type=click.Path(path_type=Path),
-    help="TOML of the pair or drive; without it only what the columns show by themselves.",
-)
+@pair_option
 @drive_options
 @log_options
 def command(
     output: Output,
     log: Path,
     pair: Path | None,
-    columns: tuple[str, ...],
-    decimal: str | None,
-    sample_rate: float | None,
     drive: DriveOptions,
+    **options: Any,
 ) -> None:
     """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders.
 
@@ -51,45 +44,31 @@ def command(
     recognised; one for each reading if no name says which column is which shaft.
     """
     from ...logs.preview import preview_log
-    from ...runs.options import ReadingOptions
+    from ...logs.recognition.request import ReadingOptions, fit_command
 
     (log,) = with_standard_input([log])
-    reading = ReadingOptions(columns=columns, decimal=decimal, sample_rate=sample_rate)
+    reading, request = ReadingOptions(**options), drive.request
     report: Preview | Inspection
-    if pair is None and not drive.request.names_a_drive:
+    if pair is None and not request.names_a_drive:
         if drive.write_pair is not None:
             raise UsageError("--write-pair needs the ratio; give --ratio 64:23 or --teeth 45/80.")
-        report = preview_log(log, request=drive.request, **reading.keywords())
-    else:
-        report = _inspected(log, pair, reading, drive, output)
-    output.emit(report.to_json(), report)
-
-
-def _inspected(
-    log: Path, pair: Path | None, reading: "ReadingOptions", drive: DriveOptions, output: Output
-) -> "Inspection | Preview":
-    """Return the report on a log whose ratio is known."""
+        report = preview_log(log, request=request, reading=reading)
+        output.emit(report.to_json(), report)
+        return
     from ...logs.inspection import inspect_log
-    from ...logs.preview import preview_log
     from ...logs.read import read_log
-    from ...logs.recognition.request import fit_command
     from ...runs.stated_drive import stated_spec
 
-    spec, opened = stated_spec((log,), pair, drive.request, reading)
+    spec, opened = stated_spec((log,), pair, request, reading)
     guesses = [guess for one in opened for guess in one.roles.guesses]
-    drive.tell(() if drive.explain_columns else guesses, spec, output)
-    if drive.explain_columns:
-        first = preview_log(log, spec=spec, **reading.keywords())
-        return replace(first, notes=(*map(str, guesses), *first.notes))
+    if drive.only_explains(output, (log,), (spec, guesses, reading)):
+        return
     found = opened[0].log if opened else read_log(log, spec, **reading.keywords())
     report = inspect_log(found, spec)
-    if pair is not None or report.ratio.verdict in ("swapped", "swapped_sign", "differs"):
-        return report  # a fit would refuse the log; the notes name the remedies
-    request = drive.request
-    if report.ratio.verdict == "sign":
-        request = request.with_driven_inverted()
-    names = {role: name for role in ROLES if (name := getattr(spec.log, role)) is not None}
-    command = fit_command(
-        log, request, names, decimal=reading.decimal, sample_rate_hz=reading.sample_rate
-    )
-    return replace(report, fit_command=command)
+    # Otherwise a fit would refuse the log; the notes name the remedies.
+    if pair is None and report.ratio.verdict not in ("swapped", "swapped_sign", "differs"):
+        if report.ratio.verdict == "sign":
+            request = request.with_driven_inverted()
+        names = {role: name for role in ROLES if (name := getattr(spec.log, role)) is not None}
+        report = replace(report, fit_command=fit_command(log, request, names, reading))
+    output.emit(report.to_json(), report)

@@ -1,6 +1,14 @@
-"""Encoder channel: unwrapped readings and their conversion to a shaft angle."""
+"""Encoder channel: continuous readings, the shaft angle that they are, and a channel that is stuck.
+
+Unwrapping of one channel, with detection of spikes and rejection of lasting steps.
+
+Encoder channel: unwrapped readings and their conversion to a shaft angle.
+
+Detection of a channel that stands still while the other shaft turns (chosen limits).
+"""
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -8,13 +16,243 @@ from jaxtyping import Bool, Float, Int, Real
 
 from ...base.errors import LogError
 from ...base.numerics.counting import pieces
-from ...base.units import ANGLE_UNITS, REV
+from ...base.units import DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ...pair.schema import Encoder, as_fraction
 from ..source import LEAST_RANGE, Source
-from .continuous import GAP as GAP
-from .continuous import Continuous, Origin, make_continuous
-from .spikes import without_spikes
-from .steps import digits_note, step_of
+from .speed import is_at_standstill
+from .spikes import repeats, spikes, stalls, without_spikes
+from .unwrap import digits_note, find_modulus, step_of, stray_jump, unwrap, wrap_steps
+
+GAP = 5.001
+"""Sampling intervals longer than this many median intervals are gaps in time (chosen)."""
+
+_FROZEN = 30
+"""A channel with at least this many equal readings before a jump was frozen (chosen)."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Description of a channel for unwrapping: role, unit, source in the log, modulus and scale.
+
+    **Arguments**
+    - `role`: "driving" or "driven". `unit`: unit of the readings.
+    - `modulus`: modulus in the pair file, or None. `per_turn`: units per revolution.
+    - `radians`: angle of one unit of the readings in rad, including the scale.
+    """
+
+    role: str
+    unit: str
+    source: Source
+    modulus: int | None
+    per_turn: int | float | None
+    radians: float
+
+
+@dataclass(frozen=True, eq=False)
+class Continuous:
+    """Unwrapped `readings` with their `spikes` (true at a spike), modulus and number of wraps."""
+
+    readings: Real[np.ndarray, " n"]
+    spikes: Bool[np.ndarray, " n"]
+    modulus: int | float | None
+    wraps: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Attempt:
+    """Result of unwrapping with one candidate of the modulus, and its `cost`.
+
+    The cost is the total travel without spikes plus one fast step (95 % quantile of the steps) for
+    each spike. Spikes can hide or imitate a modulus, and a counter that dithers at its wrap looks
+    like spikes. Therefore the candidate with the lowest cost is chosen.
+    """
+
+    modulus: int | float | None
+    readings: Real[np.ndarray, " n"]
+    spikes: Bool[np.ndarray, " n"]
+    wraps: int
+    cost: float
+
+
+def make_continuous(
+    values: Real[np.ndarray, " n"], time: Real[np.ndarray, " n"], origin: Origin
+) -> Continuous:
+    """Unwrap the readings with the modulus of the pair file or with a detected one.
+
+    **Raises** `LogError` for readings beyond the modulus, steps that are not wraps, and pauses that
+    hide wraps. Spikes keep their values and are reported in a note.
+    """
+    quantum = 1.0 if origin.unit == "counts" else 0.0
+    if is_at_standstill(values, time, clock="time" in origin.source.columns):
+        # There is no motion that a reading could contradict, and a step tells no wrap.
+        return Continuous(values, np.zeros(len(values), bool), None, 0, ())
+    raw_spikes = spikes(values, time, quantum)
+    steady = _filled(values, raw_spikes)
+    given = origin.modulus
+    if given is not None and np.ptp(steady) >= given:
+        raise LogError(
+            f"readings span {np.ptp(steady)} counts, more than the modulus {given} of the pair"
+            " file; correct or remove `modulus`.",
+            where=origin.source.at(origin.role),
+        )
+    candidates = [given] if given is not None else _moduli(values, steady, origin.per_turn)
+    attempts = [
+        _unwrapped(
+            values, base=base, time=time, modulus=modulus, quantum=quantum, raw_spikes=raw_spikes
+        )
+        for modulus in candidates
+        for base in ([steady] if steady is values else [steady, values])
+    ]
+    best = min(attempts, key=lambda attempt: attempt.cost)
+    readings, outliers, wraps = best.readings, best.spikes, best.wraps
+    modulus = best.modulus if wraps else None
+    repetition = repeats(readings, quantum)
+    stalled = stalls(readings, time, quantum, 2 * repetition)
+    if stalled.any():
+        outliers = stalled | spikes(without_spikes(readings, time, stalled), time, quantum)
+    smooth = without_spikes(readings, time, outliers)
+    _refuse_step(smooth, time, quantum, best.modulus, origin)
+    notes = []
+    if repetition > 1:
+        delay = 0.5 * (repetition - 1)
+        notes.append(
+            f"{origin.role}: while it moves every reading stands {repetition} times: the channel is"
+            f" sampled at 1/{repetition} of the rate, which delays it by {delay:g} samples"
+            f" ({1e3 * delay * np.median(np.diff(time)):.3g} ms) on average; log both channels at"
+            " one rate, or expect that much in `delay_s`"
+        )
+    if modulus is not None:
+        _refuse_blind_pause(smooth, time, modulus, origin)
+        how = "as given" if given is not None else "detected from the jumps"
+        notes.append(
+            f"{origin.role}: wraps at {modulus:g} {origin.unit} ({how}), unwrapped {wraps} times"
+        )
+    left = "interpolates" if origin.role == "driving" else "leaves out"
+    if stalled.any():
+        ends = np.flatnonzero(np.diff(stalled, prepend=False, append=False)).reshape(-1, 2)
+        first, last = ends[np.argmax(np.diff(time[ends - 1])[:, 0])] - 1
+        count = f"{len(ends)} times, the longest" if len(ends) > 1 else "once,"
+        notes.append(
+            f"{origin.role}: while it moves it stands still {count} from {time[first]:.6g} s to"
+            f" {time[last]:.6g} s, and then jumps to where it would be: the channel froze or the"
+            f" logger stalled; a fit {left} {np.count_nonzero(stalled)} readings"
+        )
+    others = outliers & ~stalled
+    if others.any():
+        number, off = int(np.count_nonzero(others)), np.abs(readings - smooth)[others].max()
+        verb = "differs" if number == 1 else "differ"
+        notes.append(
+            f"{origin.role}: {number} of {len(values)} readings ({number / len(values):.2g}) {verb}"
+            f" from their neighbours by up to {off * abs(origin.radians) / DEG:.3g}°, as late or"
+            f" disturbed readings do; a fit {left} them"
+        )
+    return Continuous(readings, outliers, modulus, wraps, tuple(notes))
+
+
+def _filled(values: Real[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
+    """Return `values` with each masked value replaced by the last unmasked value before it."""
+    if not mask.any():
+        return values
+    last = np.maximum.accumulate(np.where(mask, -1, np.arange(len(values))))
+    return values[np.where(last < 0, int(np.argmin(mask)), last)]
+
+
+def _moduli(
+    values: Real[np.ndarray, " n"], steady: Real[np.ndarray, " n"], per_turn: int | float | None
+) -> list[int | float | None]:
+    """Return one or two candidates of the modulus.
+
+    The first is found in `steady` (readings without spikes), the second in `values` if it differs.
+    """
+    modulus = find_modulus(steady, per_turn)
+    with_spikes = modulus if steady is values else find_modulus(values, per_turn)
+    return [modulus] if modulus == with_spikes else [modulus, with_spikes]
+
+
+def _unwrapped(
+    values: Real[np.ndarray, " n"],
+    base: Real[np.ndarray, " n"],
+    time: Real[np.ndarray, " n"],
+    modulus: int | float | None,
+    quantum: float,
+    raw_spikes: Bool[np.ndarray, " n"],
+) -> _Attempt:
+    """Unwrap `values` at the rows where `base` wraps, and return the result with its cost.
+
+    `base` is either `values` itself or `values` with filled spikes (`raw_spikes`). In the second
+    case each spike of `values` is placed within half a modulus of `base`, so that it does not shift
+    the later readings. `quantum` is the step of the readings, 0 if they have none.
+    """
+    wraps = 0 if modulus is None else int(np.count_nonzero(wrap_steps(base, modulus)))
+    if modulus is None or not wraps:
+        readings, outliers = values, raw_spikes
+    else:
+        offset = values - base
+        if np.issubdtype(values.dtype, np.integer):
+            whole = int(modulus)
+            readings = unwrap(base, modulus) + (offset + whole // 2) % whole - whole // 2
+        else:
+            readings = unwrap(base, modulus) + offset - modulus * np.rint(offset / modulus)
+        outliers = spikes(readings, time, quantum)
+    cost = 0.0
+    if base is not values or raw_spikes.any():
+        travel = np.abs(np.diff(without_spikes(readings, time, outliers)).astype(np.float64))
+        cost = float(travel.sum() + (quantum + np.quantile(travel, 0.95)) * outliers.sum())
+    return _Attempt(modulus, readings, outliers, wraps, cost)
+
+
+def _refuse_step(
+    smooth: Real[np.ndarray, " n"],
+    time: Real[np.ndarray, " n"],
+    quantum: float,
+    modulus: int | float | None,
+    origin: Origin,
+) -> None:
+    """Raise `LogError` for a jump after which the readings do not return.
+
+    The causes are a counter reset, an index reload, a frozen channel or an unknown modulus.
+    """
+    row = stray_jump(smooth, time, quantum)
+    if row is None:
+        return
+    frozen = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
+    if frozen >= _FROZEN:
+        raise LogError(
+            f"the {origin.role} channel stands still for {frozen} samples from"
+            f" {time[row - frozen]:.9g} s to {time[row - 1]:.9g} s and then jumps, so it froze;"
+            " cut these lines out and fit both parts as two logs.",
+            where=origin.source.at(origin.role, row - frozen),
+        )
+    raise LogError(
+        f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {origin.unit} from one sample to"
+        f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
+        + (f" of {modulus:g}" if modulus is not None else "")
+        + "; cut the log there"
+        + (f", or give `modulus` in [{origin.role}] encoder." if quantum else "."),
+        where=origin.source.at(origin.role, row),
+    )
+
+
+def _refuse_blind_pause(
+    smooth: Real[np.ndarray, " n"],
+    time: Real[np.ndarray, " n"],
+    modulus: int | float,
+    origin: Origin,
+) -> None:
+    """Raise `LogError` if the shaft may turn by over 0.4 of the modulus in a pause of the log."""
+    interval = np.diff(time)
+    step = np.abs(np.diff(smooth)).astype(np.float64)
+    for k in np.flatnonzero(interval > GAP * np.median(interval)):
+        neighbours = slice(max(0, k - 5), k), slice(k + 1, k + 6)
+        before, after = (step[s].sum() / max(interval[s].sum(), 1e-300) for s in neighbours)
+        if max(before, after) * interval[k] > 0.4 * modulus:
+            raise LogError(
+                f"the log pauses for {interval[k]:.4g} s while the {origin.role} channel wraps at"
+                f" {modulus:g} {origin.unit}, so whole turns are lost; cut the log there.",
+                where=origin.source.at(origin.role, int(k) + 1),
+            )
+
 
 EXACT_FLOAT = 2**53
 """Largest count up to which float64 represents every whole number (53-bit significand)."""
@@ -31,14 +269,16 @@ exceeds this multiple of the step between the next two valid readings (chosen fa
 class RawChannel:
     """Column of a log before unwrapping: values in `unit` and the rational scale of the pair file.
 
-    `step` is the step (in `unit`) that the readings had before they were interpolated in time; it
-    is 0 for readings that were not interpolated.
+    `lead_mm` is the travel in one turn of a column that is a length. `step` is the step (in `unit`)
+    that the readings had before they were interpolated in time; it is 0 for readings that were not
+    interpolated.
     """
 
     values: Real[np.ndarray, " n"]
     unit: str
     scale: str | int | float = 1
     step: float = 0.0
+    lead_mm: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,17 +381,15 @@ def make_channel(
     """
     values, notes = _exact_values(role, raw, source)
     is_integer = np.issubdtype(values.dtype, np.integer)
-    per_turn = radians = None
-    if raw.unit == "counts":
-        if encoder.counts_per_rev is None:
-            raise LogError(
-                f"the {role} channel is in counts, but the pair file has no counts per revolution;"
-                f" add `encoder = {{ counts_per_rev = … }}` to [{role}].",
-                where=source.at(role),
-            )
-        per_turn, radians = encoder.counts_per_rev, REV / encoder.counts_per_rev
-    else:
-        per_turn, radians = REV / ANGLE_UNITS[raw.unit], ANGLE_UNITS[raw.unit]
+    radians = radians_of(raw.unit, encoder.counts_per_rev, raw.lead_mm)
+    if radians is None:
+        cure = f"add `encoder = {{ counts_per_rev = … }}` to [{role}]"
+        if raw.unit in LENGTH_UNITS:
+            cure = "give --lead-mm, the travel in one turn, or `lead_mm` in [log]"
+        raise LogError(
+            f"the {role} channel is in {raw.unit}, and nothing says how many make a turn; {cure}.",
+            where=source.at(role),
+        )
     if np.ptp(values) < LEAST_RANGE:
         raise _constant(role, f"at {values[0]} {raw.unit}", source)
     given = encoder.modulus if raw.unit == "counts" else None
@@ -167,7 +405,7 @@ def make_channel(
             unit=raw.unit,
             source=source,
             modulus=given,
-            per_turn=per_turn,
+            per_turn=per_turn(raw.unit, encoder.counts_per_rev),
             radians=radians,
         ),
     )
@@ -237,3 +475,129 @@ def _exact_values(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarra
     if np.all(values == np.rint(values)):
         return values.astype(np.int64), []
     return values, [f"{role}: counts are not whole numbers, read as interpolated counts"]
+
+
+FAR = 5 * DEG
+"""Least turn of the moving shaft for a test, in rad of the driven shaft; it is much larger than any
+backlash."""
+
+LEAST_TURN = 8.0
+"""Least turn for a test, in steps of the coarser of the two encoders."""
+
+STILL = 0.02
+"""A channel is stuck if it moves by at most this fraction of the motion of the other shaft."""
+
+ONE_WAY = 0.9
+"""A shaft turns one way if the angle between the ends is at least this share of its range."""
+
+SOON = 0.5
+"""A crossing of the gap begins within this share of its length after the reversal. The driven shaft
+may follow at first, because its friction and a soft drive hold the contact."""
+
+LONGER = 1.2
+"""Largest crossing at the end of a log, as a multiple of the widest crossing before (chosen)."""
+
+SHORTEST = 20
+"""Length of the shortest tested stretch in samples; each next length is 4 times as long."""
+
+
+def refuse_stuck(
+    driving: Channel,
+    driven: Channel,
+    ratio: Fraction,
+    time: Float[np.ndarray, " n"],
+    source: Source,
+) -> None:
+    """Raise `LogError` naming the lines where one channel stands still while the other turns.
+
+    A driven channel that stands still only behind a reversal of the driving shaft, and follows it
+    again, crosses a gap and is not refused.
+
+    **Arguments**
+    - `driving`, `driven`: the channels. `ratio`: driven over driving speed. `time`: time in s.
+    """
+    size = abs(float(ratio))
+    first, second = (driving.steady_angle(time), size), (driven.steady_angle(time), 1.0)
+    quantum = max(driven.resolution, size * driving.resolution)
+    for role, one, other in (("driven", second, first), ("driving", first, second)):
+        # The scale comes from the log, because a wrong ratio in the pair file is no standstill.
+        turn, span = (gain * float(np.ptp(angle)) for angle, gain in (one, other))
+        scale = min(1.0, turn / max(span, 1e-300))
+        moved = other[0], scale * other[1]
+        least = max(FAR, LEAST_TURN * quantum)
+        stretch = _stuck(one, moved, least, 2 * quantum, gaps=role == "driven")
+        if stretch is None:
+            continue
+        start, stop = stretch
+        turned = float(np.ptp(other[0][start:stop])) / DEG
+        moving = "driven" if role == "driving" else "driving"
+        last = source.at(role, stop - 1).rpartition(": ")[2].partition(",")[0]
+        raise LogError(
+            f"the {role} channel stands still from {time[start]:.6g} s to {time[stop - 1]:.6g} s"
+            f" ({last}) while the {moving} shaft turns by {turned:.3g}°: its encoder is stuck,"
+            " saturated or not connected, or the gears are out of mesh; cut these lines out or log"
+            " again.",
+            where=source.at(role, start),
+        )
+
+
+Gained = tuple[Float[np.ndarray, " n"], float]
+"""Angle of a shaft in rad, and the factor that makes it an angle of the driven shaft."""
+
+
+def _stuck(
+    one: Gained, other: Gained, far: float, dither: float, *, gaps: bool
+) -> tuple[int, int] | None:
+    """Return the first stretch [start, stop) where `other` moves and `one` stands still, or None.
+
+    `other` must move by at least `far`; `one` may move by `STILL` of that motion, or by `dither`.
+    Both are in rad of the driven shaft. With `gaps`, stretches behind a reversal do not count.
+    """
+    (angle, gain), length = one, SHORTEST
+    while length <= len(angle):
+        edges = np.arange(0, len(angle) - length + 1, length)
+        spans = [
+            factor * (np.maximum.reduceat(shaft, edges) - np.minimum.reduceat(shaft, edges))
+            for shaft, factor in (one, other)
+        ]
+        stuck = (spans[1] >= far) & (spans[0] <= np.maximum(STILL * spans[1], dither))
+        stop, widest = 0, 0.0
+        for row in edges[stuck].tolist():
+            if row < stop:
+                continue
+            start, stop = _extent(angle, row, row + length, max(STILL * far, dither) / gain)
+            turned = float(np.ptp(other[0][start:stop]))
+            # At the end of a log only the earlier crossings show that the shaft follows again.
+            follows = stop < len(angle) or turned <= LONGER * widest
+            if not (gaps and follows and _is_crossing(other[0], start, stop)):
+                return start, stop
+            widest = max(widest, turned)
+        length *= 4
+    return None
+
+
+def _is_crossing(angle: Float[np.ndarray, " n"], start: int, stop: int) -> bool:
+    """Return whether a shaft turns one way in [start, stop), shortly after a reversal."""
+    part = angle[start:stop]
+    turned, span = float(part[-1] - part[0]), float(np.ptp(part))
+    if abs(turned) < ONE_WAY * span:
+        return False
+    ahead = (angle[:start] - part[0]) * np.sign(turned)
+    earlier = np.flatnonzero(ahead > (1 - ONE_WAY) * span)
+    since = ahead[earlier[-1] + 1 :] if len(earlier) else ahead
+    return float(-since.min(initial=0.0)) <= SOON * span
+
+
+def _extent(angle: Float[np.ndarray, " n"], start: int, stop: int, slack: float) -> tuple[int, int]:
+    """Return the longest stretch around [start, stop) in which the angle stays constant.
+
+    It may differ by up to `slack`, in rad, from its value in the middle of [start, stop).
+    """
+    level = angle[(start + stop) // 2]
+    outside = np.abs(angle - level) > slack
+    before = np.flatnonzero(outside[:start])
+    after = np.flatnonzero(outside[stop:])
+    return (
+        int(before[-1]) + 1 if len(before) else 0,
+        stop + int(after[0]) if len(after) else len(angle),
+    )

@@ -1,29 +1,179 @@
-"""Comparison of the ratio in a log with the ratio in the pair file.
+"""Ratio that a log shows, and what else a slope or a lost motion may come from.
+
+What explains a slope of the transmission error best: another ratio, a delay or a drift.
+
+Driven angle without the motion that the teeth lose when they cross the gap after a reversal.
+
+Let the driving shaft need the travel c to cross the gap. The place s of the teeth in the gap, from
+0 to 1, follows the play operator of the driving angle φ₁, and the driven angle is linear in both:
+
+    s ← min(max(s + Δφ₁ / c, 0), 1),    φ₂ = a + b φ₁ + k s.
+
+c has the least sum of squares. In short strokes the crossing is a notable part of the travel: the
+slope of φ₂ over φ₁ alone is then too small, and its residual is large.
+
+Comparison of the ratio in a log with the ratio in the pair file.
 
 The ratio is the slope of driven over driving angle, beside the motion that is lost in the gap.
 """
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ...base.errors import LogError
+from ...base.numerics.student_noise import fit_student_noise
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
-from ..fractions import (
+from ..slope import (
     DEVIATIONS,
     MOST_TEETH,
     better_fraction,
     decimal_option,
     likely_fraction,
     ratio_option,
+    slope,
 )
-from ..slope import slope
-from .lost_motion import FollowedMotion, without_lost_motion
-from .slope_cause import Cause, slope_gains
+
+Cause = Literal["ratio", "delay", "drift", "open"]
+"""Best explanation; "open" if none is clearly better than the others."""
+
+CLEAR = 10.0
+"""Least 2 Δ ln L by which an explanation must exceed the next one, as between a ratio and a delay
+that changes (chosen)."""
+
+_BLOCKS = 400  # largest number of blocks of the log, about; chosen value
+
+_MOVES = 0.02
+"""Share of the largest speed above which a direction of motion counts (chosen)."""
+
+
+@dataclass(frozen=True)
+class SlopeGains:
+    """2 Δ ln L of three explanations of a slope, each over an explanation by noise alone."""
+
+    ratio: float
+    delay: float
+    drift: float
+
+    @property
+    def cause(self) -> Cause:
+        """The best explanation, if it is clearly better than the others and than noise."""
+        gains: dict[Cause, float] = {
+            "ratio": self.ratio,
+            "delay": self.delay,
+            "drift": self.drift,
+        }
+        best = max(gains, key=gains.__getitem__)
+        others = max(0.0, *(gain for name, gain in gains.items() if name != best))
+        return best if gains[best] > others + CLEAR else "open"
+
+
+def slope_gains(log: EncoderLog) -> SlopeGains:
+    """Compare the explanations of the slope of the transmission error of `log` by likelihood.
+
+    Each explanation has one coefficient: of the driving angle, of its speed, or of the time. An
+    offset, a gap between the two directions and first orders of the driving shaft are fitted beside
+    it, in the means of blocks of rows, with autoregressive noise.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs import EncoderLog
+    >>> from vttig_jax.logs.checks.ratio import slope_gains
+    >>> from vttig_jax.pair import parse_pair_spec
+    >>> drive = parse_pair_spec({"drive": {"ratio": "1"}})
+    >>> time = np.arange(4000) / 200.0
+    >>> driving = 720 * time + 300 * np.sin(0.7 * time)
+    >>> noise = 0.01 * np.random.default_rng(0).normal(size=4000)
+    >>> late = driving - 0.005 * np.gradient(driving, time) + noise
+    >>> slope_gains(EncoderLog.from_arrays(time, driving, late, pair=drive, unit="deg")).cause
+    'delay'
+    >>> fast = 1.001 * driving + noise
+    >>> slope_gains(EncoderLog.from_arrays(time, driving, fast, pair=drive, unit="deg")).cause
+    'ratio'
+
+    ```
+    """
+    level, angle, speed, time, *base = _block_means(log)
+    plain = fit_student_noise(level, np.stack(base, axis=1))
+
+    def gain(column: Float[np.ndarray, " b"]) -> float:
+        columns = np.stack([*base, column - column.mean()], axis=1)
+        return 2 * (fit_student_noise(level, columns, plain).log_likelihood - plain.log_likelihood)
+
+    return SlopeGains(ratio=gain(angle), delay=gain(speed), drift=gain(time))
+
+
+def _block_means(log: EncoderLog) -> Float[np.ndarray, "8 b"]:
+    """Return means over blocks of rows: transmission error, angle, speed, time, and the base.
+
+    The base is ones, direction of motion, cosine and sine of the driving angle.
+    """
+    angle, speed = log.driving_angle, log.driving_speed.value
+    driven = log.driven_angle
+    slow = _MOVES * float(np.abs(speed).max())
+    edges = np.linspace(0, len(angle), min(_BLOCKS, len(angle)) + 1).astype(np.int64).tolist()
+    rows = []
+    for start, stop in itertools.pairwise(edges):
+        x, w = angle[start:stop], speed[start:stop]
+        way = np.sign(np.where(np.abs(w) > slow, w, 0.0))
+        error = driven[start:stop] - float(log.ratio) * x
+        columns = (error, x, w, log.time[start:stop], np.ones(len(x)), way, np.cos(x), np.sin(x))
+        rows.append([float(np.mean(one)) for one in columns])
+    return np.array(rows).T
+
+
+_MOST_ROWS = 4000  # largest number of samples that are compared (chosen)
+_TRIALS = 40  # number of trial values of c, at equal ratios (chosen)
+_LEAST = DEG  # least c, rad of the driving shaft (chosen)
+_LONGEST = 0.9  # largest c, as a share of the travel of the driving shaft (chosen)
+
+
+class FollowedMotion(NamedTuple):
+    """Angles of both shafts in rad at the same samples, the driven one without lost motion."""
+
+    driving: Float[np.ndarray, " m"]
+    driven: Float[np.ndarray, " m"]
+
+
+def without_lost_motion(log: EncoderLog) -> FollowedMotion:
+    """Return φ₁ and φ₂ − k s at up to `_MOST_ROWS` evenly spaced samples of a log."""
+    rows = slice(None, None, -(-len(log) // _MOST_ROWS))
+    driving, driven = log.driving_angle[rows], log.driven_angle[rows]
+    travel = float(np.ptp(driving))
+    crossings = np.geomspace(min(_LEAST, _LONGEST * travel), _LONGEST * travel, _TRIALS)
+    columns = np.stack([np.ones_like(driving), driving - driving.mean()], axis=1)
+    basis = np.linalg.qr(columns)[0]
+
+    def rest(values: np.ndarray) -> np.ndarray:
+        return values - basis @ (basis.T @ values)
+
+    left = rest(driven)
+    places = _places(driving, np.concatenate([crossings, crossings]))
+    free = rest(places)
+    size = np.maximum(np.sum(free**2, axis=0), 1e-300)
+    lost = free.T @ left / size
+    best = int(np.argmax(lost**2 * size))
+    return FollowedMotion(driving, driven - lost[best] * places[:, best])
+
+
+def _places(
+    driving: Float[np.ndarray, " m"], crossings: Float[np.ndarray, " trials"]
+) -> Float[np.ndarray, "m trials"]:
+    """Return s for every trial; the first half starts with s = 0 and the second with s = 1."""
+    step = np.diff(driving)[:, None] / crossings
+    places = np.empty((len(driving), len(crossings)))
+    places[0] = np.repeat([0.0, 1.0], len(crossings) // 2)
+    for row, moved in enumerate(step):
+        np.clip(places[row] + moved, 0.0, 1.0, out=places[row + 1])
+    return places
+
 
 TOLERANCE = 0.005
 """Largest relative deviation of a correct ratio over many turns (chosen)."""

@@ -1,4 +1,27 @@
-"""Assignment of a flank to every segment by torque or motion, and the ramps between speeds.
+"""Flank of each segment: by torque or motion, the crossings of the gap, and the braking.
+
+Step of the transmission error between the flanks, from a linear fit to up to 1000 samples.
+
+Gap by the travel that the teeth need to cross it after a reversal.
+
+At one speed a gap and a delay of the driven channel leave the same step between the flanks. They
+differ after a reversal: the driven shaft stands still until the driving shaft has turned by the gap
+divided by the ratio, while the step of a delay follows the speed. Let s be the travel of the
+driving shaft since the reversal, i the ratio and g the gap. The transmission error then contains
+
+    g · min(i s / g, 1) on the way to flank B,  g · (1 − min(i s / g, 1)) on the way to flank A.
+
+g has the least sum of squares beside a delay. It is a gap if the likelihood is enough larger than
+that of a delay alone.
+
+Flank of an overrunning load: its inertia carries it to the other flank while the drive brakes.
+
+Friction slows a free load by a limited deceleration. If the drive brakes harder, the load leaves
+flank A of a forward motion and lies on flank B until the drive brakes less. The limit is unknown.
+It is found by a search for the least sum of squares. The flanks by this limit are used if the
+likelihood improves enough and the estimated gap is positive.
+
+Assignment of a flank to every segment by torque or motion, and the ramps between speeds.
 
 The sign of the transmitted torque defines the loaded flank. However, the torque of a motor also
 accelerates its rotor and overcomes friction, and in a drive without backlash it says nothing about
@@ -8,17 +31,377 @@ between the flanks; the torque is used if it fits better.
 
 from bisect import bisect_right
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
+from ...base.numerics.student_noise import fit_student_noise
+from ...base.numerics.well_conditioned import least_squares, orthonormal_basis
 from ...base.units import DEG, REV
+from ..channel.speed import Speed
 from ..encoder_log import EncoderLog
-from .crossing import crossed_gap
-from .flank_step import seen_gap
-from .overrun import overrunning_segments
-from .segments import AFTER_REVERSAL, Segment, Segments, find_segments
-from .standstill import is_table, still_segments
+from .segments import (
+    AFTER_REVERSAL,
+    MotionPhase,
+    Segment,
+    Segments,
+    find_segments,
+    is_table,
+    still_segments,
+)
+
+EVIDENCE = 50.0
+"""Least likelihood ratio 2 Δ ln L by which one model of the flanks must beat another (chosen)."""
+
+LEAST = 100
+"""Least number of samples of a comparison (chosen)."""
+
+_MOST = 1000  # largest number of samples that are compared (chosen)
+
+
+def seen_gap(log: EncoderLog, by_motion: Segments, *, delayed: bool = True) -> float:
+    """Return the step of the transmission error from flank A to B in rad, or 0 without evidence.
+
+    **Arguments**
+    - `by_motion`: segments with flanks by the direction of motion.
+    - `delayed`: whether the channels may have a delay. At one speed a delay explains any step.
+    """
+    sense, rows = flank_rows(log, by_motion)
+    if len(rows) < LEAST or len(np.unique(sense[rows])) < 2:
+        return 0.0
+    speed = log.driving_speed.value[rows] if delayed else np.zeros(len(rows))
+    columns, error = columns_of(log, rows, speed), log.transmission_error[rows]
+    without = error - columns @ least_squares(columns, error, 1e-9)
+    least, gap = squares_with_step(error, columns, sense[rows])
+    evidence = len(rows) * np.log(max(float(without @ without), 1e-300) / max(least, 1e-300))
+    return max(gap, 0.0) if evidence >= EVIDENCE else 0.0
+
+
+def flank_rows(
+    log: EncoderLog, segments: Segments
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " m"]]:
+    """Return the flank of every sample, and the indices of samples for a comparison.
+
+    The flank is +1 on A, −1 on B and 0 elsewhere. The indices are evenly spaced among the samples
+    on a flank that are no spikes.
+    """
+    sense = np.zeros(len(log), np.int8)
+    for segment in segments.segments:
+        sense[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
+    rows = np.flatnonzero((sense != 0) & ~log.spikes)
+    return sense, rows[:: max(1, -(-len(rows) // _MOST))].copy()
+
+
+def columns_of(
+    log: EncoderLog, rows: Int[np.ndarray, " m"], speed: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, "m p"]:
+    """Return a design matrix at the samples `rows`, one row per sample.
+
+    Its columns are an offset, the scaled speed, and cosine and sine of the angle of each shaft that
+    covers at least one turn.
+    """
+    columns = [np.ones(len(rows)), speed / max(float(np.abs(speed).max()), 1e-300)]
+    for angle in (log.driving_angle[rows], log.driven_angle[rows]):
+        columns += [np.cos(angle), np.sin(angle)] if np.ptp(angle) >= REV else []
+    return np.stack(columns, axis=1)
+
+
+def squares_with_step(
+    error: Float[np.ndarray, " m"], columns: Float[np.ndarray, "m p"], flank: Int[np.ndarray, " m"]
+) -> tuple[float, float]:
+    """Fit the transmission error `error` (rad) by `columns` and a step from flank A to flank B.
+
+    Return the residual sum of squares in rad² and the step in rad.
+    """
+    design = np.column_stack([columns, (flank < 0).astype(np.float64)])
+    solution = least_squares(design, error, 1e-9)
+    return float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
+
+
+_MOST_CROSSED = 2000  # largest number of samples that are compared (chosen)
+_TRIALS = 60  # number of trial values of the gap, at equal ratios (chosen)
+_SHARES = 0.5, 0.9
+"""Longest crossing, as a share of the median travel between two reversals; the second share is for
+strokes of less than `_SHORT_STROKE`, rad, in which no gap is seen below the first (all chosen)."""
+
+_SHORT_STROKE = 2 * REV
+
+
+def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
+    """Return the gap in rad of the driven shaft by its crossings, or 0 without evidence for one.
+
+    It is also 0 if no crossing is longer than `AFTER_REVERSAL`, which is always masked.
+
+    Before the first reversal the place of the teeth is unknown, so that the first part of this
+    travel is left out.
+
+    **Arguments**
+    - `by_motion`: segments with flanks by the direction of motion.
+    """
+    moving = [phase for phase in by_motion.motion if phase.kind != "dwell"]
+    turns = _reversals(moving)
+    if not turns:
+        return 0.0
+    angle = log.driving_angle
+    rows, leg, sense = _rows(moving, turns)
+    origin = angle[[moving[0].start, *(moving[k].start for k in turns)]]
+    samples = _Samples(rows, sense, np.abs(angle[rows] - origin[leg]), leg > 0)
+    stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
+    shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
+    gap = 0.0
+    for share in shares:
+        gap = _seen(log, samples, share * stroke)
+        if 0 < gap < share * stroke * float(log.ratio):
+            break  # a longer crossing would be seen at the limit
+    return gap
+
+
+class _Samples(NamedTuple):
+    """Samples in motion: their numbers, direction ±1, travel in rad since the start of their leg.
+
+    `turned` is False before the first reversal.
+    """
+
+    rows: Int[np.ndarray, " m"]
+    sense: Int[np.ndarray, " m"]
+    travel: Float[np.ndarray, " m"]
+    turned: Bool[np.ndarray, " m"]
+
+
+def _seen(log: EncoderLog, samples: _Samples, longest: float) -> float:
+    """Return the gap whose crossing takes up to the travel `longest`, rad; 0 without evidence."""
+    ratio = float(log.ratio)
+    rows, sense, travel, turned = samples
+    known = ~log.spikes[rows] & (turned | (travel > longest))
+    rows, travel, sense = rows[known], travel[known], sense[known]
+    if len(rows) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(sense)) < 2:
+        return 0.0
+    basis = orthonormal_basis(columns_of(log, rows, log.driving_speed.value[rows]), 1e-9)
+
+    def squares(values: Float[np.ndarray, " m"]) -> float:
+        rest = values - basis @ (basis.T @ values)
+        return float(rest @ rest)
+
+    error = log.transmission_error[rows] - np.mean(log.transmission_error[rows])
+    trials = ratio * np.geomspace(AFTER_REVERSAL, longest, _TRIALS)
+    found = []
+    for gap in trials:
+        left = np.minimum(ratio * travel, gap)
+        found.append(squares(error - np.where(sense > 0, gap - left, left)))
+    best = int(np.argmin(found))
+    evidence = len(rows) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
+    return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
+
+
+def _reversals(moving: list[MotionPhase]) -> list[int]:
+    """Return the indices of the phases `moving` whose direction differs from the one before."""
+    return [k for k in range(1, len(moving)) if moving[k].kind != moving[k - 1].kind]
+
+
+def _rows(
+    moving: list[MotionPhase], turns: list[int]
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
+    """Return evenly spaced samples in motion, their leg, and their direction of motion, ±1.
+
+    A leg is the motion between two reversals, counted from 0.
+    """
+    start, stop = np.array([(phase.start, phase.stop) for phase in moving]).T
+    before = np.concatenate([[0], np.cumsum(stop - start)])
+    place = np.arange(0, before[-1], max(1, -(-int(before[-1]) // _MOST_CROSSED)))
+    phase = np.searchsorted(before, place, side="right") - 1
+    leg = np.searchsorted(turns, phase, side="right")
+    sense = np.array([1 if one.kind == "forward" else -1 for one in moving])
+    return start[phase] + place - before[phase], leg, sense[phase]
+
+
+_QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""First trial values of the limit, as quantiles of the positive decelerations (chosen)."""
+
+_FINE = 0.05
+"""Largest quantisation of the deceleration, relative to its 90 % quantile (chosen)."""
+
+_MOST_DIFFERENCED = 5000  # largest number of samples to choose the differencing interval (chosen)
+_ROUNDS = 3  # number of bisections of the limit, and of iterations of the gap (chosen)
+_FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
+"""Factors by which the final search multiplies and divides the limit (chosen)."""
+
+
+def overrunning_segments(
+    log: EncoderLog, by_motion: Segments, crossing: float = AFTER_REVERSAL
+) -> Segments | None:
+    """Return segments with the flanks of a load that overruns, or None without evidence for it.
+
+    **Arguments**
+    - `by_motion`: segments with flanks by the direction of motion.
+    - `crossing`: travel in rad of the driving shaft that is masked after a change of flank.
+    """
+    speed = log.driving_speed
+    sense, rows = flank_rows(log, by_motion)
+    half = _half_interval(log, speed)
+    seen = _braking(log, speed, half, rows)
+    braked = seen > 0
+    if len(rows) < LEAST or braked.sum() < LEAST / 4:
+        return None
+    columns = columns_of(log, rows, speed.value[rows])
+    error = log.transmission_error[rows]
+    usual = squares_with_step(error, columns, sense[rows])[0]
+    limits = list(np.quantile(seen[braked], _QUANTILES))
+    limit, least, gap = _best_limit(error, columns, sense[rows], seen, limits)
+    if gap <= 0 or len(rows) * np.log(usual / max(least, 1e-300)) < EVIDENCE:
+        return None
+    motion = np.sign(speed.value).astype(np.int8)
+    braking = _braking(log, speed, half, np.arange(len(log)))
+    limit, place = _profiled(
+        log, motion=motion, braking=braking, limit=limit, gap=gap, rows=rows, columns=columns
+    )
+    found = [
+        fit_student_noise(error, np.column_stack([columns, each])).log_likelihood
+        for each in (place[rows], (sense[rows] < 0).astype(np.float64))
+    ]
+    if 2 * (found[0] - found[1]) < EVIDENCE:
+        return None
+    flank = np.where(place == 0, 1, np.where(place == 1, -1, 0)).astype(np.int8)
+    assigned = find_segments(replace(log, direction=flank), crossing)
+    note = (
+        f"the load overruns: while the drive brakes by more than {limit:.3g} rad/s², the contact is"
+        " on the other flank"
+    )
+    return replace(assigned, notes=(*by_motion.notes, note))
+
+
+def _half_interval(log: EncoderLog, speed: Speed) -> int:
+    """Return half of the interval over which speed differences are taken, in samples.
+
+    A speed difference gives the deceleration. The interval is so long that the quantisation of the
+    deceleration is small. This is tested at evenly spaced samples.
+    """
+    interval = log.interval_s
+    quantum = speed.quantum / (speed.window * interval)
+    rows = np.arange(0, len(log), -(-len(log) // _MOST_DIFFERENCED))
+    half = max(speed.window // 2, 1)
+    while True:
+        usual = float(np.quantile(np.abs(_braking(log, speed, half, rows)), 0.9))
+        if quantum <= _FINE * usual * 2 * half * interval or half > len(log) // 50:
+            return half
+        half *= 2
+
+
+def _braking(
+    log: EncoderLog, speed: Speed, half: int, rows: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, " m"]:
+    """Return the deceleration of the driving shaft in rad/s² at the samples `rows`.
+
+    It is positive while the shaft slows down. `half` is half the differencing interval in samples.
+    """
+    low, high = np.maximum(rows - half, 0), np.minimum(rows + half, len(log) - 1)
+    elapsed = np.maximum(log.time[high] - log.time[low], 1e-300)
+    return -np.sign(speed.value[rows]) * (speed.value[high] - speed.value[low]) / elapsed
+
+
+def _profiled(
+    log: EncoderLog,
+    motion: Int[np.ndarray, " n"],
+    braking: Float[np.ndarray, " n"],
+    limit: float,
+    gap: float,
+    rows: Int[np.ndarray, " m"],
+    columns: Float[np.ndarray, "m p"],
+) -> tuple[float, Float[np.ndarray, " n"]]:
+    """Return the limit in rad/s² with the least sum of squares, and the load's place in the gap.
+
+    The place is given at every sample: 0 on flank A, 1 on flank B.
+
+    **Arguments**
+    - `motion`: sign of the speed. `braking`: deceleration of the driving shaft, rad/s².
+    - `limit`, `gap`: first estimates, rad/s² of the driving shaft and rad of the driven shaft.
+    - `rows`, `columns`: samples of the comparison and their design matrix.
+    """
+    error, ratio = log.transmission_error[rows], float(log.ratio)
+    found: dict[float, tuple[float, float, np.ndarray]] = {}
+
+    def tried(trial: float) -> float:
+        width = gap
+        for _ in range(_ROUNDS):
+            place = _place(log, motion, braking - trial, max(width, 1e-6) / ratio)
+            design = np.column_stack([columns, place[rows]])
+            solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
+            square, width = float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
+            found[trial] = square, width, place
+        return found[trial][0]
+
+    for factor in _FACTORS:
+        best = min(found, key=lambda one: found[one][0], default=limit)
+        for trial in (best, best * factor, best / factor):
+            if trial not in found:
+                tried(trial)
+    best = min(found, key=lambda one: found[one][0])
+    return best, found[best][2]
+
+
+def _place(
+    log: EncoderLog,
+    motion: Int[np.ndarray, " n"],
+    excess: Float[np.ndarray, " n"],
+    gap: float,
+) -> Float[np.ndarray, " n"]:
+    """Return the place of the load in the gap at every sample: 0 on flank A, 1 on flank B.
+
+    The load runs ahead of the drive by x with ẍ = `excess` (braking beyond the limit, rad/s²) and
+    0 ≤ x ≤ `gap`, in rad of the driving shaft. At x = 0 the load lies on the flank of the motion,
+    and at x = `gap` on the other flank. A reversal (change of `motion`) resets x to 0.
+    """
+    ahead, x, rate = np.zeros(len(log)), 0.0, 0.0
+    steps = np.diff(log.time, prepend=log.time[0]).tolist()
+    turned = np.diff(motion, prepend=motion[0]) != 0
+    for k, (push, step, new) in enumerate(
+        zip(excess.tolist(), steps, turned.tolist(), strict=True)
+    ):
+        if new:
+            x = rate = 0.0
+        rate += push * step
+        x += rate * step
+        if not 0 < x < gap:
+            x, rate = (0.0, 0.0) if x <= 0 else (gap, 0.0)
+        ahead[k] = x
+    share = ahead / gap
+    return np.where(motion >= 0, share, 1 - share)
+
+
+def _flanks_with_braking(
+    sense: Int[np.ndarray, " m"], braking: Float[np.ndarray, " m"], limit: float
+) -> Int[np.ndarray, " m"]:
+    """Return +1 for flank A, −1 for flank B: `sense`, reversed where `braking` exceeds `limit`."""
+    beyond: Bool[np.ndarray, " m"] = braking > limit
+    return np.where(beyond, -sense, sense).astype(np.int8)
+
+
+def _best_limit(
+    error: Float[np.ndarray, " m"],
+    columns: Float[np.ndarray, "m p"],
+    sense: Int[np.ndarray, " m"],
+    braking: Float[np.ndarray, " m"],
+    limits: list[float],
+) -> tuple[float, float, float]:
+    """Return the limit in rad/s² with the least sum of squares, the sum, and the gap of its fit.
+
+    The search starts with the trial values `limits`; `sense` is the flank by the motion, ±1.
+    """
+
+    def tried(limit: float) -> tuple[float, float]:
+        return squares_with_step(error, columns, _flanks_with_braking(sense, braking, limit))
+
+    found = {limit: tried(limit) for limit in limits}
+    for _ in range(_ROUNDS):
+        best = min(found, key=lambda limit: found[limit][0])
+        known = sorted(found)
+        place = known.index(best)
+        for other in known[max(place - 1, 0) : place] + known[place + 1 : place + 2]:
+            middle = 0.5 * (best + other)
+            found[middle] = tried(middle)
+    best = min(found, key=lambda limit: found[limit][0])
+    return best, *found[best]
+
 
 _BETTER = 0.5
 """The torque is used if the residual sum of squares with its flanks is below this fraction of that

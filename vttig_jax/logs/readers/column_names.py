@@ -1,12 +1,24 @@
-"""Roles of columns, units in their names or in a row of units, and a column by its name."""
+"""Names of columns: roles, units, other quantities, setpoints, and a column by its name.
+
+Roles of columns, units in their names or in a row of units, and a column by its name.
+
+Meaning of a column name: its role, unit, another quantity, or a setpoint, in common languages.
+
+A word with another meaning in a second language is not in the lists: an unknown word leads to a
+question to the user, but a wrong word leads to a wrong role.
+"""
 
 import difflib
 import re
+import tomllib
+import unicodedata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
 
 from ...base.errors import LogError
-from ...base.units import ANGLE_UNITS
+from ...base.units import ANGLE_UNITS, LENGTH_UNITS
 
 ROLES = (
     "time",
@@ -22,10 +34,8 @@ ROLES = (
 """Roles that the option `--column role=name` accepts."""
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 86400.0}
+TIME_UNITS |= {"min": 60.0, "h": 3600.0}
 """Seconds in one of each unit of time."""
-
-LENGTH_UNITS = {"mm": 1.0, "um": 1e-3}
-"""Millimetres in one of each unit of length."""
 
 SPEED_UNITS = {
     "rpm": ANGLE_UNITS["rev"] / 60,
@@ -38,40 +48,27 @@ ACCELERATION_UNITS = {"deg_per_s2": ANGLE_UNITS["deg"], "rad_per_s2": 1.0}
 """Angular acceleration in rad/s² of one of each unit of acceleration."""
 
 ANGLES = ("counts", *ANGLE_UNITS)
+SHAFT_UNITS = (*ANGLES, *LENGTH_UNITS)
 
 _UNITS = {
     "time": tuple(TIME_UNITS),
-    "driving": ANGLES,
-    "driven": ANGLES,
+    "driving": SHAFT_UNITS,
+    "driven": SHAFT_UNITS,
     "transmission_error": tuple(ANGLE_UNITS),
     "axial_mm": tuple(LENGTH_UNITS),
     "torque": ("nm",),
     "speed": tuple(SPEED_UNITS),
     "acceleration": tuple(ACCELERATION_UNITS),
 }
+_WORDS_OF = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+"""Words for roles, other quantities and setpoints, and spellings of units."""
+
 _SPELLINGS = {
-    **{
-        "°": "deg",
-        "″": "arcsec",
-        "′": "arcmin",
-        "m°": "mdeg",
-        "µrad": "urad",
-        "μrad": "urad",
-        "µs": "us",
-        "μs": "us",
-    },
-    **dict.fromkeys(("º", "degree", "degrees", "degs", "grados", "gradi", "graus"), "deg"),
-    **dict.fromkeys(("radian", "radians", "radiant"), "rad"),
-    **dict.fromkeys(("turn", "turns", "revs", "revolution", "revolutions", "umdr", "tr"), "rev"),
-    **dict.fromkeys(("count", "cnt", "cts", "inc", "incr", "ink", "inkr"), "counts"),
-    **dict.fromkeys(("increments", "inkremente", "pulses", "ticks", "impulse"), "counts"),
-    **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunden"), "s"),
-    **{"msec": "ms", "millis": "ms", "usec": "us", "nsec": "ns", "days": "d", "tage": "d"},
-    **{"°/s": "deg_per_s", "deg/s": "deg_per_s", "rad/s": "rad_per_s"},
-    **{"1/min": "rpm", "r/min": "rpm", "n·m": "nm", "n*m": "nm", "n m": "nm"},
-    **{f"{angle}/s{two}": "deg_per_s2" for angle in ("°", "deg") for two in ("2", "^2", "²")},
-    **{f"rad/s{two}": "rad_per_s2" for two in ("2", "^2", "²")},
+    text: unit for unit, texts in _WORDS_OF["spellings"].items() for text in texts.split(", ")
 }
+OTHER_UNITS = frozenset(_WORDS_OF["other_units"].split())
+"""Units of quantities other than angle and time, in lower case."""
+
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _POWER = r"(?:1e[+-]?\d+|10+|0[.,]0*1)"
 _SCALE = re.compile(
@@ -82,6 +79,7 @@ _SCALE = re.compile(
 )
 """Power of ten or a word for it in a name: the numbers are then no multiples of the unit alone."""
 
+_TIME = re.compile("t_|time|zeit|temps|elapsed|clock", re.IGNORECASE)
 _INDEX = re.compile(r"\((?:(\d+),:|:,(\d+))\)$")
 _NUMBER = re.compile(r"#([1-9]\d{0,5})")
 
@@ -131,7 +129,8 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
     if earlier in units:
         stem, suffix = stem[: _BRACKET.search(stem).start()].strip(), earlier  # pyright: ignore
     for unit in sorted(units, key=len, reverse=True):  # tests `_rad_per_s` before `_s`
-        if stem.lower().endswith(f"_{unit}"):
+        ends = stem.lower().endswith(f"_{unit}")
+        if ends and (unit not in ("min", "h") or _TIME.match(stem)):  # `motor_min` is the lowest
             stem, suffix = stem[: -len(unit) - 1], unit
             break
     if suffix and stem.lower().endswith("_per"):  # `_deg_per_s` is not a time in s
@@ -309,17 +308,6 @@ def _normalised(name: str) -> str:
     return name.lower().replace(" ", "").removeprefix("/")
 
 
-_OTHER = """
-    nm n·m n*m mnm a ma ka v mv kv w kw mw °c degc c k f °f % bar mbar pa kpa mpa psi n kn mm
-    m cm um µm μm nm/a hz khz mhz rpm 1/min min-1 r/min u/min rev/min rad/s deg/s °/s rev/s
-    rad/s2 rad/s^2 rad/s² deg/s2 deg/s^2 deg/s² °/s2 °/s^2 °/s² m/s m/s2 m/s^2 m/s² mm/s g kg
-    ohm db lux ppm px pixel pixels bit bool °c/s deg_per_s rad_per_s deg_per_s2 rad_per_s2 min
-    h inch in lb lbf ft degf mil volt volts ampere amperes
-"""
-
-OTHER_UNITS = frozenset(_OTHER.split())
-"""Units of quantities other than angle and time, in lower case."""
-
 NO_UNITS = frozenset(("", "-", "–", "none", "(none)", "n/a", "1"))
 """Fields in a row of units that mean "no unit"."""
 
@@ -357,3 +345,160 @@ def with_units(names: Sequence[str], fields: Sequence[str]) -> list[str]:
         f"{name} [{field.strip().strip('[]()')}]" if unit_in(field) else name
         for name, field in zip(names, padded, strict=False)
     ]
+
+
+def fold(text: str) -> str:
+    """Return a text in lower case without accents."""
+    decomposed = unicodedata.normalize("NFKD", text.casefold())
+    plain = "".join(letter for letter in decomposed if not unicodedata.combining(letter))
+    return unicodedata.normalize("NFC", plain)  # joins Korean syllables again
+
+
+DRIVING, DRIVEN, OUTPUT_SIDE, TIME, QUANTITIES, SETPOINTS = (
+    frozenset(fold(_WORDS_OF[key]).split())
+    for key in ("driving", "driven", "output_side", "time", "quantities", "setpoints")
+)
+"""Words for the shafts and for time; words such as `joint`, which are the driven shaft where no
+other name says it; and words for other quantities, and for angles that were not measured."""
+
+
+COMPOUND: Final = 5
+"""Least number of letters of a word that is also searched inside a longer word, such as `drehzahl`
+in `motordrehzahl`; a word for a role must be at the start or end of the longer word (chosen)."""
+
+SHORT: Final = 4
+"""Least number of letters of a word for another quantity that is joined to a word for a shaft, such
+as `temp` in `motortemp` (chosen)."""
+
+_ROLE_WORDS = {"driving": DRIVING, "driven": DRIVEN, "time": TIME}
+_KNOWN = {word: role for role, words in _ROLE_WORDS.items() for word in words}
+_LONGEST_FIRST = sorted((one for one in DRIVING | DRIVEN if len(one) >= SHORT), key=len)[::-1]
+_PARTS = re.compile(r"[/\\.:]+")
+_CAMEL = re.compile(r"(?<=[a-zß-ÿ0-9])(?=[A-ZÀ-Þ])|(?<=[A-Z])(?=[A-Z][a-z])")
+_WORDS = re.compile(r"[^\W\d_]+")
+_WIDE = re.compile(r"[\u1100-\u11ff\u2e80-\uffef]")
+
+
+@dataclass(frozen=True)
+class NameReading:
+    """Meaning of one column name.
+
+    **Arguments**
+    - `role`: "driving", "driven" or "time", or None if the name contains none or two of them.
+    - `unit`: unit of an angle or of time in the name, or None.
+    - `other`: word or unit in the name for a quantity other than angle and time, "" if none.
+    - `setpoint`: word for a setpoint in the name, "" if there is none.
+    - `output_side`: whether a name without a role has a word such as `joint`.
+    """
+
+    role: str | None
+    unit: str | None
+    other: str
+    setpoint: str
+    output_side: bool = False
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether the name allows that the column is the angle of a shaft."""
+        return self.role != "time" and not self.other and self.unit not in TIME_UNITS
+
+
+def read_name(name: str, where: str, units: Sequence[str] = ANGLES) -> NameReading:
+    """Return role, unit, other quantity and setpoint that the name of a column contains.
+
+    Slashes, dots and colons divide a name into parts, as in `rec/motor.pos`. The role comes from
+    the last part, or from the whole name if the last part has no role. A name with two different
+    roles gets no role. `where` names file and column in error messages; `units` are those of a
+    shaft.
+
+    **Raises** `LogError` if the name has two different units.
+    """
+    stem, unit = name_and_unit(name, (*units, *TIME_UNITS), where)
+    inside = bracket_of(name)
+    other = inside if unit is None and inside in OTHER_UNITS else ""
+    last = [part for part in _PARTS.split(stem) if part.strip()][-1:]
+    words = words_of("".join(last))
+    quantities = _found(words, QUANTITIES)
+    role = _role(words) or _role(words_of(stem))
+    if unit in TIME_UNITS and role in ("driving", "driven"):
+        role = None
+    every = words_of(stem)
+    setpoint = _found(every, SETPOINTS)
+    output_side = role is None and not OUTPUT_SIDE.isdisjoint(every)
+    return NameReading(role, unit, other or quantities, setpoint, output_side)
+
+
+def words_of(text: str) -> list[str]:
+    """Return the words of a name in lower case; `MotorPos_deg` gives motor, pos and deg."""
+    return [fold(word) for word in _WORDS.findall(_CAMEL.sub(" ", text))]
+
+
+def inputs_and_outputs(names: Sequence[str]) -> dict[int, str]:
+    """Return index → role for names that differ only by `in` (driving) and `out` (driven)."""
+    words = [words_of(name) for name in names]
+    roles: dict[int, str] = {}
+    for k, own in enumerate(words):
+        if own.count("in") != 1:
+            continue
+        twin = ["out" if word == "in" else word for word in own]
+        if words.count(own) == 1 and words.count(twin) == 1:
+            roles |= {k: "driving", words.index(twin): "driven"}
+    return roles
+
+
+def _role(words: Iterable[str]) -> str | None:
+    """Return the role of the words, or None if they have no role or several roles."""
+    roles = {role for word in words for role in _roles_of(word)}
+    return roles.pop() if len(roles) == 1 else None
+
+
+def _roles_of(word: str) -> set[str]:
+    """Return the roles of one word, from the known words that it contains.
+
+    A longer known word has priority over a shorter one that is a part of it.
+    """
+    if word in _KNOWN:
+        return {_KNOWN[word]}
+    wide = bool(_WIDE.search(word))
+    found = [
+        known
+        for known in _KNOWN
+        if (wide and _WIDE.search(known) and known in word)
+        or (not wide and len(known) >= COMPOUND and _is_part(known, word))
+    ]
+    roles = set()
+    for known in sorted(found, key=len, reverse=True):
+        if known in word:
+            roles.add(_KNOWN[known])
+            word = word.replace(known, " ")  # 被駆動 contains 駆動, which means the opposite
+    return roles
+
+
+def _is_part(known: str, word: str) -> bool:
+    return _KNOWN[known] != "time" and (word.startswith(known) or word.endswith(known))
+
+
+def _found(words: Iterable[str], known: frozenset[str]) -> str:
+    """Return the first of `words` that is in `known` or contains a word of `known`, or ""."""
+    for word in words:
+        if word in known or any(_holds(word, one) for one in known):
+            return word
+    return ""
+
+
+def _holds(word: str, known: str) -> bool:
+    """Return whether `word` is a compound that contains the known word `known`.
+
+    A short known word counts only next to a word for a shaft: `motortemp`, but not `temps`.
+    """
+    if known not in word:
+        return False
+    if _WIDE.search(known) or len(known) >= COMPOUND:
+        return True
+    shafts = (one for one in _LONGEST_FIRST if word.startswith(one) or word.endswith(one))
+    shaft = next(shafts, "")
+    if not shaft or len(known) < SHORT:
+        return False
+    rest = word.replace(shaft, "")
+    starts = rest.startswith(known) or rest.startswith(f"s{known}")  # Antriebssoll has an s between
+    return starts or rest.endswith(known)

@@ -1,4 +1,13 @@
-"""Table of delimited text: where it begins, its delimiter, its header, its rows and its columns.
+"""Tables of delimited text, and the numbers in them.
+
+Conversion of written numbers with a decimal point or comma and thousands marks.
+
+Thousands marks are the mark that is not the decimal mark, apostrophes and no-break spaces: 1,234.5,
+1'234.5 and 1 234.5. `1,234` can mean 1.234 or 1234. If tabs or semicolons delimit the fields, the
+comma is a decimal comma. Otherwise the argument `decimal` is required, unless another number in the
+log resolves the ambiguity.
+
+Table of delimited text: where it begins, its delimiter, its header, its rows and its columns.
 
 pyarrow parses the columns. What it refuses (thousands marks, rows of unequal length, damaged
 fields) is read field by field, which either converts a field or names its line and column.
@@ -7,7 +16,7 @@ fields) is read field by field, which either converts a field or names its line 
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from itertools import islice
 from typing import Any
@@ -16,12 +25,97 @@ import numpy as np
 from jaxtyping import Real
 
 from ...base.errors import LogError
+from ...pair.schema import LogLayout
 from ..channel.channel import EXACT_FLOAT
 from .column_names import is_units_row, with_units
-from .number_format import CURE, choose_decimal, looks_like_number, to_number
 from .table import MOST_COLUMNS, Table
 from .text import Lines
-from .times.stamps import looks_like_stamp
+from .times import looks_like_stamp
+
+_PLAIN = r"[+-]?(?:\d+{0}?\d*|{0}\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = {mark: re.compile(_PLAIN.format(re.escape(mark))) for mark in ".,"}
+_GROUPED = {
+    mark: re.compile(rf"[+-]?\d{{1,3}}(?:{re.escape(mark)}\d{{3}})+(?!\d)") for mark in ".,"
+}
+_BLANKS = re.compile("['\u2019\u00a0\u2009\u202f]")
+_BLANK_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:{_BLANKS.pattern}\d{{3}})+(?!\d)")
+_OTHER = re.compile("[^\\d.,+\\-eE'\u2019\u00a0\u2009\u202f]")
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+
+CURE = 'give --decimal "." or --decimal ","'
+
+
+def looks_like_number(field: str) -> bool:
+    """Return whether a field is a number with a decimal point or comma, or nan or inf."""
+    try:  # most fields of a table are plain numbers, and most others have other characters
+        float(field)
+        return "_" not in field
+    except ValueError:
+        if _OTHER.search(field.strip()):
+            return False
+    text = _without_thousands_blanks(field)
+    plain = any(number.fullmatch(text) for number in _NUMBER.values())
+    return plain or any(_thousands(text, mark) is not None for mark in ".,")
+
+
+def to_number(field: str, decimal: str) -> float | None:
+    """Return the value of a field with a known decimal mark, or None if it is not a number.
+
+    With a decimal point, commas may group thousands (`1,234.5`), and vice versa.
+    """
+    text = _without_thousands_blanks(field)
+    if _NOT_FINITE.fullmatch(text):
+        return float(text)
+    if not _NUMBER[decimal].fullmatch(text):
+        grouped = _thousands(text, "," if decimal == "." else ".")
+        if grouped is None:
+            return None
+        text = grouped
+    return float(text.replace(decimal, "."))
+
+
+def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> str:
+    """Return the decimal mark "." or "," of number fields, some of which may contain a comma.
+
+    **Raises** `LogError` if the mark is ambiguous.
+    """
+    with_comma = [_without_thousands_blanks(field) for field in fields if "," in field]
+    with_point = any("." in field for field in fields)
+    if not with_comma:
+        return "."
+    example = with_comma[0]
+    if any("." in field for field in with_comma) or with_point:
+        raise LogError(
+            f"the log has numbers with commas (`{example}`) and numbers with points; {CURE}.",
+            where=where,
+        )
+    if delimiter in (";", "\t"):
+        return ","
+    if all(_GROUPED[","].fullmatch(field) for field in with_comma):
+        raise LogError(
+            f"`{example}` means {example.replace(',', '.')} or {example.replace(',', '')}; {CURE}.",
+            where=where,
+        )
+    return ","
+
+
+def _without_thousands_blanks(field: str) -> str:
+    """Return the field without the apostrophes and no-break spaces that separate thousands."""
+    text = field.strip()
+    head = _BLANK_GROUPED.match(text)
+    if head is None:
+        return text
+    return _BLANKS.sub("", head[0]) + text[head.end() :]
+
+
+def _thousands(text: str, mark: str) -> str | None:
+    """Return `text` without its thousands marks, or None if their positions are wrong."""
+    head = _GROUPED[mark].match(text)
+    if head is None or mark in text[head.end() :]:
+        return None
+    rest = text.replace(mark, "")
+    return rest if _NUMBER["." if mark == "," else ","].fullmatch(rest) else None
+
 
 DELIMITERS = ("\t", ";", ",", "|", None)
 """Delimiters in the order in which they are tried; None means one or more blanks."""
@@ -47,6 +141,11 @@ _COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
 
 _WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
 """Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
+
+NO_NUMBERS = frozenset(
+    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-", "--")
+)
+"""Fields without a number that the option `--missing skip` accepts."""
 
 _LONGEST = 10_000  # most characters of the name of a column (chosen)
 _FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
@@ -77,7 +176,10 @@ def is_value(field: str) -> bool:
 
 
 class TextTable(Table):
-    """Table in a text. The rows start after the line `header`, −1 for a text without header."""
+    """Table in a text. The rows start after the line `header`, −1 for a text without header.
+
+    `missing` is true if fields without a number are NaN, and no error.
+    """
 
     def __init__(
         self,
@@ -88,9 +190,11 @@ class TextTable(Table):
         *,
         decimal: str | None,
         source: str,
+        missing: bool = False,
     ):
         super().__init__(tuple(names), (), source)
         self.lines, self.header, self.delimiter, self.decimal = lines, header, delimiter, decimal
+        self._nulls = NO_NUMBERS if missing else frozenset()
         self._parsed: dict[tuple[int, str], np.ndarray] = {}
         self._first = next((fields for _, fields in self.rows()), [])
         self._leave_out_text_below()
@@ -120,8 +224,7 @@ class TextTable(Table):
 
     def numeric(self) -> dict[int, Real[np.ndarray, " n"]]:
         """Return index → values of all columns that hold only numbers."""
-        first = self._first[: len(self.names)]
-        indices = [k for k, field in enumerate(first) if looks_like_number(field)]
+        indices = list(filter(self.starts_with_a_number, range(len(self.names))))
         try:
             return dict(zip(indices, self.columns(indices), strict=True))
         except LogError:
@@ -135,6 +238,11 @@ class TextTable(Table):
     def texts(self, index: int) -> list[str]:
         """Return the fields of a column as they are written, with those of the last row."""
         return [self._field(number, fields, index) for number, fields in self.rows()]
+
+    def starts_with_a_number(self, index: int) -> bool:
+        """Return whether the first field of a column is a number."""
+        first = self._first[index] if index < len(self._first) else ""
+        return looks_like_number(first) or first in self._nulls
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""
@@ -323,7 +431,7 @@ class TextTable(Table):
         convert = arrow.ConvertOptions(
             column_types=dict.fromkeys(wanted, kind),
             include_columns=wanted,
-            null_values=[],
+            null_values=[*self._nulls],
             decimal_point=decimal,
         )
         pool = pa.system_memory_pool()  # the default pool keeps the memory of all blocks
@@ -351,6 +459,12 @@ class TextTable(Table):
                 for chunk in table.column(name).chunks:  # its `to_numpy` would import pandas
                     values = np.frombuffer(chunk.buffers()[1], array.dtype)
                     array[place : place + len(chunk)] = values[chunk.offset :][: len(chunk)]
+                    if chunk.null_count:
+                        if whole:
+                            return None
+                        valid = np.frombuffer(chunk.buffers()[0], np.uint8)
+                        null = np.unpackbits(valid, bitorder="little")[chunk.offset :] == 0
+                        array[place : place + len(chunk)][null[: len(chunk)]] = np.nan
                     place += len(chunk)
             size += len(table)
         for array in arrays:
@@ -362,12 +476,15 @@ class TextTable(Table):
         if index < len(fields) and fields[index]:
             return fields[index]
         raise LogError(
-            "the field is empty; write a value or remove the line.",
+            "the field is empty; write a value, or leave out such rows with --missing skip"
+            ' (`missing = "skip"` in [log]).',
             where=f"{self.source}: line {number}, column `{self.names[index]}`",
         )
 
     def _value(self, number: int, fields: Sequence[str], index: int, decimal: str) -> float:
         """Return the number in a field of the row in line `number`, or raise `LogError`."""
+        if self._nulls and (index >= len(fields) or fields[index] in self._nulls):
+            return np.nan
         text = self._field(number, fields, index)
         value = to_number(text, decimal)
         if value is None:
@@ -387,16 +504,15 @@ def _value_at(fields: Sequence[str], index: int) -> bool:
 def find_table(
     text: str,
     source: str,
-    *,
-    delimiter: str | None = None,
-    decimal: str | None = None,
+    layout: LogLayout = LogLayout(),
     highest: int = 0,
 ) -> TextTable:
     """Find the header and delimiter of a delimited table; lines before the header are skipped.
 
     The header is the last line before the first row of numbers with the same number of fields; it
-    may be a comment. `highest` is the highest requested column number (`#2`) or 0. With a number,
-    the table may have one column and no header; its columns are then named #1, #2, ….
+    may be a comment. `layout` states the form of the text. `highest` is the highest requested
+    column number (`#2`) or 0. With a number, the table may have one column and no header; its
+    columns are then named #1, #2, ….
 
     **Raises** `LogError` for text without header or without rows below it, and for a table on its
     side.
@@ -407,14 +523,15 @@ def find_table(
     if stated is not None:
         lines = Lines(text[len(lines[0]) : lines.stop])
     candidates = DELIMITERS if stated is None else (stated[1].replace("\\t", "\t"),)
-    if delimiter is not None:
-        candidates = (NAMED.get(delimiter, delimiter),)
+    if layout.delimiter is not None:
+        candidates = (NAMED.get(layout.delimiter, layout.delimiter),)
         if candidates[0] is not None and len(candidates[0]) != 1:
             raise LogError(
-                f"{delimiter!r} is no delimiter; write one character, tab or space.",
+                f"{layout.delimiter!r} is no delimiter; write one character, tab or space.",
                 where="log.delimiter",
             )
-    marks: dict[str, Any] = {"decimal": decimal, "source": source}
+    marks: dict[str, Any] = {"decimal": layout.decimal, "source": source}
+    marks["missing"] = layout.missing == "skip"
     starts = {mark: _first_row(lines, mark) for mark in candidates}
     for mark, start in starts.items():
         header = None if start is None else _header_before(lines, start, mark)
@@ -423,7 +540,7 @@ def find_table(
             _check_width(lines, start, names, mark, source)
             return TextTable(names, lines, header, mark, **marks)
     if highest:
-        table = _headerless(lines, starts, marks, highest, given=delimiter is not None)
+        table = _headerless(lines, starts, marks, highest, given=layout.delimiter is not None)
         if table is not None:
             return table
     raise _no_table(lines, source)

@@ -1,25 +1,35 @@
-"""The table of a file of any format, or of standard input."""
+"""The table of a file of any format, or of standard input.
+
+Text layouts that are recognised, in the order in which they are tested.
+"""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ...base.errors import InputError, LogError, UsageError
-from ...base.files.limits import MemoryBudget
-from ...base.files.standard_input import STDIN, keep, read_standard_input
+from ...base.files.limits import STDIN, MemoryBudget, keep, read_standard_input
 from ...base.logger import LOGGER
-from .binary.formats import format_of, read_binary
-from .binary.hdf5 import HDF5_SIGNATURE, hdf5_leaves
-from .binary.matlab import matlab_leaves
-from .binary.matlab_objects import check_objects, object_leaves
-from .column_names import number_of
+from ...pair.schema import LogLayout
+from .binary import format_of, read_binary
+from .column_names import ROLES, number_of
 from .delimited import find_table
-from .layouts.recognised import read_layout
-from .quadrature import with_counts
-from .table import Table, matrix_columns
-from .text import NESTED, printable, read_bytes, read_text
+from .layouts import read_increment, read_lvm, read_sections, read_twincat
+from .matlab import HDF5_SIGNATURE, check_objects, hdf5_leaves, matlab_leaves, object_leaves
+from .phd2 import read_guide_log
+from .records import read_brackets, read_json, read_pairs, read_side
+from .samples import read_changes, read_frames, read_halsampler, read_long
+from .table import Table, matrix_columns, with_computed
+from .text import NESTED, Lines, printable, read_bytes, read_text
+
+LAYOUTS = (
+    *(read_json, read_twincat, read_lvm, read_increment, read_frames, read_changes),
+    *(read_halsampler, read_guide_log, read_long, read_side, read_pairs, read_brackets),
+    read_sections,
+)
+"""Readers of layouts other than a table with one row for each instant, in the order of trials."""
 
 SIGNATURES = (
     (b"MATLAB", ".mat"),
@@ -44,18 +54,12 @@ _BY_PATH = (".mcap", ".bag", ".db3")  # their libraries open only files
 
 def open_table(
     path: str | Path,
-    *,
-    encoding: str | None = None,
-    delimiter: str | None = None,
-    decimal: str | None = None,
-    requested: Iterable[str | None] = (),
+    layout: LogLayout = LogLayout(),
 ) -> Table:
     """Return the table of a file; its columns are parsed when they are used.
 
-    **Arguments**
-    - `encoding`, `delimiter`, `decimal`: of a text; None if they are not stated.
-    - `requested`: names of columns that the user states. A number such as `#4` among them says that
-      commas delimit at least four columns. `quadrature(A,B)` is counted from the levels of A and B.
+    `layout` says the form of a text, and names columns. A number such as `#4` among the names says
+    that commas delimit at least four columns; other names say how a column is computed.
 
     **Raises** `LogError` for a file without table, `UsageError` for a format whose package is
     missing.
@@ -74,22 +78,28 @@ def open_table(
 
     ```
     """
-    requested = tuple(requested)
+    requested = [getattr(layout, role) for role in ROLES]
+    return with_computed(_table_of(path, layout, requested), requested)
+
+
+def _table_of(path: str | Path, layout: LogLayout, requested: Sequence[str | None]) -> Table:
+    """Return the table of a file without computed columns."""
     binary = format_of(Path(path))
     if binary is not None:
         table, table.digest, table.notes = read_binary(Path(path), binary)
-        return with_counts(table, requested)
+        return table
     if Path(path).suffix.lower() in NESTED:
-        return with_counts(_read_nested(path), requested)
-    text, digest, notes = read_text(path, encoding)
-    found = None if delimiter is not None else read_layout(text, str(path))
+        return _read_nested(path)
+    text, digest, notes = read_text(path, layout.encoding)
+    lines, own = Lines(text), LAYOUTS if layout.delimiter is None else ()
+    found = next(filter(None, (read(lines, str(path)) for read in own)), None)
     if found is None:
         highest = max([1, *map(number_of, requested)])
-        table = find_table(text, str(path), delimiter=delimiter, decimal=decimal, highest=highest)
+        table = find_table(text, str(path), layout, highest)
     else:
         table, notes = found[0], (*notes, *found[1])
     table.digest, table.notes = digest, (*notes, *table.notes)
-    return with_counts(table, requested)
+    return table
 
 
 def _read_nested(path: str | Path) -> Table:

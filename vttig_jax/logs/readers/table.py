@@ -1,10 +1,26 @@
-"""Table: named columns of one file, each of which is read once, when it is used."""
+"""Table: named columns of one file, of which some are computed from others.
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+Table: named columns of one file, each of which is read once, when it is used.
+
+Columns computed from others: a formula such as `0.5*(m1+m2)`, or `quadrature(A,B)`.
+
+A formula has numbers, names of columns, +, -, * and brackets. `quadrature(A,B)` are the counts of
+the levels of two channels, A and B or STEP and DIR: four counts a period if their edges alternate,
+and one count a rising edge of the first channel if it has more than twice the edges of the second
+one, which is then the direction.
+"""
+
+import ast
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from jaxtyping import Int64, Real, Shaped
+
+from ...base.errors import LogError
+from .column_names import SHAFT_UNITS, index_of, name_and_unit
 
 MOST_COLUMNS = 256
 """Largest number of channels in one matrix, its shorter side, and of columns of a text that has
@@ -22,6 +38,7 @@ class Table:
       separate time stamps. - `held`: indices of columns of which only changes are logged.
     - `sample_numbers`: numbers of the rows in the full record if samples are missing.
     - `notes`: sentences on assumptions and on what is left out.
+    - `units`: name of a computed column → unit of the columns from which it is computed.
     """
 
     names: tuple[str, ...]
@@ -32,6 +49,7 @@ class Table:
     sample_numbers: Int64[np.ndarray, " _"] | None = None
     digest: str = ""
     notes: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
         """Return the columns with these indices, without an incomplete last row.
@@ -60,6 +78,10 @@ class Table:
         **Raises** `LogError` naming the line of a row without this field.
         """
         raise NotImplementedError(f"column {index} is no text")
+
+    def starts_with_a_number(self, index: int) -> bool:
+        """Return whether the first field of a column is a number."""
+        return True
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""
@@ -90,3 +112,239 @@ def matrix_columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Shaped[n
         yield from ((f"{name}({k + 1},:)", array[k]) for k in range(rows))
     elif columns < rows:
         yield from ((f"{name}(:,{k + 1})", array[:, k]) for k in range(columns))
+
+
+_COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")
+_NUMBER = r"(?<![\w.#])(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.])"
+_OPERATIONS = {ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply}
+_LOW, _HIGH = 1 / 3, 2 / 3
+"""A level falls below the first fraction of its range and rises above the second one (chosen)."""
+
+Columns = Mapping[int, Real[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True)
+class Computed:
+    """Column `name` that `value` computes from the columns `of` of a table."""
+
+    name: str
+    of: tuple[int, ...]
+    value: Callable[[Columns], Real[np.ndarray, " n"]]
+
+
+class ComputedTable(Table):
+    """A table with computed columns behind its own; they are computed when they are read."""
+
+    def __init__(self, table: Table, computed: Sequence[Computed], units: Mapping[str, str]):
+        clocks = dict(table.clocks)
+        for k, one in enumerate(computed, len(table.names)):
+            stamps = {clocks.get(index) for index in one.of}
+            if len(stamps) > 1:
+                raise LogError(
+                    "its columns have time stamps of their own; export them at common times.",
+                    where=f"{table.source}: `{one.name}`",
+                )
+            clocks.update((k, stamp) for stamp in stamps if stamp is not None)
+        super().__init__(
+            names=(*table.names, *(one.name for one in computed)),
+            arrays=(),
+            source=table.source,
+            clocks=clocks,
+            held=table.held,
+            sample_numbers=table.sample_numbers,
+            digest=table.digest,
+            notes=table.notes,
+            units=units,
+        )
+        self.table, self.computed = table, computed
+
+    def _read(self, indices: Sequence[int]) -> list[int]:
+        """Return the columns of the table that columns of this one need."""
+        own = len(self.table.names)
+        needed = ((k,) if k < own else self.computed[k - own].of for k in indices)
+        return sorted({k for one in needed for k in one})
+
+    def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
+        """Return columns as the table does; a computed one has the rows that its columns have."""
+        own, read = len(self.table.names), self._read(indices)
+        found = dict(zip(read, self.table.columns(read), strict=True))
+        return [found[k] if k < own else self.computed[k - own].value(found) for k in indices]
+
+    def numeric(self) -> dict[int, Real[np.ndarray, " _"]]:
+        """Return index → values of all columns that hold only numbers."""
+        found = self.table.numeric()
+        return found | {
+            k: one.value(found)
+            for k, one in enumerate(self.computed, len(self.table.names))
+            if found.keys() >= {*one.of}
+        }
+
+    def left_out(self, indices: Sequence[int]) -> tuple[str, ...]:
+        """Return the note of the table on its last row."""
+        return self.table.left_out(self._read(indices))
+
+    def texts(self, index: int) -> list[str]:
+        """Return the fields of a column of a text as they are written."""
+        return self.table.texts(index)
+
+    def starts_with_a_number(self, index: int) -> bool:
+        """Return whether the first field of a column is a number."""
+        return all(self.table.starts_with_a_number(k) for k in self._read([index]))
+
+    def is_dated(self, index: int) -> bool:
+        """Return whether the first field of a column is a date with time, or a time of day."""
+        return index < len(self.table.names) and self.table.is_dated(index)
+
+    @property
+    def line_of(self) -> Callable[[int], int] | None:
+        """Function from row to its line number in the file, from 1; None without lines."""
+        return self.table.line_of
+
+    def close(self) -> None:
+        """Free the memory of the columns."""
+        self.table.close()
+
+
+def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
+    """Return the table with a column for each requested name that says how it is computed.
+
+    A name that a column has is that column.
+
+    **Raises** `LogError` for a column that does not exist, a formula that cannot be read, and
+    channels whose levels do not count.
+    """
+    computed, units, notes = [], {}, []
+    for name in dict.fromkeys(one for one in requested if one and one not in table.names):
+        counted = _COUNTED.fullmatch(name)
+        if counted:
+            one, note = _counts(table, counted[1], counted[2])
+            notes.append(note)
+            units[one.name] = "counts"
+        elif re.search(r"[-+*]", name) and not _is_column(name, table.names):
+            one = _formula(name, table)
+            found = {name_and_unit(table.names[k], SHAFT_UNITS, name)[1] for k in one.of}
+            if len(found) > 1:
+                said = ", ".join(f"`{table.names[k]}`" for k in one.of)
+                raise LogError(
+                    f"its columns {said} have different units; convert them by factors of the"
+                    " formula, and rename them.",
+                    where=f"{table.source}: `{name}`",
+                )
+            units.update((name, unit) for unit in found if unit)
+        else:
+            continue
+        computed.append(one)
+    if not computed:
+        return table
+    made = ComputedTable(table, computed, units)
+    made.notes = (*made.notes, *notes)
+    return made
+
+
+def _is_column(name: str, names: Sequence[str]) -> bool:
+    """Return whether a name such as `motor-pos` means a column of the table."""
+    try:
+        index_of(name, "driving", names, "")
+    except LogError:
+        return False
+    return True
+
+
+def _formula(text: str, table: Table) -> Computed:
+    """Return the column of a formula; the longest name of a column at a place is meant.
+
+    **Raises** `LogError` for a text that is no formula, and for a column that does not exist.
+    """
+    longest = sorted(map(re.escape, table.names), key=len, reverse=True)
+    token = re.compile(f"({_NUMBER})|({'|'.join(longest)})(?![\\w.])|[^\\s+*()-]+")
+    used: list[int] = []
+
+    def spelt(match: re.Match[str]) -> str:
+        """Return a number as it is, and `c3` for the column with index 3."""
+        if match[1]:
+            return match[1]
+        used.append(index_of(match[0], "driving", table.names, table.source))
+        return f"c{used[-1]}"
+
+    try:
+        tree = ast.parse(token.sub(spelt, text[:1000]), mode="eval").body
+        _ = _value(tree, dict.fromkeys(used, np.zeros(1)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise LogError(
+            "this is no formula; write names or numbers (#3) of columns, and numbers, with +, -, *"
+            " and brackets, such as 0.5*(m1+m2).",
+            where=f"{table.source}: `{text}`",
+        ) from None
+    return Computed(text, tuple(dict.fromkeys(used)), partial(_value, tree))
+
+
+def _value(node: ast.AST, columns: Columns) -> Real[np.ndarray, " n"]:
+    """Return the value of a part of a formula; raise `SyntaxError` for what is none."""
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return np.asarray(number)
+        case ast.Name(id=name):
+            return columns[int(name[1:])]
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+            value = _value(operand, columns)
+            return -value if isinstance(sign, ast.USub) else value
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
+            return _OPERATIONS[type(op)](_value(left, columns), _value(right, columns))
+    raise SyntaxError
+
+
+def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
+    """Return the column with the counts of two channels, and a note on how they are counted."""
+    indices = [index_of(one, "driving", table.names, table.source) for one in (first, second)]
+    pair = [table.names[k] for k in indices]
+    columns = [table.columns([k])[0] for k in indices]
+    a, b = (
+        _levels(values, f"{table.source}: column `{name}`")
+        for name, values in zip(pair, columns, strict=True)
+    )
+    edges = [int(np.count_nonzero(np.diff(one))) for one in (a, b)]
+    steps, name = edges[0] > 2 * edges[1], f"quadrature({first},{second})"
+    counts = _steps(a, b) if steps else _quadrature(a, b, f"{table.source}: `{name}`")
+    how = f"the rising edges of `{pair[0]}` in the direction of `{pair[1]}`"
+    four = f"the edges of `{pair[0]}` and `{pair[1]}`, four a period"
+    note = f"{name} counts {how if steps else four}: {sum(edges)} edges"
+
+    def value(columns: Columns) -> Int64[np.ndarray, " n"]:
+        return counts[: len(columns[indices[0]])]  # an incomplete last row may be left out
+
+    return Computed(f"{name} [counts]", tuple(indices), value), note
+
+
+def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n"]:
+    """Return the level of each sample, 0 or 1; between both thresholds it is that before."""
+    low, span = float(values.min()), float(np.ptp(values))
+    if not 0 < span < np.inf:
+        raise LogError(
+            "the level of this channel never changes; name the channels A and B, or STEP and DIR.",
+            where=where,
+        )
+    share = (values - low) / span
+    clear = (share < _LOW) | (share > _HIGH)
+    known = np.maximum.accumulate(np.where(clear, np.arange(len(values)), 0))
+    return (share[known] > _HIGH).astype(np.int64)
+
+
+def _quadrature(
+    a: Int64[np.ndarray, " n"], b: Int64[np.ndarray, " n"], where: str
+) -> Int64[np.ndarray, " n"]:
+    """Return the counts of A and B, +1 for each edge where A leads."""
+    moves = np.diff((a ^ b) + 2 * b) % 4  # the order of the states is 00, 10, 11, 01
+    lost = np.flatnonzero(moves == 2)
+    if lost.size:
+        raise LogError(
+            f"both levels change at once {lost.size} times, first at sample {lost[0] + 1}, so that"
+            " counts are lost; sample at least eight times a period.",
+            where=where,
+        )
+    return np.concatenate([[0], np.cumsum(np.where(moves == 3, -1, moves))])
+
+
+def _steps(step: Int64[np.ndarray, " n"], way: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
+    """Return the counts of STEP, +1 for each rising edge where DIR is high, and −1 elsewhere."""
+    rises = np.diff(step) > 0
+    return np.concatenate([[0], np.cumsum(np.where(rises, 2 * way[1:] - 1, 0))])

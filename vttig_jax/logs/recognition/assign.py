@@ -13,36 +13,42 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from ...base.errors import LogError, VttigError
-from ...base.units import ANGLE_UNITS, REV
+from ...base.units import LENGTH_UNITS, REV
 from ...pair.schema import PairSpec, UnitTable, as_fraction
-from ..fractions import ratio_option
 from ..readers.column_names import (
     ANGLES,
     ROLES,
     ROW,
     ROW_INDEX,
+    SHAFT_UNITS,
     Column,
     default_column,
     index_of,
+    inputs_and_outputs,
+    name_and_unit,
+    read_name,
     scale_of,
     unit_of,
 )
 from ..readers.table import Table
-from ..readers.times.epochs import epoch_unit
-from ..slope import MOST_ROWS, slope
+from ..readers.times import epoch_unit
+from ..rows import complete
+from ..slope import MOST_ROWS, ratio_option, slope
 from .candidates import (
     APART,
     EQUAL,
     MOST_LISTED,
+    UNIT_TOO,
     Candidate,
+    Guess,
+    Question,
+    ask,
     have_slope,
     is_copy,
     is_speed_of,
     listed_facts,
     turns_of,
 )
-from .names import inputs_and_outputs, read_name
-from .questions import UNIT_TOO, Guess, Question, ask
 from .request import SHAFTS, Statement, in_words
 
 DAYS = ((36_526, 73_051), (730_486, 767_011))
@@ -142,7 +148,9 @@ class Search:
     asked: list[VttigError] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        unit = self.statement.unit
+        unit, self.shaft_units = self.statement.unit, ANGLES
+        if self.statement.layout.lead_mm is not None:
+            self.shaft_units = SHAFT_UNITS
         self.units = {r: u for r in unit.__struct_fields__ if (u := getattr(unit, r)) is not None}
         self.source, self.timed = self.table.source, self.statement.layout.sample_rate_hz is None
         self.clocked = self.statement.layout.driving_rpm is not None
@@ -211,6 +219,8 @@ class Search:
             if name is not None and (role != "time" or self.timed):
                 row = name == ROW
                 self.roles[role] = ROW_INDEX if row else index_of(name, role, names, self.source)
+                if unit := self.table.units.get(self.name_of(self.roles[role])):
+                    self.units.setdefault(role, unit)
 
     def _take_defaults(self) -> None:
         """Assign roles to the columns with names that this package writes, such as driving_deg."""
@@ -315,6 +325,7 @@ class Search:
         # A second column with the name of a known shaft, such as `Input 2` beside `Input 1`.
         possible += [o for o in turning if o.reading.role in fixed and not o.reading.setpoint]
         if len(possible) < len(missing):
+            self._refuse_unread(free)
             raise self._shafts_open(missing, listed, given=True)
         pairs, signs, unknown = self.fitting_pairs(fixed, possible, ratio)
         if unknown:
@@ -343,6 +354,13 @@ class Search:
         for role, one in zip(SHAFTS, pairs[0], strict=True):
             if role in missing:
                 self._take(role, one, "by-name" if one.reading.output_side else "by-ratio")
+
+    def _refuse_unread(self, columns: Sequence[Candidate]) -> None:
+        """Raise the `LogError` of a column that may be a shaft and holds a field without number."""
+        for one in columns:
+            angle = one.values is None and one.reading.is_angle and not one.dated
+            if angle and self.table.starts_with_a_number(one.index):
+                self.table.columns([one.index])
 
     def _two_readings(self, slug: str, ratio: Fraction) -> Question:
         text = self.statement.two_readings
@@ -387,6 +405,7 @@ class Search:
         moving = [one for one in candidates if not one.is_constant]
         moving.sort(key=_unlikely)
         others = [one for one in self.free() if one.turns and one.reading.other]
+        lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
         if not given:
             why = "and without a ratio the motion says nothing"
             if not self.clocked:
@@ -413,6 +432,7 @@ class Search:
         if others and (given is False or not turning):
             shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
             seen += f"; left out, as their names say another quantity: {shown}"
+        seen += "; a linear axis needs --lead-mm, its travel in mm in one turn" * bool(lengths)
         return self._ask(
             "shafts-open",
             role=missing[0],
@@ -529,10 +549,10 @@ class Search:
                 raise self._ask("twin-columns", role=role, columns=[one, twin])
         ratio, measured = self.statement.ratio, [o for o in others if not o.reading.setpoint]
         turn = ratio is not None and guessed and all(one.turns for one in named.values())
-        if ratio is not None and turn and len(measured) > 1:
+        if ratio is not None and turn and measured:
             fitting, _, unknown = self.fitting_pairs(named, (), ratio)
             if not fitting and not unknown:
-                turning, _, _ = self.fitting_pairs({}, measured, ratio)
+                turning, _, _ = self.fitting_pairs({}, [*named.values(), *measured], ratio)
                 for c, d in turning:
                     a, b = named.values()
                     raise self._ask(
@@ -579,6 +599,12 @@ class Search:
             unit = self._unit(one, role)
             if unit == "counts" and one.reading.unit is None:
                 self.units[role] = unit
+            length = self.statement.layout.lead_mm is None and LENGTH_UNITS.keys() & {
+                unit,
+                name_and_unit(one.name, tuple(LENGTH_UNITS), self.source)[1],
+            }
+            if length and (unit is None or unit in LENGTH_UNITS):
+                raise self._no_lead(role, one)
             if unit is None:
                 raise self._no_unit(role, one)
             counted |= unit == "counts"
@@ -595,7 +621,7 @@ class Search:
 
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
-        written = one.reading.unit if one.reading.unit in ANGLES else None
+        written = one.reading.unit if one.reading.unit in SHAFT_UNITS else None
         return written or self.units.get(role) or ("counts" if self.statement.counted else None)
 
     def _no_unit(self, role: str, one: Candidate) -> Question:
@@ -615,6 +641,12 @@ class Search:
 
     def _no_counts(self, role: str, one: Candidate) -> Question:
         return self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
+
+    def _no_lead(self, role: str, one: Candidate) -> Question:
+        told = "give --lead-mm with its travel in mm in one turn of the shaft"
+        if self.statement.in_file:
+            told = "write its travel in mm in one turn, such as `lead_mm = 5`, in [log]"
+        return self._ask("no-lead", role=role, columns=[one], options=[told])
 
     def _with_units(self, asked: Question) -> Question:
         """Return a question that also asks for the unit of the angles if no name states it."""
@@ -694,12 +726,13 @@ class Search:
     @cached_property
     def numeric(self) -> Callable[[], dict[int, Real[np.ndarray, " _"]]]:
         """Function that returns index → values of the columns that hold only numbers."""
-        return cache(self.table.numeric)
+        table, skips = self.table, self.statement.layout.missing == "skip"
+        return cache(lambda: complete(table.numeric()) if skips else table.numeric())
 
     @cached_property
     def candidates(self) -> list[Candidate]:
         """All columns; their values are read when one of them is looked at."""
-        names = self.table.names
+        names, units = self.table.names, self.shaft_units
         pairs = inputs_and_outputs(names)
         numeric = self.numeric  # no reference to the search, which would keep all values alive
 
@@ -708,7 +741,7 @@ class Search:
 
         found = []
         for k, name in enumerate(names):
-            reading = read_name(name, f"{self.source}: column `{name}`")
+            reading = read_name(name, f"{self.source}: column `{name}`", units)
             if reading.role is None and k in pairs:
                 reading = replace(reading, role=pairs[k])
             found.append(Candidate(k, name, reading, read, self.table.is_dated(k)))
@@ -724,11 +757,12 @@ class Search:
             return None
         encoder = self.statement.encoders[SHAFTS.index(role)]
         scale = float(as_fraction(getattr(self.statement.layout, f"{role}_scale"), ""))
-        if unit != "counts":
-            return encoder.sign * REV / ANGLE_UNITS[unit] / scale
-        if encoder.counts_per_rev is None:
-            raise self._no_counts(role, one)
-        return encoder.sign * encoder.counts_per_rev / scale
+        radians = self.statement.radians(role, unit)
+        if radians is None:
+            raise self._no_counts(role, one) if unit == "counts" else self._no_lead(role, one)
+        turn = encoder.counts_per_rev if unit == "counts" else REV / radians
+        assert turn is not None  # `radians` is known
+        return encoder.sign * turn / scale
 
     def common(
         self, first: Candidate, second: Candidate

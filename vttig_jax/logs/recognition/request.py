@@ -1,18 +1,19 @@
 """Statements of a user on a drive and its log: by options, by a pair file, or by both."""
 
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Any, Literal, Protocol, runtime_checkable
 
 import msgspec
-import numpy as np
+from msgspec import Meta
 
 from ...base.errors import PairError, UsageError
-from ...base.files.standard_input import STDIN, kept_bytes
-from ...base.units import ANGLE_UNITS
+from ...base.files.limits import STDIN, kept_bytes
+from ...base.units import ANGLE_UNITS, radians_of
+from ...pair.pair_file import PAIR_FILE, check_rows
 from ...pair.schema import (
     DriveTable,
     Encoder,
@@ -20,15 +21,16 @@ from ...pair.schema import (
     HarmonicOrders,
     LogLayout,
     PairSpec,
+    Positive,
     UnitTable,
     as_fraction,
     as_ratio,
 )
-from ..readers.column_names import ANGLES, ROLES, TIME_UNITS, unit_spelt
+from ..readers.column_names import ROLES, SHAFT_UNITS, TIME_UNITS, unit_spelt
 
 SHAFTS = ("driving", "driven")
 UNITS = {
-    **dict.fromkeys(SHAFTS, ANGLES),
+    **dict.fromkeys(SHAFTS, SHAFT_UNITS),
     "transmission_error": tuple(ANGLE_UNITS),
     "time": tuple(TIME_UNITS),
 }
@@ -177,25 +179,20 @@ class DriveRequest:
         drive = DriveTable(ratio=str(ratio).replace(" ", ""))
         return PairSpec(drive=drive, driving=gears[0], driven=gears[1])
 
-    def statement(
-        self,
-        columns: Mapping[str, str] | None = None,
-        decimal: str | None = None,
-        sample_rate_hz: int | float | None = None,
-    ) -> "Statement":
+    def statement(self, reading: "ReadingOptions | None" = None) -> "Statement":
         """Return what these statements and the options for reading a log say about it.
 
         **Raises** `UsageError` for what `check` refuses and for contradictory options.
         """
         self.check()
-        named = self.names_a_drive
+        named, layout = self.names_a_drive, stated_layout(self.layout, reading)
         return Statement(
-            layout=stated_layout(self.layout, columns or {}, decimal, sample_rate_hz),
+            layout=layout,
             unit=msgspec.structs.replace(UnitTable(), **self.units),
             encoders=self.encoders,
             ratio=self.speed_ratio if named else None,
             two_readings=str(self.ratio) if named and not self.says_which_shaft else "",
-            drive=msgspec.structs.replace(self.spec(), log=self.layout) if named else None,
+            drive=msgspec.structs.replace(self.spec(), log=layout) if named else None,
         )
 
     def with_driven_inverted(self) -> "DriveRequest":
@@ -244,19 +241,13 @@ class Statement:
     in_file: bool = False
 
     @classmethod
-    def of(
-        cls,
-        pair: TwoShafts,
-        columns: Mapping[str, str] | None = None,
-        decimal: str | None = None,
-        sample_rate_hz: int | float | None = None,
-    ) -> "Statement":
+    def of(cls, pair: TwoShafts, reading: "ReadingOptions | None" = None) -> "Statement":
         """Return what a pair file and the options for reading a log say; options have priority.
 
         **Raises** `UsageError` for contradictory options.
         """
         return cls(
-            layout=stated_layout(pair.log, columns or {}, decimal, sample_rate_hz),
+            layout=stated_layout(pair.log, reading),
             unit=pair.unit,
             encoders=(pair.driving.encoder, pair.driven.encoder),
             ratio=pair.ratio,
@@ -268,44 +259,112 @@ class Statement:
         """Whether options state counts, so that columns without a unit are in counts."""
         return not self.in_file and self.encoders[0].counts_per_rev is not None
 
+    def radians(self, role: str, unit: str) -> float | None:
+        """Return the angle in rad of a reading 1 of a shaft in `unit`, without sign and scale.
+
+        It is None if counts per revolution or the lead of the screw are missing.
+        """
+        counts = self.encoders[SHAFTS.index(role)].counts_per_rev
+        return radians_of(unit, counts, self.layout.lead_mm)
+
     @property
     def is_bare(self) -> bool:
         """Whether the ratio is a number alone, such as 225, which may be meant as 225:1."""
         return bool(self.two_readings) and "/" not in self.two_readings
 
 
-def stated_layout(
-    layout: LogLayout,
-    columns: Mapping[str, str],
-    decimal: str | None,
-    sample_rate_hz: int | float | None,
-) -> LogLayout:
+class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Options for reading a log, with the names that `run.toml` uses; they win over `[log]`.
+
+    `columns` are texts ROLE=NAME, `decimal` is the decimal mark, `sample_rate` (Hz) replaces a time
+    column; `start`, `stop`, `cut`, `missing` and `lead_mm` are those of `LogLayout`.
+    """
+
+    columns: tuple[str, ...] = ()
+    decimal: Annotated[str, Meta(pattern="^[.,]$")] | None = None
+    sample_rate: Positive | None = None
+    start: str | float | None = msgspec.field(default=None, name="from")
+    stop: str | float | None = msgspec.field(default=None, name="to")
+    cut: tuple[str, ...] = ()
+    missing: Literal["skip"] | None = None
+    lead_mm: Positive | None = None
+
+    @classmethod
+    def of(
+        cls,
+        columns: Mapping[str, str] | None = None,
+        sample_rate_hz: float | None = None,
+        cut: str | Sequence[str] = (),
+        **others: Any,
+    ) -> "ReadingOptions":
+        """Return the options that keyword arguments of `read_log` state."""
+        texts = tuple(f"{role}={name}" for role, name in (columns or {}).items())
+        parts = (cut,) if isinstance(cut, str) else tuple(cut)
+        own: dict[str, Any] = {"sample_rate": sample_rate_hz, **others}
+        plain: dict[str, Any] = {n: float(v) if isinstance(v, float) else v for n, v in own.items()}
+        return cls(columns=texts, cut=parts, **plain)
+
+    def keywords(self) -> dict[str, Any]:
+        """Return these options as keyword arguments of `read_log`."""
+        own = msgspec.structs.asdict(self)
+        rate = own.pop("sample_rate")
+        return own | {"columns": roles_of(self.columns), "sample_rate_hz": rate}
+
+    def with_columns(self, columns: Mapping[str, str]) -> "ReadingOptions":
+        """Return the options with these columns, role → name, beside the stated ones."""
+        named = {**roles_of(self.columns), **columns}
+        return msgspec.structs.replace(self, columns=tuple(f"{r}={n}" for r, n in named.items()))
+
+
+def roles_of(columns: Iterable[str]) -> dict[str, str]:
+    """Return role → name of the column from texts ROLE=NAME.
+
+    **Raises** `UsageError` for a text of another form, an unknown role, and a role that occurs
+    twice.
+    """
+    named: dict[str, str] = {}
+    for text in columns:
+        role, equals, name = text.partition("=")
+        if not equals or not name or role not in ROLES:
+            raise UsageError(
+                f"--column {text!r} must be ROLE=NAME with a role of {', '.join(ROLES)}."
+            )
+        if role in named:
+            raise UsageError(f"--column: `{role}` is named twice; keep one of the two.")
+        named[role] = name
+    return named
+
+
+def stated_layout(layout: LogLayout, reading: ReadingOptions | None) -> LogLayout:
     """Return a table [log] in which the options for reading a log have replaced its own keys.
 
     A column `driven` replaces a `transmission_error`, and vice versa; a rate replaces the time.
 
     **Raises** `UsageError` for invalid or contradictory options.
     """
-    for role in columns:
-        if role not in ROLES:
-            raise UsageError(f"`{role}` is no role of a column; roles are {', '.join(ROLES)}.")
-    if decimal not in (None, ".", ","):
-        raise UsageError(f'decimal must be "." or ",", but is {decimal!r}.')
-    if sample_rate_hz is not None and not 0 < sample_rate_hz < np.inf:
-        raise UsageError(f"the sample rate must be a positive number, but is {sample_rate_hz!r}.")
-    if sample_rate_hz is not None and "time" in columns:
+    if reading is None:
+        return layout
+    columns, rate = roles_of(reading.columns), reading.sample_rate
+    if rate is not None and "time" in columns:
         raise UsageError("a sample rate and a time column are both given; keep the one of the log.")
-    changes: dict[str, object] = dict(columns)
+    changes = {
+        name: value
+        for name in ("decimal", "start", "stop", "cut", "missing", "lead_mm")
+        if (value := getattr(reading, name)) not in (None, ())
+    }
     for role, other in (("driven", "transmission_error"), ("transmission_error", "driven")):
         if role in columns:
             changes.setdefault(other, None)
-    if decimal is not None:
-        changes["decimal"] = decimal
-    if "time" in columns:
-        changes["sample_rate_hz"] = None
-    if sample_rate_hz is not None:
-        changes["sample_rate_hz"] = sample_rate_hz
-    return msgspec.structs.replace(layout, **changes)
+    if rate is not None or "time" in columns:
+        changes["sample_rate_hz"] = rate
+    stated = msgspec.structs.replace(layout, **{**changes, **columns})
+    try:
+        layout = PAIR_FILE.convert(msgspec.to_builtins(stated), LogLayout, "log")
+        check_rows(layout)
+        return layout
+    except PairError as error:
+        key = error.where.removeprefix("log.").partition("[")[0].removesuffix("_hz")
+        raise UsageError(f"--{key.replace('_', '-')}: {error.message}") from None
 
 
 def counts_of(text: str) -> tuple[int, int]:
@@ -347,9 +406,7 @@ def fit_command(
     path: str | Path,
     request: DriveRequest,
     columns: Mapping[str, str],
-    *,
-    decimal: str | None = None,
-    sample_rate_hz: int | float | None = None,
+    reading: ReadingOptions = ReadingOptions(),
 ) -> str:
     """Return a command that the user can copy and that names every column.
 
@@ -365,8 +422,9 @@ def fit_command(
     """
     log = str(STDIN) if kept_bytes(path) is not None else str(path)
     log = f"./{log}" if log.startswith("-") and log != str(STDIN) else log  # it is no option
-    rate = None if sample_rate_hz is None else f"{sample_rate_hz:.12g}"
-    options: list[tuple[str, str | None]] = [
+    rate = None if reading.sample_rate is None else f"{reading.sample_rate:.12g}"
+    lead = None if reading.lead_mm is None else f"{reading.lead_mm:.12g}"
+    options: list[tuple[str, Any]] = [
         ("--ratio", request.ratio),
         ("--teeth", request.teeth),
         ("--counts", request.counts and ",".join(map(str, request.counts))),
@@ -376,8 +434,13 @@ def fit_command(
         ("--driving-scale", request.driving_scale),
         ("--driven-scale", request.driven_scale),
         *(("--column", f"{role}={name}") for role, name in columns.items()),
-        ("--decimal", decimal),
+        ("--decimal", reading.decimal),
         ("--sample-rate", rate),
+        ("--from", reading.start),
+        ("--to", reading.stop),
+        *(("--cut", part) for part in reading.cut),
+        ("--missing", reading.missing),
+        ("--lead-mm", lead),
     ]
     words = [word for option in options if option[1] is not None for word in option]
     return shlex.join(["vttig", "fit", log, *map(str, words)])

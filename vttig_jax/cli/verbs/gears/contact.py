@@ -177,7 +177,7 @@ def _mounted(rig: Path | None, pair: Path, axial_mm: float) -> "Eccentricities":
 def _measured(maps: Path | None, pitches: Path | None, pair: "GearPair") -> "Deviations | None":
     if maps is None and pitches is None:
         return None
-    from ....logs.readers.deviations import read_deviations
+    from ....logs.readers.backlash_readings import read_deviations
 
     return read_deviations(maps, pitches, pair=pair)
 

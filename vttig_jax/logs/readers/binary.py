@@ -1,0 +1,480 @@
+"""Binary formats, and the readers of NumPy, Arrow and TDMS files.
+
+Table of the columns of formats whose channels may have separate time stamps.
+
+Binary formats: the reader of each, and the optional dependency that the reader needs.
+
+Suppression of the warnings and messages that libraries write to the terminal.
+
+Arrays of a NumPy file, .npy or .npz, after a check of the sizes that its headers declare.
+
+Channels of a TDMS file of LabVIEW; the time of a waveform is computed from its increment.
+
+Declared or real sizes of packed blocks in binary files, without unpacking them into memory.
+
+Columns of a Parquet, Feather or Arrow file; an Arrow file may also be a stream.
+"""
+
+import hashlib
+import io
+import logging
+import struct
+import sys
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from importlib import import_module
+from io import StringIO
+from math import prod
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from ...base.errors import InputError, LogError, UsageError
+from ...base.files.limits import PART, MemoryBudget
+from .table import Table, matrix_columns
+from .text import printable, read_bytes
+from .times import since_first
+
+
+@dataclass(frozen=True, eq=False)
+class ClockedColumn:
+    """Channel with its values and time stamps in s; `time` is None without separate stamps."""
+
+    name: str
+    values: Real[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"] | None = None
+
+
+def table_of(
+    columns: Iterable[ClockedColumn],
+    source: str,
+    *,
+    held: bool = False,
+    start: float | None = None,
+) -> Table:
+    """Return the table of all columns; channels with equal stamps share one column of time.
+
+    Stamps are counted from `start`, by default from the earliest first stamp of all channels.
+    `held` says that only changes of the channels are logged.
+    """
+    found = list(columns)
+    if start is None:
+        starts = [one.time[0] for one in found if one.time is not None and len(one.time)]
+        start = min(starts, default=0.0)
+    names: list[str] = []
+    arrays: list[np.ndarray] = []
+    clocks: dict[int, int] = {}
+    stamps: list[int] = []
+    for one in found:
+        if one.time is not None:
+            time = one.time - start
+            clock = next((k for k in stamps if np.array_equal(arrays[k], time)), None)
+            if clock is None:
+                clock = len(names)
+                stamps.append(clock)
+                names.append(f"time {len(stamps)} [s]")
+                arrays.append(time)
+            clocks[len(names)] = clock
+        names.append(printable(one.name))
+        arrays.append(one.values)
+    return Table(
+        tuple(names),
+        tuple(arrays),
+        source,
+        clocks=clocks,
+        held=frozenset(clocks) if held else frozenset(),
+    )
+
+
+@dataclass(frozen=True)
+class Format:
+    """Binary format.
+
+    **Arguments**
+    - `name`: name of the format in messages. - `endings`: its file endings.
+    - `reader`: "module:function" that yields columns from the path and the bytes of a file.
+    - `needs`: import name of the library; `extra`: extra of vttig-jax that installs it.
+    - `note`: note on the time of its channels, "" without a note.
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    reader: str
+    needs: str
+    extra: str = ""
+    note: str = ""
+
+
+_ARROW = (".parquet", ".pq", ".feather", ".arrow", ".arrows", ".ipc")
+_TDMS = "TDMS: the time of a waveform is its increment times the number of the sample"
+_MDF = "MDF: every group of channels has its own time stamps"
+_ROS = "ROS: stamps are those in the headers of the messages, else those of the recording"
+FORMATS = (
+    Format("NumPy", (".npy", ".npz"), "binary:numpy_columns", "numpy"),
+    Format("Arrow", _ARROW, "binary:arrow_columns", "pyarrow"),
+    Format("TDMS", (".tdms",), "binary:tdms_columns", "nptdms", "tdms", _TDMS),
+    Format("MDF", (".mf4", ".mdf", ".mf3"), "mdf:mdf_columns", "asammdf", "mdf", _MDF),
+    Format("ROS", (".mcap", ".bag", ".db3"), "rosbag:rosbag_columns", "rosbags", "ros", _ROS),
+)
+"""Binary formats other than MATLAB and HDF5."""
+
+BAG = "metadata.yaml"
+"""File in the folder of a ROS 2 bag."""
+
+
+def format_of(path: Path) -> Format | None:
+    """Return the binary format of a file or of the folder of a ROS 2 bag, or None."""
+    if path.is_dir():
+        return FORMATS[-1] if (path / BAG).is_file() else None
+    ending = path.suffix.lower()
+    return next((one for one in FORMATS if ending in one.endings), None)
+
+
+def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
+    """Return the columns of a file, the SHA-256 of its bytes, and notes.
+
+    **Raises** `UsageError` without the library of the format; `LogError` for a missing, damaged or
+    unreadable file or one without numbers.
+    """
+    source = str(path)
+    data = b"" if path.is_dir() else read_bytes(path, form.endings)
+    digest = folder_sha256(path) if path.is_dir() else hashlib.sha256(data).hexdigest()
+    reader = _reader(form)
+    try:
+        table = _table(reader(path, data), source)
+    except (InputError, UsageError, MemoryError):
+        raise
+    except Exception:  # damaged bytes raise various exceptions
+        raise LogError(
+            f"the file is damaged or no {form.name} file; save it again, or export the log as CSV.",
+            where=source,
+        ) from None
+    if not table.names:
+        raise LogError(
+            f"the {form.name} file has no channel of numbers; export the log again.", where=source
+        )
+    return table, digest, (form.note,) if form.note and table.clocks else ()
+
+
+def folder_sha256(path: Path) -> str:
+    """Return one common SHA-256 of the names and bytes of all files in a folder."""
+    digest = hashlib.sha256()
+    for file in sorted(one for one in path.rglob("*") if one.is_file()):
+        digest.update(f"{file.relative_to(path).as_posix()}\0".encode())
+        with open(file, "rb") as opened:
+            digest.update(hashlib.file_digest(opened, "sha256").digest())
+    return digest.hexdigest()
+
+
+def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
+    module, _, function = form.reader.partition(":")
+    try:
+        import_module(form.needs)
+    except ImportError:
+        raise UsageError(
+            f"{form.name} files need the package {form.needs}; install it with"
+            f' `pip install "vttig-jax[{form.extra}]"`.'
+        ) from None
+    return getattr(import_module(f".{module}", __package__), function)
+
+
+def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> Table:
+    """Return the table of named arrays or of channels with separate time stamps."""
+    return table_of(
+        (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in columns), source
+    )
+
+
+_Item = TypeVar("_Item")
+
+
+@contextmanager
+def silent(*loggers: str) -> Iterator[None]:
+    """Suppress warnings, log messages and prints of libraries within a `with` block.
+
+    `loggers` are the names of the loggers of the libraries.
+    """
+    # Modules of a library may have separate loggers with separate levels and handlers.
+    names = [
+        name
+        for name in (*loggers, *logging.root.manager.loggerDict)
+        if name.split(".")[0] in loggers
+    ]
+    levels = {name: logging.getLogger(name).level for name in names}
+    hook = sys.unraisablehook
+    for name in names:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        sys.unraisablehook = lambda _: None  # destructors of half-open files print errors
+        with warnings.catch_warnings(), redirect_stderr(StringIO()), redirect_stdout(StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        sys.unraisablehook = hook
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
+
+
+def each_silent(items: Generator[_Item, None, None], *loggers: str) -> Generator[_Item, None, None]:
+    """Yield the items of a generator that runs within `silent`; the code between them does not."""
+    try:
+        while True:
+            with silent(*loggers):
+                try:
+                    item = next(items)
+                except StopIteration:
+                    return
+            yield item
+    finally:
+        with silent(*loggers):
+            items.close()
+
+
+def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and columns; each row or column of a matrix is a separate column.
+
+    Fields of structured arrays are columns too. The array of a .npy file has the name of the file.
+
+    **Raises** `LogError` for arrays of objects, which are pickles, and for headers that declare
+    more bytes than the file has; `InputError` beyond the memory limit; `ValueError` and others for
+    damaged bytes.
+    """
+    budget = MemoryBudget(str(path), len(data))
+    if path.suffix.lower() == ".npy":
+        yield from _columns(path.stem, data, len(data), str(path))
+        return
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        for member in archive.infolist():
+            if not member.filename.endswith(".npy"):
+                continue
+            name = member.filename.removesuffix(".npy")
+            budget.take(member.file_size)
+            with archive.open(member) as file:
+                head = file.read(4096)
+            _check_header(head, member.file_size, f"{path}: array `{name}`")
+            yield from _columns(name, archive.read(member), member.file_size, str(path))
+
+
+def _columns(name: str, data: bytes, size: int, source: str) -> Iterator[tuple[str, np.ndarray]]:
+    _check_header(data[:4096], size, f"{source}: array `{name}`")
+    array = np.load(io.BytesIO(data), allow_pickle=False)
+    if array.dtype.names:
+        for field in array.dtype.names:
+            yield from _plain(f"{name}.{field}", array[field])
+    else:
+        yield from _plain(name, array)
+
+
+def _plain(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    if array.dtype.kind == "M":
+        yield f"{name} [s]", since_first(array)
+    elif array.dtype.kind in "biuf":
+        yield from matrix_columns(name, array)
+
+
+def _check_header(head: bytes, size: int, where: str) -> None:
+    """Raise `LogError` for an array of objects or a header that declares too many bytes.
+
+    `size` is the number of bytes of the array file with its header `head`.
+    """
+    file = io.BytesIO(head)
+    version = np.lib.format.read_magic(file)
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, _, dtype = read(file)
+    if dtype.hasobject:
+        raise LogError(
+            "the array holds Python objects, which only a pickle can store, and pickles are not"
+            " read; save numbers.",
+            where=where,
+        )
+    claimed = prod(shape) * dtype.itemsize
+    if claimed > size - file.tell():
+        raise LogError(
+            f"the header claims {claimed} bytes, but {size - file.tell()} follow; the file is cut"
+            " off, save it again.",
+            where=where,
+        )
+
+
+_WIDEST_TDMS = 16  # bytes of a value, for channels of unknown type
+
+TDMS_UNIT_KEYS = ("unit_string", "NI_UnitDescription", "unit", "units")
+"""Properties of a channel that may contain its unit, in order of priority."""
+
+
+def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
+    """Yield every channel of a file under the name `Group/Channel [unit]`.
+
+    **Raises** `LogError` for a file that ends within its data, which nptdms would read without a
+    warning. Damaged bytes raise various exceptions of nptdms.
+    """
+    from nptdms import TdmsFile
+
+    budget = MemoryBudget(str(path), len(data))
+    with silent("nptdms"):
+        declared = TdmsFile.read_metadata(io.BytesIO(data))
+        for channel in (channel for group in declared.groups() for channel in group.channels()):
+            budget.take(len(channel) * getattr(channel.dtype, "itemsize", _WIDEST_TDMS))
+        file = TdmsFile.read(io.BytesIO(data))
+    if file.file_status.incomplete_final_segment:
+        lengths = [len(channel) for group in file.groups() for channel in group.channels()]
+        raise LogError(
+            f"the file is cut off: its last segment is incomplete, and its channels have"
+            f" {min(lengths, default=0)} to {max(lengths, default=0)} samples; export it again.",
+            where=str(path),
+        )
+    for group in file.groups():
+        for channel in group.channels():
+            values = channel[:]
+            if len(values) < 2:
+                continue
+            name = f"{group.name}/{channel.name}"
+            if values.dtype.kind == "M":
+                yield ClockedColumn(f"{name} [s]", since_first(values))
+                continue
+            if values.dtype.kind not in "biuf":
+                continue
+            own = channel.properties
+            unit = next((own[k] for k in TDMS_UNIT_KEYS if k in own), "")
+            full = f"{name} [{unit}]" if unit else name
+            yield ClockedColumn(full, values, _time(dict(channel.properties), len(values)))
+
+
+def _time(properties: dict, size: int) -> np.ndarray | None:
+    """Return the times of the samples of a waveform in s; None if the channel is no waveform."""
+    step = properties.get("wf_increment")
+    if not isinstance(step, int | float) or not step > 0:
+        return None
+    return float(properties.get("wf_start_offset", 0.0)) + step * np.arange(size)
+
+
+_DICTIONARY, _BATCH = 2, 3  # kinds of messages in Arrow's `Message.fbs`
+_DZ, _DZ_HEAD = b"##DZ", 24  # block of packed data and length of its header (ASAM MDF 4.1)
+
+
+def take_arrow(stream: Any, budget: MemoryBudget) -> None:
+    """Add the unpacked sizes of the buffers of all messages of an Arrow stream to the budget.
+
+    Every packed buffer begins with its unpacked size, and pyarrow allocates this size (Arrow
+    columnar format, section "Compression"). `stream` is a `pyarrow.ipc.MessageReader`.
+    """
+    for message in stream:
+        if message.body is None:
+            continue
+        meta, body = message.metadata.to_pybytes(), memoryview(message.body)
+        root = _u32(meta, 0)
+        kind_at, header = _field(meta, root, 1), _field(meta, root, 2)
+        kind = meta[kind_at] if kind_at else 0
+        batch = header + _u32(meta, header)
+        if kind == _DICTIONARY:
+            inner = _field(meta, batch, 1)
+            batch = inner + _u32(meta, inner)
+        elif kind != _BATCH:
+            budget.take(len(body))
+            continue
+        packed, buffers = _field(meta, batch, 3), _field(meta, batch, 2)
+        start = buffers + _u32(meta, buffers)
+        for number in range(_u32(meta, start)):
+            place, size = struct.unpack_from("<qq", meta, start + 4 + 16 * number)
+            if packed and size >= 8:
+                declared = struct.unpack_from("<q", body, place)[0]
+                size = max(size, declared)
+            budget.take(max(size, 0))
+
+
+def take_mdf(data: bytes, budget: MemoryBudget) -> None:
+    """Add the unpacked sizes of all packed blocks of an MDF 4 file to the budget."""
+    place = data.find(_DZ)
+    while place >= 0:
+        start = place + _DZ_HEAD + 24  # after type, parameter and both sizes
+        if len(data) >= start:
+            size = struct.unpack_from("<Q", data, start - 8)[0]
+            unpacker, packed = zlib.decompressobj(), data[start : start + min(size, len(data))]
+            try:
+                while packed and not unpacker.eof:
+                    budget.take(len(unpacker.decompress(packed, PART)))
+                    packed = unpacker.unconsumed_tail
+            except zlib.error:  # ##DZ occurs in other data, or the reader reports the damage
+                pass
+        place = data.find(_DZ, place + 1)
+
+
+def _u32(data: bytes, place: int) -> int:
+    return struct.unpack_from("<I", data, place)[0]
+
+
+def _field(data: bytes, table: int, slot: int) -> int:
+    """Return the byte position of a field of a FlatBuffers table, or 0 if the field is missing."""
+    shape = table - struct.unpack_from("<i", data, table)[0]
+    if 6 + 2 * slot > struct.unpack_from("<H", data, shape)[0]:
+        return 0
+    offset = struct.unpack_from("<H", data, shape + 4 + 2 * slot)[0]
+    return table + offset if offset else 0
+
+
+PARQUET = (".parquet", ".pq")
+_WIDEST = 8  # bytes of a number
+_MAGIC = 8  # bytes of the signature at the start of an Arrow file, with padding
+UNIT_KEYS = (b"unit", b"units", b"unit_string")
+"""Keys under which the metadata of a field may contain its unit."""
+
+
+def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and columns of numbers and of time stamps; stamps are in s since the first one.
+
+    A unit in the metadata of a field is appended to its name in brackets. Damaged bytes raise
+    various exceptions of pyarrow; numbers beyond the memory limit raise `InputError`.
+    """
+    import pyarrow as pa
+
+    table = _arrow_table(pa, path, data)
+    for field, column in zip(table.schema, table.columns, strict=True):
+        unit = next((v for k, v in (field.metadata or {}).items() if k.lower() in UNIT_KEYS), b"")
+        name = f"{field.name} [{unit.decode('utf-8', 'replace')}]" if unit else field.name
+        kinds = pa.types.is_timestamp, pa.types.is_time, pa.types.is_duration
+        if any(is_kind(field.type) for is_kind in kinds):
+            yield f"{field.name} [s]", _seconds(pa, column)
+        elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
+            yield name, np.asarray(column.to_numpy())
+        elif pa.types.is_decimal(field.type):
+            yield name, np.asarray(column.cast(pa.float64()).to_numpy())
+
+
+def _arrow_table(pa: Any, path: Path, data: bytes) -> Any:
+    """Return the pyarrow table of a Parquet, Feather or Arrow file."""
+    budget = MemoryBudget(str(path), len(data))
+    if path.suffix.lower() in PARQUET:
+        from pyarrow import parquet
+
+        file = parquet.ParquetFile(io.BytesIO(data))
+        meta = file.metadata
+        unpacked = sum(meta.row_group(k).total_byte_size for k in range(meta.num_row_groups))
+        budget.take(max(_WIDEST * meta.num_rows * meta.num_columns, unpacked))
+        return file.read()
+    if data[:4] == b"FEA1":
+        from pyarrow import feather
+
+        return feather.read_table(io.BytesIO(data))
+    # An Arrow file is a stream between signature and footer; the counted messages are those read.
+    messages = data[_MAGIC:] if data[:6] == b"ARROW1" else data
+    take_arrow(pa.ipc.MessageReader.open_stream(pa.BufferReader(messages)), budget)
+    with pa.ipc.open_stream(pa.BufferReader(messages)) as stream:
+        return stream.read_all()
+
+
+def _seconds(pa: Any, column: Any) -> np.ndarray:
+    """Return stamps in s since the first stamp; a missing stamp is NaN."""
+    whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
+    stamps = whole.fill_null(0).to_numpy().astype(f"timedelta64[{column.type.unit}]")
+    missing = whole.is_null().to_numpy(zero_copy_only=False)
+    return since_first(np.where(missing, np.timedelta64("NaT"), stamps))

@@ -1,0 +1,441 @@
+"""Text layouts whose header describes the columns, and files in sections.
+
+Fields of a text layout with their line numbers, and the columns of numbers in them.
+
+Layouts whose header says the time of their columns: TwinCAT Scope, LabVIEW, oscilloscopes.
+
+TwinCAT Scope View: every column with the name `Name` is the time of the group of channels that
+follows it, in ms or as FILETIME. There is one group for each sample time; groups with longer sample
+times have fewer rows. Rows such as `SymbolName` and `Unit` describe the channels.
+
+LabVIEW measurement (LVM): the file header says how many columns of time the rows have: one for all
+channels, one for each (`Multi`), or none, where X0 and Delta_X of the segment header give the
+stamps. Format: National Instruments, Specification for the LabVIEW Measurement File.
+
+Oscilloscopes (Rigol): the header states the first stamp and the increment of the time, under the
+names `Start` and `Increment` or as `t0 = …, tInc = …`.
+
+Files in sections: several tables in one text, each with a header and perhaps a heading.
+
+Guide logs, reports of test stands and the sheets of a workbook are such files. A section begins
+with a line of names, perhaps a row of units, and a row of numbers with as many fields. Its columns
+are named `2/motor` for column `motor` of section 2.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Real
+
+from ...base.errors import LogError
+from .binary import ClockedColumn, table_of
+from .column_names import is_units_row, unit_in, with_units
+from .delimited import is_value, looks_like_number, split, to_number
+from .table import Table
+from .text import Lines, printable
+from .times import looks_like_stamp, read_stamps
+
+SPARE = 16
+"""Number of first lines of a text in which a layout is recognised (chosen)."""
+
+Cell = tuple[int, str]
+"""Line number and text of a field."""
+
+Row = tuple[int, list[str]]
+"""Line number and fields of a line."""
+
+Found = tuple[Table, tuple[str, ...]]
+"""Table and notes."""
+
+
+def content(lines: Sequence[str], most: int = SPARE) -> list[str]:
+    """Return those of the first `most` lines that are not empty, without blanks around them."""
+    return [line.strip() for line in lines[:most] if line.strip()]
+
+
+def rows_from(lines: Sequence[str], first: int, mark: str) -> tuple[list[Row], list[str]]:
+    """Return the rows from the line with index `first` on, and a note on the last one.
+
+    A last line without a line end was not written to its end and is left out.
+    """
+    rows = [
+        (number, split(line, mark, trim=False))
+        for number, line in enumerate(lines[first:], first + 1)
+        if line.strip()
+    ]
+    if len(rows) < 2 or not lines[-1].strip():
+        return rows, []
+    return rows[:-1], cut_at(lines, rows[-1][0], "", "")
+
+
+def cut_at(lines: Sequence[str], number: int, source: str, what: str) -> list[str]:
+    """Return a note on a damaged line if it is the last one; raise `LogError` for other lines."""
+    if any(rest.strip() for rest in lines[number:]):
+        raise LogError(what, where=f"{source}: line {number}")
+    return [f"the last line ({number}) is cut off and left out"]
+
+
+def decimal_of(rows: Sequence[Row], mark: str) -> str:
+    """Return the decimal mark: a comma if the fields hold commas that delimit nothing."""
+    commas = mark != "," and any("," in field for _, row in rows[:9] for field in row)
+    return "," if commas else "."
+
+
+def cells_of(rows: Sequence[Row], k: int, source: str, what: str) -> list[Cell]:
+    """Return the fields of column `k`; short channels end with empty fields.
+
+    **Raises** `LogError` for an empty field above other ones; `what` names the column.
+    """
+    found = [(number, row[k]) for number, row in rows if k < len(row) and row[k]]
+    for (number, _), (own, _) in zip(rows, found, strict=False):
+        if number != own:
+            raise LogError(
+                "the field is empty; write a value or remove the line.",
+                where=f"{source}: line {number}, {what}",
+            )
+    return found
+
+
+def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real[np.ndarray, " n"]:
+    """Return a column: int64 for whole numbers, else float64; dates in s since the first one.
+
+    **Raises** `LogError` for a field that is no number; `what` names the column.
+    """
+    texts = [text for _, text in cells]
+    if texts and looks_like_stamp(texts[0]):
+        return read_stamps(texts, f"{source}: {what}")[0] / 1e9
+    if texts and all(text.lstrip("+-").isdigit() and len(text) < 19 for text in texts):
+        return np.array([int(text) for text in texts], np.int64)
+    values = [to_number(text, decimal) for text in texts]
+    if None in values:
+        line, text = cells[values.index(None)]
+        raise LogError(
+            f"`{printable(text)}` is no number; correct it or remove the line.",
+            where=f"{source}: line {line}, {what}",
+        )
+    return np.array(values, np.float64)
+
+
+_HEAD = 60
+"""Number of first lines that may describe the channels (chosen)."""
+
+END = "EOF"
+MS = 1e-3
+"""Seconds in a millisecond, which is the unit of most time columns."""
+
+_TICK = 1e-7
+"""Seconds in a unit of FILETIME, which counts since 1601."""
+
+_FILETIME = re.compile(r"1\d{17}")
+"""FILETIME of the years 1917 to 2234: 18 digits, which a float does not hold."""
+
+_SAMPLE_TIME = re.compile(r"SampleTime(?:\[ms\])?(?=[\t;, :])")
+"""First field of the row with the sample times, before one of the delimiters of the export."""
+
+START, END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
+_KEYS = ("Channels", "Samples", "X0", "Delta_X")
+"""Keys of a segment header; the file header has none of them."""
+
+_STATED = re.compile(r"\bt0\s*=\s*([^\s,s]+)s?\s*,\s*tInc\s*=\s*([^\s,s]+)")
+_VOLTS = re.compile(r"([A-Z]+\d*)\s*V")
+"""Name of a channel of Rigol with its unit, such as `CH1V`."""
+
+
+def read_twincat(text: Lines, source: str) -> Found | None:
+    """Return the table of an export, which has the rows `Name` and `SampleTime`, or None."""
+    match = next(filter(None, map(_SAMPLE_TIME.match, text[:_HEAD])), None)
+    if match is None or not any(re.match(r"Name[\t;, :]", line) for line in text[:_HEAD]):
+        return None
+    lines = list(text)
+    mark = match.string[match.end()]
+    described, start = _description(lines, mark)
+    names = described["Name"]
+    times = [k for k, name in enumerate(names) if name == "Name"]
+    ends = (k for k, line in enumerate(lines[-3:], len(lines) - 3) if line.strip() == END)
+    end = max(next(ends, len(lines)), 0)
+    rows, cut = rows_from(lines if end == len(lines) else [*lines[:end], ""], start, mark)
+    if not rows:
+        raise LogError("the export has no rows of numbers; export it again.", where=source)
+    decimal = decimal_of(rows, mark)
+    kind = "group of channels" if len(times) == 1 else "groups of channels, each"
+    notes = [f"TwinCAT Scope: {len(times)} {kind} with a time of its own", *cut]
+    columns = []
+    for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
+        cells = cells_of(rows, first, source, f"column `time {group}`")
+        if cells and all(_FILETIME.fullmatch(text) for _, text in cells):
+            origin = int(rows[0][1][times[0]])
+            seconds = np.array([int(text) - origin for _, text in cells]) * _TICK
+        else:
+            seconds = numbers(cells, decimal, source, f"column `time {group}`") * MS
+        for k in range(first + 1, last):
+            if name := _name(described, k):
+                place = source, f"column `{name}`"
+                values = numbers(cells_of(rows, k, *place), decimal, *place)
+                columns.append(ClockedColumn(name, values, seconds))
+    return table_of(columns, source, start=0.0), tuple(notes)
+
+
+def _description(lines: Sequence[str], mark: str) -> tuple[Mapping[str, list[str]], int]:
+    """Return the rows that describe the channels, and the index of the first row of numbers.
+
+    The describing rows are a mapping first field → fields.
+    """
+    described: dict[str, list[str]] = {}
+    start = 0
+    for k, line in enumerate(lines[:_HEAD]):
+        fields = split(line, mark, trim=False)
+        if fields and fields[0] and not looks_like_number(fields[0]) and "=" not in fields[0]:
+            if fields[0] == "Name" or "Name" in described:
+                described[fields[0]] = fields  # the last row `Name` has the channels
+            start = k + 1
+        elif fields and fields[0] and described:
+            break
+    return described, start
+
+
+def _name(described: Mapping[str, list[str]], k: int) -> str:
+    """Return the name of a channel (or its symbol without a name) with its unit in brackets.
+
+    A channel with a scale factor or an offset has no unit that can be read: exports do not say
+    whether their numbers contain the factor.
+    """
+    field = {key: row[k].strip() for key, row in described.items() if k < len(row)}
+    name = field.get("Name") or field.get("SymbolName", "")
+    unit = re.sub(r"\s*\(.*\)$", "", field.get("Unit", "").strip()) if name else ""
+    factor, offset = (_plain(field.get(key, "")) for key in ("ScaleFactor", "Offset"))
+    if unit_in(unit) and (factor not in ("", "1") or offset not in ("", "0")):
+        return f"{name} [{unit} with ScaleFactor {factor or 1} and Offset {offset or 0}]"
+    return f"{name} [{unit}]" if unit_in(unit) else name
+
+
+def _plain(field: str) -> str:
+    """Return a number as short text, such as "1" for "1,0"; other text unchanged."""
+    value = to_number(field, "," if "," in field else ".")
+    return field if value is None else f"{value:g}"
+
+
+def read_lvm(text: Lines, source: str) -> Found | None:
+    """Return the table of a LabVIEW measurement file, or None for another text."""
+    if not text[0].lstrip("\ufeff").strip().startswith(START):
+        return None
+    lines = list(text)
+    ends = [k for k, line in enumerate(lines) if line.strip(" \t,;").startswith(END_OF_HEADER)]
+    mark = "," if any(line.startswith("Separator,") for line in lines[:40]) else "\t"
+    head = (split(line, mark, trim=False) for line in (lines[: ends[-1]] if ends else []))
+    header = {fields[0]: fields[1:] for fields in head if fields[0]}
+    if not ends or not set(_KEYS) & set(header) or len(lines) < ends[-1] + 3:
+        raise LogError("the measurement has no rows of numbers; export it again.", where=source)
+    if len(ends) > 2:
+        raise LogError(
+            f"the file has {len(ends) - 1} segments with headers of their own; write the"
+            " measurement as one segment.",
+            where=source,
+        )
+    axis = next((name for name in header.get("X_Dimension", []) if name), "Time")
+    if axis != "Time":
+        raise LogError(
+            f"its x axis is {axis} and not time; export channels over time.", where=source
+        )
+    names = split(lines[ends[-1] + 1], mark, trim=False)
+    rows, cut = rows_from(lines, ends[-1] + 2, mark)
+    decimal = (header.get("Decimal_Separator") or ["."])[0] or "."
+    if decimal not in (".", ","):
+        raise LogError(
+            f"its Decimal_Separator is `{decimal}`; write `.` or `,` there.", where=source
+        )
+    columns = _channels(names, rows, header, decimal, source)
+    table = table_of(columns, source, start=0.0)
+    if len(set(table.clocks.values())) < 2:
+        return replace(table, clocks={}), ("LabVIEW measurement", *cut)
+    return table, ("LabVIEW measurement: channels with stamps of their own", *cut)
+
+
+def _channels(
+    names: Sequence[str],
+    rows: Sequence[Row],
+    header: Mapping[str, Sequence[str]],
+    decimal: str,
+    source: str,
+) -> list[ClockedColumn]:
+    values = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
+    own = header.get("X_Columns", ["One"])[0]
+
+    def column(k: int) -> Float[np.ndarray, " n"]:
+        place = source, f"column `{names[k] if k < len(names) else k + 1}`"
+        return numbers(cells_of(rows, k, *place), decimal, *place)
+
+    def entry(key: str, place: int) -> str:
+        """Return the entry of a channel in a row of the segment header, or "" without one."""
+        entries = [field for field in header.get(key, []) if field]
+        return entries[place] if len(entries) == len(values) else ""
+
+    def stamps(place: int, k: int, size: int) -> np.ndarray:
+        if own != "No":
+            return column(k - 1 if own == "Multi" else 0)[:size] * 1.0
+        first, step = (to_number(entry(key, place), decimal) for key in ("X0", "Delta_X"))
+        return (first or 0.0) + (step or 0.0) * np.arange(size)
+
+    found = []
+    for place, k in enumerate(values):
+        channel, unit = column(k), entry("Y_Unit_Label", place)
+        name = f"{names[k]} [{unit}]" if unit_in(unit) else names[k]
+        found.append(ClockedColumn(name, channel, stamps(place, k, len(channel))))
+    return found
+
+
+def read_increment(text: Lines, source: str) -> Found | None:
+    """Return time and channels of an oscilloscope; the column `X` counts the samples, or nothing.
+
+    The header states the first stamp and the increment of the time; else the result is None.
+    """
+    names, stated = split(text[0], ","), _STATED.search(text[0])
+    if stated is None and names[-2:] != ["Start", "Increment"]:
+        return None
+    lines = list(text)
+    units, first = split(lines[1], ","), 2
+    if stated is not None:
+        texts, units, first = stated.groups(), [], 1
+        names = [name for name in names if "=" not in name]
+        names = [_VOLTS.sub(r"\1 [V]", name) for name in names]
+    else:
+        texts, names, units = units[-2:], names[:-2], units[:-2]
+    start, step = (to_number(text, ".") for text in texts)
+    rows, cut = rows_from(lines, first, ",")
+    if start is None or step is None or not rows:
+        raise LogError(
+            "the header states no start and increment of the time above rows of numbers; export"
+            " the channels again.",
+            where=source,
+        )
+    named = with_units(names, units)
+    columns = {
+        name: numbers(cells_of(rows, k, source, f"`{name}`"), ".", source, f"`{name}`")
+        for k, name in enumerate(named)
+    }
+    counted = columns.pop("X", np.arange(len(rows)))
+    notes = (f"oscilloscope: time = {start:g} s + {step:g} s × sample", *cut)
+    return table_of(
+        [ClockedColumn("time [s]", start + step * counted)]
+        + [ClockedColumn(name, values) for name, values in columns.items()],
+        source,
+    ), notes
+
+
+DELIMITERS = (",", ";", "\t")
+"""Delimiters in the order in which they are tried."""
+
+FEWEST_ROWS = 3
+"""Least number of rows of a table that counts as a section (chosen)."""
+
+_DIGIT = re.compile(r"\d")
+_WORD = re.compile(r"""^[^\S\n]*["']?[^\W\d_]""", re.MULTILINE)
+"""Pattern of the beginning of a line of names."""
+
+
+@dataclass
+class Section:
+    """One table of a text with several tables.
+
+    **Arguments**
+    - `heading`: first line of the text above the names, "" without one.
+    - `names`: names of its columns. - `line`: number of the line of names.
+    - `units`: row of units below the names, or None. - `rows`: its rows.
+    - `others`: numbers of the lines between the rows that are not rows.
+    """
+
+    heading: str
+    names: list[str]
+    line: int
+    units: list[str] | None = None
+    rows: list[Row] = field(default_factory=list)
+    others: list[int] = field(default_factory=list)
+
+    def columns(self, number: int, mark: str, source: str) -> Iterator[tuple[str, np.ndarray]]:
+        """Yield the columns whose first row is a number or a date, of rows in which none lacks."""
+        named = with_units(self.names, self.units or [])
+        first = self.rows[0][1]
+        chosen = [k for k, text in enumerate(first) if is_value(text)]
+        self.others += [line for line, row in self.rows if not all(row[k] for k in chosen)]
+        self.rows = [row for row in self.rows if all(row[1][k] for k in chosen)]
+        for k in chosen:
+            name = printable(named[k])
+            place = f"section {number}, column `{name}`"
+            cells = [(line, row[k]) for line, row in self.rows]
+            yield f"{number}/{name}", numbers(cells, decimal_of(self.rows, mark), source, place)
+
+
+def read_sections(lines: Lines, source: str) -> Found | None:
+    """Return the columns of at least two tables, each with a line of names, or None."""
+    found, mark = _sections(list(lines)) if lines.match(_WORD, 2) else ([], "")
+    if not found:
+        return None
+    columns: dict[str, np.ndarray] = {}
+    notes = []
+    for number, section in enumerate(found, 1):
+        columns.update(section.columns(number, mark, source))
+        heading = f" `{printable(section.heading[:40])}`" if section.heading else ""
+        note = f"section {number}{heading} at line {section.line}: {len(section.rows)} rows"
+        if section.others:
+            note += f"; {len(section.others)} lines between them are left out, the first is line"
+            note += f" {min(section.others)}"
+        notes.append(f"{note}; `--column driving={number}/NAME` chooses it")
+    return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
+
+
+def _sections(lines: Sequence[str]) -> tuple[list[Section], str]:
+    """Return the sections of a text and its delimiter; no sections if there are fewer than two."""
+    for mark in (mark for mark in DELIMITERS if any(mark in line for line in lines)):
+        found = [one for one in _walk(lines, mark) if len(one.rows) >= FEWEST_ROWS]
+        if len(found) > 1:
+            return found, mark
+    return [], DELIMITERS[0]
+
+
+def _walk(lines: Sequence[str], mark: str) -> Iterator[Section]:
+    """Yield the tables of a text in their order."""
+    current: Section | None = None
+    heading, between, parted = "", [], True
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            heading, parted = "", True
+            continue
+        fields = split(line, mark)
+        # A line of text between two rows is a damaged row, unless it repeats the names.
+        begins = parted or (current is not None and fields == current.names)
+        parted = False
+        if begins and _WORD.match(line) and _is_header(fields, lines, number, mark):
+            if current is not None:
+                yield current
+            current = Section(heading, fields, number)
+            heading, between = "", []
+        elif current is not None and len(fields) == len(current.names) and _has_numbers(fields):
+            current.others += between
+            current.rows.append((number, fields))
+            between = []
+        elif current is not None and not current.rows and is_units_row(fields):
+            current.units = fields
+        else:
+            heading, parted = heading or line.strip(), True
+            between.append(number)
+    if current is not None:
+        yield current
+
+
+def _is_header(fields: list[str], lines: Sequence[str], number: int, mark: str) -> bool:
+    """Return whether `fields`, from the line `number`, are names above a row of numbers."""
+    if len(fields) < 2 or not all(fields) or any(map(looks_like_number, fields)):
+        return False
+    below = [line for line in lines[number : number + 4] if line.strip()][:2]
+    if not any(map(_DIGIT.search, below)):
+        return False
+    rows = [split(line, mark) for line in below]
+    row = rows[-1] if is_units_row(rows[0]) else rows[0]
+    return len(row) == len(fields) and _has_numbers(row)
+
+
+def _has_numbers(fields: list[str]) -> bool:
+    """Return whether the first field or most of the fields are numbers or dates."""
+    kinds = list(map(is_value, fields))
+    return kinds[0] or 2 * sum(kinds) >= len(kinds)

@@ -1,1 +1,0 @@
-"""Readers that recognise the text layouts of recording programs and report them in notes."""

@@ -1,0 +1,469 @@
+"""Arrays of MATLAB and HDF5 files, and columns of MATLAB tables.
+
+Reading of the numeric arrays of a MATLAB file (v4 to v7), after a check of its elements.
+
+`scipy.io.loadmat` does not check the type and length in the tag before each element. Damaged tags
+make it read outside its buffers and crash the process. It also allocates memory for as many cells,
+structs and letters as an element declares.
+
+Reading of the numeric arrays of an HDF5 file, which may be a MATLAB v7.3 file.
+
+Tables, timetables, dates and durations of MATLAB, which the library mat-io reads.
+
+MATLAB stores them as objects in a separate part of the file. The bytes of this part are checked
+before the library reads them, like those of the other variables.
+"""
+
+import io
+import struct
+import warnings
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from inspect import signature
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import UsageError
+from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget
+from .times import since_first
+
+MATRIX, COMPRESSED = 14, 15
+FLAGS, SIZE, NAME = {6}, {5, 6}, {1, 16}
+COMPLEX = 0x800
+CELL, STRUCT, OBJECT, CHAR = 1, 2, 3, 4
+NUMBERS = frozenset((1, 2, 3, 4, 5, 6, 7, 9, 12, 13))
+TEXT = frozenset((16, 17, 18))
+FIRST_NUMERIC_CLASS, LAST_NUMERIC_CLASS, LAST_CLASS = 6, 15, 17
+
+_ITEM, _FIELD, _LETTER = 128, 1024, 4  # rounded memory of a cell, a field and a letter in bytes
+
+Leaves = Iterable[tuple[str, np.ndarray]] | None
+"""Paths and values of leaves, or None for a value that holds other values."""
+
+HEADER = 128
+"""Number of bytes before the first element; the last two bytes define the byte order."""
+
+
+def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
+    """Check the tag (type and length) of every element in the bytes of a MATLAB file.
+
+    **Raises** `ValueError` for an element of unknown type or beyond the end of its container, and
+    `InputError` for elements that take more memory than the budget.
+    """
+    order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
+    budget = budget or MemoryBudget("the file", len(data))
+    place = HEADER
+    while place < len(data):
+        kind, start, stop = _element(data, place, len(data), order)
+        if kind == MATRIX:
+            _check_matrix(data, start, stop, order, budget)
+        elif kind == COMPRESSED:
+            _check_packed(data[start:stop], order, budget)
+        else:
+            raise ValueError(f"type {kind} at byte {place}")
+        place = stop
+
+
+def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
+    """Check the array in a compressed element; for an array of numbers only its start is stored."""
+    unpacker = zlib.decompressobj()
+    kept = [unpacker.decompress(packed, PART)]
+    size = len(kept[0])
+    budget.take(size)
+    plain = _holds_numbers(kept[0], order)
+    while not unpacker.eof:
+        part = unpacker.decompress(unpacker.unconsumed_tail, PART)
+        if not part and not unpacker.eof:
+            raise ValueError("a compressed element is cut off")
+        budget.take(len(part))
+        size += len(part)
+        if not plain:
+            kept.append(part)
+    content = b"".join(kept)
+    kind, start, stop = _element(content, 0, size, order)
+    if kind != MATRIX:
+        raise ValueError(f"type {kind} in a compressed element")
+    _check_matrix(content, start, stop, order, budget)
+
+
+def _holds_numbers(head: bytes, order: str) -> bool:
+    """Return whether an element with the start `head` is an array of real numbers.
+
+    All tags of such an array are near its start.
+    """
+    flags = struct.unpack_from(f"{order}I", head, 16)[0]  # after the tags of array and flags
+    return FIRST_NUMERIC_CLASS <= flags & 0xFF <= LAST_NUMERIC_CLASS and not flags & COMPLEX
+
+
+def _check_matrix(data: bytes, start: int, stop: int, order: str, budget: MemoryBudget) -> None:
+    """Check the elements of the array in data[start:stop].
+
+    They are flags, for most classes size and name, and then numbers, text or arrays.
+    """
+    if start == stop:  # an empty array within a struct
+        return
+    parts = []
+    place = start
+    while place < stop:
+        kind, begin, end = _element(data, place, stop, order)
+        parts.append((kind, begin, end))
+        place += 8 + (0 if begin - place == 4 else -(-(end - begin) // 8) * 8)
+    kind, begin, end = parts[0]
+    if kind not in FLAGS or end - begin != 8:
+        raise ValueError(f"no flags at byte {start}")
+    flags = struct.unpack_from(f"{order}I", data, begin)[0]
+    group = flags & 0xFF
+    if not 1 <= group <= LAST_CLASS:
+        raise ValueError(f"class {group} at byte {begin}")
+    if FIRST_NUMERIC_CLASS <= group <= LAST_NUMERIC_CLASS:
+        wanted = (FLAGS, SIZE, NAME, NUMBERS) + (NUMBERS,) * bool(flags & COMPLEX)
+        if len(parts) != len(wanted) or any(
+            kind not in kinds for (kind, _, _), kinds in zip(parts, wanted, strict=True)
+        ):
+            raise ValueError(f"no array of numbers at byte {start}")
+        return
+    if CELL <= group <= CHAR:
+        _check_count(data, parts, group, order, budget)
+    for kind, begin, end in parts:
+        if kind not in NUMBERS | TEXT | {MATRIX}:
+            raise ValueError(f"type {kind} at byte {begin}")
+        if kind == MATRIX:
+            _check_matrix(data, begin, end, order, budget)
+
+
+def _check_count(
+    data: bytes, parts: list[tuple[int, int, int]], group: int, order: str, budget: MemoryBudget
+) -> None:
+    """Raise `ValueError` for an array that declares another number of cells or fields than it has.
+
+    `parts` are (type, start, end) of its elements, `group` is its class.
+    """
+    (_, begin, end), rest = parts[1], parts[3:]
+    sizes = struct.unpack_from(f"{order}{(end - begin) // 4}i", data, begin)
+    count = prod(sizes)
+    if min(sizes, default=-1) < 0:
+        raise ValueError(f"a size below zero at byte {begin}")
+    if group == CHAR:
+        budget.take(_LETTER * count)  # SciPy fills missing letters with spaces
+        return
+    fields = 1
+    if group != CELL:
+        rest = rest[1:] if group == OBJECT else rest  # the name of the class
+        (_, begin, _), (_, first, last), *rest = rest
+        fields = (last - first) // max(struct.unpack_from(f"{order}i", data, begin)[0], 1)
+        budget.take(_FIELD * fields)
+    if len(rest) != count * fields:
+        raise ValueError(f"{count * fields} arrays at byte {begin}")
+    budget.take(_ITEM * len(rest))
+
+
+def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, int]:
+    """Return the type of the element at byte `place`, and the start and end of its content."""
+    if place + 8 > stop:
+        raise ValueError(f"no room for an element at byte {place}")
+    kind, length = struct.unpack_from(f"{order}II", data, place)
+    begin = place + 8
+    if kind >> 16:  # a short element, in the last four bytes of its tag
+        kind, length, begin = kind & 0xFFFF, kind >> 16, place + 4
+        if length > 4:
+            raise ValueError(f"a short element of {length} bytes at byte {place}")
+    if begin + length > stop:
+        raise ValueError(f"an element beyond the end at byte {place}")
+    return kind, begin, begin + length
+
+
+DEEPEST = 16
+"""Largest nesting depth of structs and cells that are read (chosen)."""
+
+MOST_CELLS = 1000
+"""An array with more cells or structs than this is not read (chosen)."""
+
+
+def matlab_leaves(
+    data: bytes, budget: MemoryBudget | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and values of every array of numbers in the bytes of a file.
+
+    Fields of structs are named `s.f`, of arrays of structs `s(2).f`, and cells `c{2}`. Objects
+    (tables, time series, functions), text, complex and sparse arrays are ignored. Damaged bytes
+    raise various exceptions of `scipy.io.loadmat`.
+    """
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadWarning, matfile_version
+
+    if matfile_version(io.BytesIO(data))[0] == 1:  # 0 is v4, which has no tags
+        check_tags(data, budget)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
+        variables = loadmat(io.BytesIO(data), **_sparse_option(loadmat))
+    for name, value in variables.items():
+        if not name.startswith("__"):
+            yield from leaves(name, value, _numbers)
+
+
+def _sparse_option(loadmat: Callable[..., dict]) -> dict[str, bool]:
+    """Return the argument for sparse arrays that newer versions of SciPy expect, or no argument."""
+    return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
+
+
+def _numbers(path: str, value: Any) -> Leaves:
+    if type(value) is not np.ndarray:  # objects and functions are subclasses of `ndarray`
+        return ()
+    return [(path, value)] if value.dtype.kind in "biuf" else None
+
+
+def leaves(
+    path: str,
+    value: Any,
+    own: Callable[[str, Any], Leaves],
+    *,
+    lone_cells: bool = True,
+    depth: int = 0,
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield path and values of the leaves in nested structs and cells.
+
+    **Arguments**
+    - `own`: returns the leaves that a value with this path is itself, or None to look into it.
+    - `lone_cells`: whether an array of one cell is named `c{1}` like an array of more, or `c`.
+    """
+    if depth > DEEPEST:
+        return
+    found = own(path, value)
+    if found is not None:
+        yield from found
+        return
+    inner: list[tuple[str, Any]] = []
+    if value.dtype.names and value.size <= MOST_CELLS:
+        for k, record in enumerate(value.ravel(order="F"), 1):
+            record_path = path if value.size == 1 else f"{path}({k})"
+            inner += [(f"{record_path}.{field}", record[field]) for field in value.dtype.names]
+    elif value.dtype == object and value.size <= MOST_CELLS:
+        numbered = lone_cells or value.size > 1
+        for k, cell in enumerate(value.ravel(order="F"), 1):
+            inner.append((f"{path}{{{k}}}" if numbered else path, cell))
+    for name, item in inner:
+        yield from leaves(name, item, own, lone_cells=lone_cells, depth=depth + 1)
+
+
+_DEFLATE, _CHECKSUM = 1, 3  # numbers of the filters gzip and fletcher32 of HDF5
+_HARMLESS = LEAST_BYTES // 1032  # packed size without a check: deflate packs at most 1032 to 1
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file; in a MATLAB file they follow the header, at byte 512."""
+
+
+def hdf5_leaves(
+    data: bytes, budget: MemoryBudget | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and values of every array of numbers in the bytes of a file.
+
+    Names are `group/array`, and `group/array.field` for fields of a compound. In MATLAB files the
+    names are those of `matlab_leaves`, with rows and columns as in MATLAB. Links and data in other
+    files are not read. Every group and cell is read only once, even if it contains itself. Damaged
+    bytes raise various exceptions of h5py. An array whose declared size exceeds the memory `budget`
+    raises `InputError` before it is read.
+    """
+    import h5py
+
+    with h5py.File(io.BytesIO(data), "r") as file:
+        budget = budget or MemoryBudget("the file", len(data))
+        yield from _Walk(h5py, file, data.startswith(b"MATLAB"), budget).members(file, "", 0)
+
+
+def take_dataset(item: Any, budget: MemoryBudget) -> None:
+    """Take the memory for reading a data set (its values or its largest chunk) from the budget.
+
+    **Raises** `ValueError` for a chunk that unpacks to more bytes than its declared size, because
+    HDF5 would unpack all of it.
+    """
+    size = item.dtype.itemsize
+    room = prod(item.chunks or ()) * size
+    budget.take(max(item.size * size, room if item.chunks else 0))
+    if not item.chunks:
+        return
+    plist = item.id.get_create_plist()
+    filters = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
+    if _DEFLATE not in filters:
+        return
+    if filters.count(_DEFLATE) > 1 or set(filters[filters.index(_DEFLATE) + 1 :]) - {_CHECKSUM}:
+        raise ValueError(f"unusual filters {filters}")
+
+    def check(about: Any) -> None:
+        if about.size <= _HARMLESS:
+            return
+        mask, packed = item.id.read_direct_chunk(about.chunk_offset)
+        unpacker, unpacked = zlib.decompressobj(), 0
+        while packed and not unpacker.eof and not mask:
+            unpacked += len(unpacker.decompress(packed, PART))
+            packed = unpacker.unconsumed_tail
+            if unpacked > room + PART:
+                raise ValueError(f"a chunk of {room} bytes unpacks to more than {unpacked}")
+
+    item.id.chunk_iter(check)
+
+
+class _Walk:
+    """Traversal of all groups and arrays of one open file."""
+
+    def __init__(self, h5py: Any, file: Any, matlab: bool, budget: MemoryBudget):
+        self.h5py, self.file, self.matlab, self.budget = h5py, file, matlab, budget
+        self.seen: set[tuple[int, int]] = set()
+
+    def members(self, group: Any, path: str, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+        for name in group:
+            hard = isinstance(group.get(name, getlink=True), self.h5py.HardLink)
+            if not hard or (self.matlab and name.startswith("#")):  # internal data of MATLAB
+                continue
+            yield from self.leaves(group[name], path, name, depth)
+
+    def leaves(self, item: Any, path: str, name: str, depth: int) -> Iterator[tuple[str, Any]]:
+        """Yield the arrays of the member `name` of the group at `path`."""
+        full = f"{path}{'.' if self.matlab else '/'}{name}" if path else name
+        if depth > DEEPEST or self._was_entered(item):
+            return
+        if isinstance(item, self.h5py.Group):
+            yield from self.members(item, full, depth + 1)
+        if not isinstance(item, self.h5py.Dataset) or item.is_virtual or item.external:
+            return
+        if self.matlab:
+            yield from self.matlab_leaves(item, path, name, full, depth)
+        elif item.dtype.kind in "biuf":
+            take_dataset(item, self.budget)
+            yield full, item[()]
+        elif item.dtype.names:
+            for field in item.dtype.names:
+                if item.dtype[field].kind in "biuf":
+                    take_dataset(item, self.budget)
+                    yield f"{full}.{field}", item[field]
+
+    def matlab_leaves(
+        self, item: Any, path: str, name: str, full: str, depth: int
+    ) -> Iterator[tuple[str, Any]]:
+        """Yield the arrays of a MATLAB item: data, or references to cells and structs."""
+        kind = item.attrs.get("MATLAB_class", b"")
+        if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
+            return
+        if item.dtype.kind in "biuf":
+            take_dataset(item, self.budget)
+            yield full, item[()].T
+        elif self.h5py.check_ref_dtype(item.dtype) and item.size <= MOST_CELLS:
+            for k, reference in enumerate(item[()].T.ravel(order="F"), 1):
+                if kind == b"cell":
+                    yield from self.leaves(self.file[reference], path, f"{name}{{{k}}}", depth + 1)
+                elif path:
+                    yield from self.leaves(self.file[reference], f"{path}({k})", name, depth + 1)
+
+    def _was_entered(self, item: Any) -> bool:
+        """Return whether a group or an array of references was read before, and mark it as read."""
+        if not isinstance(item, self.h5py.Group) and not self.h5py.check_ref_dtype(item.dtype):
+            return False
+        about = self.h5py.h5o.get_info(item.id)
+        place = (int(about.fileno), int(about.addr))
+        if place in self.seen:
+            return True
+        self.seen.add(place)
+        return False
+
+
+WORKSPACE = "__function_workspace__"
+"""Name under which SciPy returns the bytes of all objects of a file in format v6 or v7."""
+
+SUBSYSTEM = "#subsystem#"
+"""Name of the group with the objects of a file in format v7.3."""
+
+UNIT_KEYS = ("varUnits", "VariableUnits")
+"""Names of the attributes with the units of the columns, for a timetable and for a table."""
+
+
+def check_objects(data: bytes, *, hdf5: bool, budget: MemoryBudget) -> bool:
+    """Check the bytes of the objects in a file, and return whether the file has objects.
+
+    Damaged bytes raise various exceptions. **Raises** `InputError` for declared sizes beyond the
+    budget.
+    """
+    if hdf5:
+        return _check_hdf5(data, budget)
+    from scipy.io import loadmat
+    from scipy.io.matlab import matfile_version
+
+    if matfile_version(io.BytesIO(data))[0] != 1:  # v4 has no objects
+        return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        stored = loadmat(io.BytesIO(data), variable_names=[WORKSPACE]).get(WORKSPACE)
+    if stored is None:
+        return False
+    inner = np.asarray(stored, np.uint8).tobytes()
+    # The inner stream has two bytes of version and two of byte order in place of a header.
+    check_tags(bytes(HEADER - 2) + inner[2:4] + inner[8:], budget)
+    return True
+
+
+def _check_hdf5(data: bytes, budget: MemoryBudget) -> bool:
+    import h5py
+
+    with h5py.File(io.BytesIO(data), "r") as file:
+        if SUBSYSTEM not in file:
+            return False
+
+        def count(_: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset):
+                if item.is_virtual or item.external:
+                    raise ValueError("data in another file")
+                take_dataset(item, budget)
+
+        file.visititems(count)
+    return True
+
+
+def object_leaves(path: Path) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and values of table columns, dates and durations.
+
+    Dates and durations are converted to seconds since the first value.
+
+    Columns are named `T.column`, and `T.column [unit]` if the table states units. Damaged bytes
+    raise various exceptions. **Raises** `UsageError` without the library.
+    """
+    try:
+        from matio import load_from_mat
+    except ImportError:
+        raise UsageError(
+            "tables and other objects of MATLAB need the package mat-io; install it with"
+            ' `pip install "vttig-jax[matlab]"`, or convert the table in MATLAB with'
+            ' `table2struct(T, "ToScalar", true)`.',
+            where=str(path),
+        ) from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        variables = load_from_mat(str(path), add_table_attrs=True)
+        for name, value in variables.items():
+            if not name.startswith("__"):
+                yield from leaves(name, value, _objects, lone_cells=False)
+
+
+def _objects(path: str, value: Any) -> Leaves:
+    if hasattr(value, "columns") and hasattr(value, "index"):  # a DataFrame of pandas
+        return _table(path, value)
+    if not isinstance(value, np.ndarray):
+        return ()
+    return [(f"{path} [s]", since_first(value))] if value.dtype.kind in "mM" else None
+
+
+def _table(path: str, table: Any) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield name and values of the row times of a timetable and of numeric and time columns.
+
+    `table` is a DataFrame.
+    """
+    if table.index.dtype.kind in "mM":
+        yield f"{path}.{table.index.name or 'Time'} [s]", since_first(table.index.to_numpy())
+    stated = max((np.ravel(table.attrs.get(key, ())) for key in UNIT_KEYS), key=len)
+    for k, column in enumerate(table.columns):
+        values = table[column].to_numpy()
+        unit = str(stated[k]) if len(stated) == len(table.columns) else ""
+        if values.dtype.kind in "mM":
+            yield f"{path}.{column} [s]", since_first(values)
+        elif values.dtype.kind in "biuf":
+            yield f"{path}.{column} [{unit}]" if unit else f"{path}.{column}", values

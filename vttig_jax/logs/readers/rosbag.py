@@ -1,0 +1,262 @@
+"""Numeric fields of the messages of a ROS bag, after a check of its unpacked size.
+
+Unpacked sizes of the files of ROS bags, without unpacking them into memory.
+
+Every function adds sizes in bytes to a `MemoryBudget`, whose method `take` raises `InputError`
+beyond its limit.
+
+Numeric fields of the messages of a ROS bag: a ROS 2 folder (sqlite or MCAP), .mcap or .bag.
+
+The joints of `sensor_msgs/JointState` are found by name in every message, because their order may
+change. The stamp in the header of a message is preferred to the time of its recording.
+"""
+
+import bz2
+import sqlite3
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...base.files.limits import PART, MemoryBudget, read_regular
+from .binary import ClockedColumn, silent
+
+_MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the signature, opcode of a chunk (MCAP specification)
+_ROS1_MAGIC, _ROS1_CHUNK = b"#ROSBAG V2.0\n", 5  # first line, and opcode of a chunk (bag format 2)
+_ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame (RFC 8878); no plain message begins with them
+
+
+def take_bag(path: Path, budget: MemoryBudget) -> None:
+    """Add the unpacked size of one file of a bag to the budget; other kinds of file add nothing."""
+    match path.suffix.lower():
+        case ".mcap":
+            take_mcap(read_regular(path), budget)
+        case ".bag":
+            take_ros1(read_regular(path), budget)
+        case ".db3":
+            take_messages(path, budget)
+        case ".zstd":
+            take_frame(read_regular(path), budget)
+
+
+def take_mcap(data: bytes, budget: MemoryBudget) -> None:
+    """Add the unpacked sizes that the chunks of an MCAP file declare to the budget.
+
+    **Raises** `ValueError` for a chunk that unpacks to more than it declares.
+    """
+    place = _MCAP_START
+    while place + 9 <= len(data):
+        length = struct.unpack_from("<Q", data, place + 1)[0]
+        if data[place] == _MCAP_CHUNK and place + 41 <= len(data):
+            declared, _, size = struct.unpack_from("<QII", data, place + 25)
+            budget.take(declared)
+            begin = place + 41 + size
+            kind = data[place + 41 : begin]
+            (packed,) = struct.unpack_from("<Q", data, begin) if begin + 8 <= len(data) else (0,)
+            _check_chunk(kind, data[begin + 8 : begin + 8 + packed], declared)
+        place += 9 + length
+
+
+def take_ros1(data: bytes, budget: MemoryBudget) -> None:
+    """Add the unpacked sizes that the chunks of a bag of ROS 1 declare to the budget.
+
+    A record consists of a header and data, and the length of each precedes it. A header consists of
+    fields `name=value`, each preceded by its length. The field `op` is the kind of the record, and
+    the field `size` is the unpacked size of a chunk.
+
+    **Raises** `ValueError` for a chunk that unpacks to more than it declares.
+    """
+    place = len(_ROS1_MAGIC)
+    with suppress(struct.error):  # the file ends inside a record; its reader reports the damage
+        while place < len(data):
+            head = struct.unpack_from("<I", data, place)[0]
+            fields = _ros1_fields(data[place + 4 : place + 4 + head])
+            place += 4 + head
+            length = struct.unpack_from("<I", data, place)[0]
+            if fields.get(b"op") == bytes([_ROS1_CHUNK]) and len(fields.get(b"size", b"")) == 4:
+                (declared,) = struct.unpack("<I", fields[b"size"])
+                budget.take(declared)
+                packed = data[place + 4 : place + 4 + length]
+                _check_chunk(fields.get(b"compression", b""), packed, declared)
+            place += 4 + length
+
+
+def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
+    fields, place = {}, 0
+    while place + 4 <= len(header):
+        length = struct.unpack_from("<I", header, place)[0]
+        name, _, value = header[place + 4 : place + 4 + length].partition(b"=")
+        fields[name] = value
+        place += 4 + length
+    return fields
+
+
+def _check_chunk(kind: bytes, packed: bytes, declared: int) -> None:
+    """Raise `ValueError` for a chunk that unpacks to more than it declares.
+
+    This check is necessary because rosbags unpacks a chunk to its end and ignores the declared
+    size.
+    """
+    if kind == b"bz2":
+        unpacker: Any = bz2.BZ2Decompressor()
+    elif kind == b"lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        unpacker = LZ4FrameDecompressor()
+    elif kind == b"zstd":
+        unpacker = _zstd().ZstdDecompressor()
+    else:
+        return
+    unpacked = 0
+    with suppress(OSError, RuntimeError, EOFError, _zstd().ZstdError):  # the reader reports damage
+        while not unpacker.eof and (packed or not unpacker.needs_input):
+            unpacked += len(unpacker.decompress(packed, PART))
+            packed = b""
+            if unpacked > declared:
+                break
+    if unpacked > declared:
+        raise ValueError(f"a chunk of {declared} bytes unpacks to more")
+
+
+def take_messages(path: Path, budget: MemoryBudget) -> None:
+    """Add the unpacked sizes of all compressed messages in a bag of ROS 2 in SQLite to the budget.
+
+    A message is compressed if it begins like a frame of Zstandard; other messages add nothing.
+
+    **Raises** `InputError` beyond the limit of the budget, `ValueError` for a table whose rows are
+    computed and not stored.
+    """
+    _require_stored(path)
+    address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    # The reader of the bag reports the damage of a file that is no table of messages.
+    with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
+        for (data,) in base.execute("SELECT data FROM messages"):
+            if isinstance(data, bytes) and data.startswith(_ZSTD):
+                take_frame(data, budget)
+
+
+def _require_stored(path: Path) -> None:
+    """Raise `ValueError` for a table that is computed while it is read, for example a view.
+
+    A view can have infinitely many rows, and the values of a computed column can have any size.
+    """
+    address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
+        for name, kind, root in base.execute("SELECT name, type, rootpage FROM sqlite_master"):
+            if kind == "view" or (kind == "table" and not root):
+                raise ValueError(f"`{name}` is no stored table")
+        stored = base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+        for (name,) in stored:
+            columns = base.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,))
+            if any(hidden for (hidden,) in columns):
+                raise ValueError(f"`{name}` has a computed column")
+
+
+def take_frame(data: bytes, budget: MemoryBudget) -> None:
+    """Unpack a frame of Zstandard part by part and add the size of every part to the budget."""
+    zstd = _zstd()
+    unpacker, packed = zstd.ZstdDecompressor(), data
+    with suppress(zstd.ZstdError):  # the reader of the bag reports the damage
+        while not unpacker.eof:
+            part = unpacker.decompress(packed, PART)
+            packed = b""
+            budget.take(len(part))
+            if not part and unpacker.needs_input:
+                return
+
+
+def _zstd() -> Any:
+    """Return the Zstandard library that rosbags uses; it is part of Python from 3.14 on."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
+
+
+_SAMPLE = 80  # bytes of a stamp and a number as Python objects, with their places in lists
+
+JOINTS = "JointState"
+JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "Nm"}
+"""Arrays of a JointState with one number for each joint, and their units (for a rotary joint)."""
+
+DEEPEST = 4
+"""Largest depth of messages within messages that are read (chosen)."""
+
+
+def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
+    """Yield one column for each numeric field of the messages, with its time stamps.
+
+    The position of a joint is `topic/joint/position [rad]`, any other number `topic/field`.
+    Damaged bytes raise various exceptions of rosbags.
+    """
+    del data  # rosbags reads the file or the folder
+    budget = _budget(path)
+    with silent("rosbags"):
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
+        series: dict[str, tuple[list[int], list[float]]] = {}
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            for connection, recorded_ns, raw in reader.messages():
+                message = reader.deserialize(raw, connection.msgtype)
+                stamp_ns = _header_ns(message) or recorded_ns
+                for name, value in _numbers(connection.topic.strip("/"), message, 0):
+                    stamps, values = series.setdefault(name, ([], []))
+                    budget.take(_SAMPLE)
+                    stamps.append(stamp_ns)
+                    values.append(value)
+    if not series:
+        return
+    first = min(stamps[0] for stamps, _ in series.values())
+    for name, (stamps, values) in series.items():
+        if len(values) > 1:
+            seconds = (np.array(stamps, np.int64) - first) / 1e9
+            yield ClockedColumn(name, np.array(values), seconds)
+
+
+def _budget(path: Path) -> MemoryBudget:
+    """Return the memory budget of a bag minus the unpacked sizes of its files."""
+    files = [one for one in path.rglob("*") if one.is_file()] if path.is_dir() else [path]
+    budget = MemoryBudget(str(path), sum(one.stat().st_size for one in files))
+    for one in files:
+        take_bag(one, budget)
+    return budget
+
+
+def _header_ns(message: Any) -> int:
+    """Return the stamp in the header of a message in ns since 1970, or 0 without a stamp."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if stamp is None:
+        return 0
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def _numbers(path: str, message: Any, depth: int) -> Iterator[tuple[str, float]]:
+    """Yield path and value of every numeric field of a message and of the messages in it."""
+    if type(message).__name__.endswith(JOINTS):
+        yield from _joints(path, message)
+        return
+    if depth > DEEPEST:
+        return
+    for field in getattr(message, "__dataclass_fields__", {}):
+        value = getattr(message, field)
+        if field in ("header", "stamp") or field.startswith("__"):
+            continue
+        if isinstance(value, bool | str):
+            continue
+        if isinstance(value, int | float | np.number):
+            yield f"{path}/{field}", value.item() if isinstance(value, np.number) else value
+        elif hasattr(value, "__dataclass_fields__"):
+            yield from _numbers(f"{path}/{field}", value, depth + 1)
+
+
+def _joints(path: str, message: Any) -> Iterator[tuple[str, float]]:
+    for field, unit in JOINT_FIELDS.items():
+        values = getattr(message, field)
+        for joint, value in zip(message.name, values, strict=False):
+            yield f"{path}/{joint}/{field} [{unit}]", float(value)

@@ -1,1 +1,0 @@
-"""Time stamps: dates, times of day, and numbers since an epoch."""
