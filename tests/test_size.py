@@ -29,10 +29,10 @@ BOUNDS = {
     "model": (2105, 44),
     "identify": (3480, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
-    "control": (5954, 70),  # 3600
+    "control": (5960, 71),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
-    "runs": (2432, 9),  # 900
-    "cli": (3937, 19),  # 2600
+    "runs": (2447, 9),  # 900
+    "cli": (3940, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

@@ -90,6 +90,19 @@ def test_one_direction_of_a_worm_over_its_own_turn(export, worm):
     assert np.std(added) < 1.0 < 0.05 * np.std(worm_arcsec("A", driving))
 
 
+def test_a_log_that_does_not_tell_the_gap_says_so(vttig, export, tmp_path):
+    """Less than a turn of both shafts: each flank has the mean zero."""
+
+    def flat(flank, driving):
+        return error_arcsec(flank, driving / 30, 0.5)
+
+    short = fitted(tmp_path / "short", flat, "--delay", "off", ratio=1 / 40)
+    code, record, out = export(short, "json", "--travel", "4", "60")
+    assert code == 0 and record["lost_motion_arcsec"] is None
+    code, _, said = vttig("export", short, "--for", "json", "--travel", "60", "200", "--out", out)
+    assert code == 2 and not said.startswith("Traceback")
+
+
 def test_a_table_that_is_held_over_further_turns_is_refused(export, run_folder):
     code, record, _ = export(run_folder, "linuxcnc", "--travel", "0", "360")
     assert code == 0

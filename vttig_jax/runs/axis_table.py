@@ -27,7 +27,7 @@ from ..model.parameters import FULL_TURN
 from ..model.rows import SHAFTS
 from ..pair.gear_pair import Flank
 from ..posterior.summary.posterior import Posterior, flank_draws, gap_draws
-from .error_table import compensation_head, is_covered, measured_flanks
+from .error_table import compensation_head, measured_flanks
 
 AxisName = Literal["driven", "driving"]
 
@@ -71,7 +71,7 @@ class AxisTable(TextResult):
     - `after95`: direction → rms with the table at 2.5 and 97.5 % of the draws, rad; empty without
       draws.
     - `lost`: rms of the difference between both directions without and with the table, rad; None
-      for one direction.
+      for one direction, or if the log does not determine the gap.
     - `turns`: turns of the axis that the travel is repeated in.
     """
 
@@ -92,16 +92,14 @@ class AxisTable(TextResult):
 
     @property
     def held(self) -> bool:
-        """Whether both directions get the correction of the only one that was measured."""
+        """Whether only one direction was measured."""
         return len(self.table.values) < 2
 
-    def provenance(self) -> tuple[str, ...]:
-        """Return lines that say what the table is and where it comes from."""
-        import vttig_jax
-
+    def provenance(self, version: str) -> tuple[str, ...]:
+        """Return lines that say what the table is, and which `version` made it from what."""
         fit, axis = self.fit, self.axis
         return (
-            f"vttig {vttig_jax.__version__}: corrections in degrees, added to the command",
+            f"vttig {version}: corrections in degrees, added to the command",
             f"pair {fit.pair.name}; log {fit.source}; SHA-256 {fit.sha256}",
             f"axis: {axis.shaft} shaft{', reversed' * axis.reversed},"
             f" {axis.zero_deg:.9g} deg where the fit has its zero",
@@ -154,10 +152,11 @@ class AxisTable(TextResult):
         ]
         shown = lambda one: f"{one.rms / ARCSEC:.3g}″ rms, {one.peak / ARCSEC:.3g}″ at most"  # noqa: E731
         for name, before in self.before.items():
-            text = f"{shown(before)}; with the table {shown(self.after[name])}"
+            text = f"{shown(before)}; with the table "
             if name in self.after95:
                 low, high = (end / ARCSEC for end in self.after95[name])
-                text += f" ({low:.3g}″ … {high:.3g}″ rms in 95 % of the draws)"
+                text += f"{low:.3g}″ … {high:.3g}″ rms in 95 % of the draws, without noise "
+            text += shown(self.after[name])
             rows.append((name, text))
         if self.lost is not None:
             before, after = (f"{one / ARCSEC:.3g}″ rms" for one in self.lost)
@@ -168,8 +167,14 @@ class AxisTable(TextResult):
         rows = self._rows()
         if self.held:
             (only,) = self.table.values
+            twice = "a file that needs both directions has its values twice"
+            rows.append(("one direction", f"the log shows {only} only; {twice}"))
+        elif self.lost is None:
+            lacking = "the log does not determine the gap; each flank has the mean zero"
+            rows.append(("lost motion", f"{lacking}, so that the table does not take it out"))
+        if not self.after95:
             rows.append(
-                ("one direction", f"the log shows {only} only; the other one gets its values")
+                ("noise", "what the fit leaves open is not in these numbers: `vttig sample`")
             )
         left = sorted(
             {f"{one.shaft} order {one.order:g}" for one in self.fit.orders if is_fractional(one)}
@@ -198,8 +203,8 @@ def axis_table(
     pair, ratio = fit.pair, float(fit.pair.ratio)
     gain = (ratio if axis.shaft == "driven" else 1.0) * (-1 if axis.reversed else 1)
     driven = [place for place, (_, count) in enumerate(fit.model.terms) if count]
-    own = np.abs(fit.model.cosine) + np.abs(fit.model.sine)
-    alike = axis.shaft == "driving" and not np.any(np.asarray(own)[:, driven])
+    own = np.abs(np.asarray(fit.model.cosine)) + np.abs(np.asarray(fit.model.sine))
+    alike = axis.shaft == "driving" and not np.any(own[:, driven])
     turns = 1 if alike else max(1, round(abs(gain) * pair.hunting_turns))
     travel = axis.travel_deg
     if travel is None:
@@ -241,22 +246,23 @@ def axis_table(
     first, last = (DEG * end for end in over)
     count = max(POINTS_PER_PERIOD * order / REV, 8 / step) * (last - first)
     position = np.linspace(first, last, min(math.ceil(count) + 1, _MOST_POINTS))
-    _require_covered(fit, flanks, (position - zero) / gain)
+    _require_covered(fit, flanks, (position - zero) / gain, every_turn=not np.any(own[:, driven]))
     shown = {name: left_over(error, None, name, position) for name in error.directions}
     left = {name: left_over(error, table, name, position) for name in error.directions}
     before = {name: size(one) for name, one in shown.items()}
     after = {name: size(one) for name, one in left.items()}
     for name, one in after.items():
-        if one.rms >= before[name].rms:
+        if one.rms >= before[name].rms or one.peak > before[name].peak:
             raise NoAnswerError(
-                f"over {over[0]:g}° … {over[1]:g}° the table from {travel[0]:g}° to {travel[1]:g}°"
-                f" would leave {one.rms / ARCSEC:.3g}″ rms {name}, and no table leaves"
-                f" {before[name].rms / ARCSEC:.3g}″; give the whole travel with --travel, or a"
-                " smaller --step-deg.",
+                f"over {over[0]:g}° … {over[1]:g}° this table would leave"
+                f" {one.rms / ARCSEC:.4g}″ rms, {one.peak / ARCSEC:.4g}″ at most {name}; without"
+                f" it {before[name].rms / ARCSEC:.4g}″ and {before[name].peak / ARCSEC:.4g}″ are"
+                " there."
+                " Give the whole travel with --travel, or a smaller --step-deg.",
                 where=fit.source,
             )
     lost = None
-    if len(left) == 2:
+    if len(left) == 2 and zero_mean != flanks:
         lost = (
             size(shown["forward"] - shown["reverse"]).rms,
             size(left["forward"] - left["reverse"]).rms,
@@ -283,15 +289,26 @@ def axis_table(
     return AxisTable(fit, axis, travel, over, table, before, after, after95, lost, len(places))
 
 
-def _require_covered(fit: Fit, flanks: Sequence[Flank], driving: np.ndarray) -> None:
-    """Refuse a travel beyond what the log covers, if it did not show whole turns of both shafts."""
+def _require_covered(
+    fit: Fit, flanks: Sequence[Flank], driving: np.ndarray, *, every_turn: bool
+) -> None:
+    """Refuse a travel beyond what the log covers, if it did not show whole turns of both shafts.
+
+    `every_turn`: whether no order of the driven shaft is fitted: then any driving turn tells all.
+    """
     short = [shaft for shaft in SHAFTS if fit.core.scope.turns[shaft] < FULL_TURN]
+    if not short or (every_turn and short == ["driven"]):
+        return
     for flank in flanks:
-        share = float(is_covered(fit, flank, driving).mean())
-        if short and share < 1 - 1e-3:
+        spans = fit.coverage.spans.get(flank, np.empty((0, 2)))
+        place = np.mod(driving, fit.pair.hunting_turns * REV)
+        seen = np.searchsorted(spans.ravel(), place, side="right") % 2 == 1
+        if not seen.all():
+            ends = f"{spans.min() / DEG:.6g}° … {spans.max() / DEG:.6g}°" if len(spans) else "none"
             raise UsageError(
-                f"the log covers {100 * share:.0f} % of this travel on flank {flank} and no whole"
-                f" turn of the {' and the '.join(short)} shaft, so that nothing tells the rest;"
-                " give a --travel that it covers, or log more.",
+                f"the log covers {math.floor(100 * seen.mean())} % of this travel on flank {flank}"
+                f" ({ends} of the driving shaft) and no whole turn of the {' and the '.join(short)}"
+                " shaft, so that nothing tells the rest; give a --travel that it covers, or log"
+                " more.",
                 where=fit.source,
             )

@@ -202,7 +202,7 @@ def error_table(
     for flank in measured:
         error = errors_at(model, flank, fine)
         orders = [one for one in fit.orders if one.flank == flank and not is_fractional(one)]
-        seen = is_covered(fit, flank, fine)
+        seen = _is_covered(fit, flank, fine)
         own = turns * float(seen.mean())
         size = size_of(error[seen], own, significant=exceeds_noise(orders))
         if draws is None:
@@ -279,7 +279,7 @@ def _angles(step_deg: float, turns: float) -> Float[np.ndarray, " rows"]:
     return np.arange(math.ceil(turns * 360.0 / step_deg - 1e-9)) * step_deg * DEG
 
 
-def is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def _is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Return whether the log covers driving angles, rad, on a flank; all, if it covers none."""
     edges = fit.coverage.spans.get(flank, np.empty((0, 2))).ravel()
     turned = np.mod(angle, fit.pair.hunting_turns * REV)

@@ -49,6 +49,12 @@ def test_the_corrected_axis_stands_where_it_is_told(seed):
         assert np.max(np.abs(added - plainly)) > 1e-10  # minus the error is not the correction
 
 
+def test_a_correction_ends_where_angles_have_few_digits():
+    axis, far = axis_of(0), 1e5 + np.linspace(0.0, 1.0, 100)
+    left = axis.correction("A", far) + axis.at("A", far + axis.correction("A", far))
+    assert np.max(np.abs(left)) < 1e-10
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_a_table_never_makes_the_axis_worse(seed):
     axis, rng = axis_of(seed), np.random.default_rng(1000 + seed)
@@ -145,7 +151,7 @@ def test_one_direction_has_the_values_of_the_other(table):
 
 def test_structured_text_and_csv_give_the_curve(table):
     text = twincat(table, ("*) evil := 1;",), "axis 2; END_VAR")
-    assert re.search(r"axis_2_END_VAR_last : UDINT := 255;", text)
+    assert re.search(r"axis_axis_2_END_VAR_last : UDINT := 255;", text)
     for name, values in (("positions", table.positions), *table.values.items()):
         (held,) = re.findall(rf"_{name}_deg : ARRAY\[0\.\.255\] OF LREAL := \[([^]]*)\];", text)
         found = np.array(held.split(","), float) * DEG

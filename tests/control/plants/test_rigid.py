@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.control.followed import OPEN, Still, follow, shafts_at
@@ -119,6 +119,8 @@ def ball(speed: float, restitution: float, width: float, time: float) -> tuple[f
     speed=st.floats(0.05, 2.0),
     place=st.integers(0, 99),
 )
+@example(restitution=0.3, speed=2.0, place=5)  # the impact falls on the end of a step
+@example(restitution=0.9, speed=1.0, place=12)
 def test_between_walls_at_rest_it_is_a_ball(restitution, speed, place):
     walls, motion = Still(0.0, 0.01).bounds(), trapezoid(60.0, 540.0, 0.5, 0.5)
     start = shafts_at(motion, walls, REST, 0.0, speed, FREE)

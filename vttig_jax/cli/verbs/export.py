@@ -204,7 +204,7 @@ def command(
         _axis_table(output, run_folder, out, control, setting, step_deg, rate, name, overwrite)
         return
     if wrong := given(_OF_CONTROL):
-        raise UsageError(f"{' and '.join(wrong)} belong to --for; add it or leave them out.")
+        raise UsageError(f"{' and '.join(wrong)} without --for has no effect; add --for.")
     step_deg = 1.0 if step_deg is None else step_deg
     suffix = out.suffix.lower()
     quantity = quantity or ("shift" if suffix == ".h" else "backlash")
@@ -266,6 +266,8 @@ def _check_control_options(out: Path, control: str, *, overwrite: bool) -> None:
     only |= set() if control == "twincat" else {"name"}
     if control != "linuxcnc":
         only |= {"acceleration_deg_s2", "servo_period_ms"}
+    if given({"servo_period_ms"}) and not given({"acceleration_deg_s2"}):
+        raise UsageError("--servo-period-ms needs --acceleration-deg-s2; give both.")
     if wrong := given(sorted(only)):
         raise UsageError(f"--for {control} takes no {' and no '.join(wrong)}; leave it out.")
     if out.exists() and not overwrite:
@@ -293,13 +295,14 @@ def _axis_table(
     vttig_jax.enable_x64()
     opened = Run(run_folder)
     found = axis_table(opened.fit, drawn(opened), AxisSetting(*setting), step_deg)
-    record, lines = found.to_json(out), found.provenance()
+    record, lines = found.to_json(out), found.provenance(vttig_jax.__version__)
     shown = str(found)
     if control == "linuxcnc":
         text = table_formats.linuxcnc(found.table, lines)
         record["ini"] = {"COMP_FILE": out.name, "COMP_FILE_TYPE": 1}
+        file = table_formats.plain(out.name)
         shown += (
-            f"\nin the INI file, section [JOINT_n]:\n  COMP_FILE = {out.name}\n  COMP_FILE_TYPE = 1"
+            f"\nin the INI file, section [JOINT_n]:\n  COMP_FILE = {file}\n  COMP_FILE_TYPE = 1"
         )
         if rate[0] is not None:
             record["fastest_deg_s"] = found.fastest_deg_s(rate[0], 1e-3 * rate[1])

@@ -29,8 +29,8 @@ Curve = Callable[[Float[np.ndarray, " n"]], np.ndarray]
 
 DIRECTIONS = ("forward", "reverse")
 
-_PER_INTERVAL = 16
-"""Points of the correction in an interval of the table (chosen)."""
+_PER_INTERVAL, _MOST_NODES = 16, 20_000
+"""Points of the correction in an interval of the table, and most intervals (chosen)."""
 
 _STEEPEST = 0.5
 """|dE/dp| above which positions are not told apart: the fixed point c = −E(p + c) would be lost."""
@@ -86,9 +86,11 @@ class AxisError:
                 f"the error changes by {np.max(np.abs(slope)):.2g}° in a degree of the axis, so"
                 " that commands and positions are not one to one; fit fewer orders."
             )
+        step = np.inf
         while True:
             last, found = found, -self.mean(flank, position + found)
-            if np.max(np.abs(found - last)) < 1e-13:
+            before, step = step, float(np.max(np.abs(found - last)))
+            if step < 1e-13 or step >= 0.75 * before:  # far from zero, angles have fewer digits
                 return found
 
 
@@ -138,6 +140,8 @@ def correction_table(error: AxisError, start: float, stop: float, step: float) -
     that is too steep.
     """
     count = round((stop - start) / step)
+    if count > _MOST_NODES:
+        raise UsageError(f"{count} positions are more than {_MOST_NODES}; give a larger step.")
     if count < 1 or abs(count * step - (stop - start)) > 1e-9 * (stop - start):
         raise UsageError(
             f"a step of {math.degrees(step):.6g}° does not divide the table from"

@@ -34,10 +34,10 @@ def linuxcnc(table: CorrectionTable, provenance: tuple[str, ...]) -> str:
             f"a table of LinuxCNC has at most {LINUXCNC_ROWS} rows, and this one has"
             f" {len(nominal)}; give a larger --step-deg or a shorter travel."
         )
-    if np.any(np.diff(nominal.astype(np.float32)) <= 0):
+    if np.any(np.diff(nominal.astype(np.float32)) <= 0) or np.any(np.diff(nominal) < 1e-6):
         raise UsageError(
-            "the positions do not increase in the single precision of LinuxCNC; give a larger"
-            " --step-deg."
+            "the positions do not increase in the single precision of LinuxCNC, or by less than"
+            " 1e-6°; give a larger --step-deg."
         )
     columns = [table.values.get(name, next(iter(table.values.values()))) for name in DIRECTIONS]
     rows = zip(nominal, *np.degrees(columns), strict=True)
@@ -51,7 +51,7 @@ def twincat(table: CorrectionTable, provenance: tuple[str, ...], name: str) -> s
     The values are added to the command. Positions are equidistant, as
     `MC_TableBasedPositionCompensation` of Tc2_MC2 asks.
     """
-    last, prefix = len(table.positions) - 1, re.sub(r"\W+", "_", name, flags=re.ASCII)
+    last, prefix = len(table.positions) - 1, "axis_" + re.sub(r"\W+", "_", name, flags=re.ASCII)
     arrays = {"positions": table.positions, **table.values}
     text = ["{attribute 'qualified_only'}", "VAR_GLOBAL CONSTANT"]
     text += [f"  // {plain(line)}" for line in provenance]

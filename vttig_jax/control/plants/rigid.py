@@ -68,7 +68,10 @@ class Rigid(Plant):
         end = jnp.where(below, then.lower, then.upper)
         end_rate = jnp.where(below, then.lower_rate, then.upper_rate)
         side = touching(below, above, shafts.side)
-        stays = hit & ((shafts.side == side) | (inwards * (offset - end) <= 0))
+        # An impact at the end of the step leaves no way that could show whether it meets again.
+        leaves = (share > 1 - 1e-9) & (inwards * (rebound - end_rate) > 0)
+        again = ~leaves & (inwards * (offset - end) <= 0)
+        stays = hit & ((shafts.side == side) | again)
 
         met = newly_met(below, above, side, shafts.side)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
