@@ -246,7 +246,7 @@ def axis_table(
     first, last = (DEG * end for end in over)
     count = max(POINTS_PER_PERIOD * order / REV, 8 / step) * (last - first)
     position = np.linspace(first, last, min(math.ceil(count) + 1, _MOST_POINTS))
-    _require_covered(fit, flanks, (position - zero) / gain, every_turn=not np.any(own[:, driven]))
+    _require_covered(fit, flanks, (position - zero) / gain, every_turn=alike)
     shown = {name: left_over(error, None, name, position) for name in error.directions}
     left = {name: left_over(error, table, name, position) for name in error.directions}
     before = {name: size(one) for name, one in shown.items()}
@@ -294,7 +294,7 @@ def _require_covered(
 ) -> None:
     """Refuse a travel beyond what the log covers, if it did not show whole turns of both shafts.
 
-    `every_turn`: whether no order of the driven shaft is fitted: then any driving turn tells all.
+    `every_turn`: whether any turn of the driving shaft tells all others.
     """
     short = [shaft for shaft in SHAFTS if fit.core.scope.turns[shaft] < FULL_TURN]
     if not short or (every_turn and short == ["driven"]):
