@@ -88,7 +88,8 @@ def clean_log() -> Text:
 
 
 def _row(draw: st.DrawFn, text: Text) -> int:
-    return draw(st.integers(30, len(text.time) - 30))
+    middle = len(text.time) // 2
+    return draw(st.integers(min(30, middle), max(len(text.time) - 30, middle)))
 
 
 def _role(draw: st.DrawFn) -> str:

@@ -46,10 +46,10 @@ def sweep_in_folder(
     return table if out is None else replace(table, path=Path(out) / TABLE)
 
 
-def _block(number: int, cases: SweepCases) -> tuple[int, int, Rows]:
-    """Run a block on a worker and return its number, lane-steps and rows."""
+def _block(number: int, shared: SweepCases) -> tuple[int, int, Rows]:
+    """Run a block of the shared cases on a worker; return its number, lane-steps and rows."""
     steps: list[int] = []
-    rows = _work(cases).run(number, steps.append)
+    rows = _work(shared).run(number, steps.append)
     return number, sum(steps), rows
 
 

@@ -228,7 +228,7 @@ def _refuse_step(
         f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {origin.unit} from one sample to"
         f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
         + (f" of {modulus:g}" if modulus is not None else "")
-        + "; cut the log there"
+        + "; cut the log there (--cut)"
         + (f", or give `modulus` in [{origin.role}] encoder." if quantum else "."),
         where=origin.source.at(origin.role, row),
     )
@@ -249,7 +249,7 @@ def _refuse_blind_pause(
         if max(before, after) * interval[k] > 0.4 * modulus:
             raise LogError(
                 f"the log pauses for {interval[k]:.4g} s while the {origin.role} channel wraps at"
-                f" {modulus:g} {origin.unit}, so whole turns are lost; cut the log there.",
+                f" {modulus:g} {origin.unit}, so whole turns are lost; cut the log there (--cut).",
                 where=origin.source.at(origin.role, int(k) + 1),
             )
 
