@@ -56,22 +56,6 @@ def test_derivatives_are_those_of_the_density(seed):
     assert np.abs(np.asarray(told.hessian - near.hessian)).max() > 1e-4
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_coefficients_and_their_slopes(seed):
-    """β̂ maximises the joint density: least squares with the priors; its slopes by differences."""
-    problem = drawn(seed).problem
-    theta = jnp.asarray(theta_near(seed, problem))
-    told = solved(theta, problem.compressed)
-    at = lambda t: np.asarray(solved(t, problem.compressed).beta)  # noqa: E731
-    h = 1e-5
-    expected = np.array(
-        [(at(theta + h * e) - at(theta - h * e)) / (2 * h) for e in np.eye(len(theta))]
-    )
-    found = -np.asarray(told.spread @ told.slopes).T
-    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
-    assert np.abs(expected).max() > 1e-3
-
-
 def test_coefficients_are_generalised_least_squares():
     small = drawn(5)
     problem, theta = small.problem, theta_near(5, small.problem)
@@ -94,7 +78,7 @@ def test_batches_are_loops():
         jax.vmap(solved, (0, None))(thetas, problem.compressed),
         jax.lax.map(lambda t: solved(t, problem.compressed), thetas),
     ):
-        for name in ("value", "gradient", "hessian", "beta", "spread", "slopes", "moments"):
+        for name in ("value", "gradient", "hessian", "beta", "spread", "moments"):
             expected = np.stack([np.asarray(getattr(told, name)) for told in one])
             np.testing.assert_allclose(getattr(many, name), expected, rtol=1e-8, atol=1e-8)
     assert np.ptp(np.asarray(jax.vmap(log_density, (0, None))(thetas, problem.compressed))) > 1

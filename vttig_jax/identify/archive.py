@@ -19,7 +19,7 @@ from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..model.columns import Column
 from ..model.density import Compressed, Solved
-from ..model.functionals import Posterior
+from ..model.functionals import Posterior, Readings
 from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter
 from ..model.problem import Problem
@@ -34,6 +34,7 @@ from .records import Checks, LogRecord, Noise
 from .result import Fit
 
 _SOLVED, _COMPRESSED = "solved_", "compressed_"
+_READINGS = ("readings_rows", "readings_values", "readings_variance")
 
 
 def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
@@ -85,6 +86,7 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
         "theta": posterior.theta,
         "natural": problem.natural,
         "start": problem.start,
+        **dict(zip(_READINGS, map(np.asarray, posterior.readings or ()), strict=False)),
         **{
             front + field.name: np.asarray(getattr(part, field.name))
             for front, part in parts
@@ -97,6 +99,13 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
 
 def _of(kind: type, front: str, arrays: dict[str, np.ndarray]) -> dict:
     return {field.name: jnp.asarray(arrays[front + field.name]) for field in fields(kind)}
+
+
+def _readings(arrays: dict[str, np.ndarray]) -> Readings | None:
+    if _READINGS[0] not in arrays:
+        return None
+    rows, values, variance = (arrays[name] for name in _READINGS)
+    return rows, values, float(variance)
 
 
 def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
@@ -116,7 +125,7 @@ def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
         shafts=(),
         rows=(),
         waves=tuple(Wave(*wave) for wave in text["waves"]),
-        posterior=Posterior(problem, arrays["theta"], solved),
+        posterior=Posterior(problem, arrays["theta"], solved, _readings(arrays)),
         delay_s=delay_s,
         bends=arrays["bends"],
         outliers=outliers,

@@ -8,8 +8,6 @@ one driving angle, plus a scatter σ. As data the readings condition the coeffic
 
 from dataclasses import replace
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
@@ -66,26 +64,15 @@ def compared(
 def updated(core: MixedFit, readings: BacklashReadings) -> MixedFit:
     """Return the fit with the readings as further data; their scatter is that about the fit."""
     posterior, problem = core.posterior, core.posterior.problem
-    size = len(problem.columns)
-    rows = _rows(core, readings) * np.diag(problem.natural)
-    off = readings.backlash - rows @ (
-        problem.unit * np.asarray(posterior.at.beta)[:size] + problem.start
-    )
-    spread = np.asarray(posterior.at.spread)
-    wide = np.zeros((len(rows), len(spread)))
-    wide[:, :size] = rows
-    held = spread @ wide.T
+    rows = np.zeros((len(readings.backlash), len(posterior.at.beta)))
+    rows[:, : len(problem.columns)] = _rows(core, readings) * np.diag(problem.natural)
+    start = np.zeros(len(posterior.at.beta))
+    start[: len(problem.columns)] = problem.start
+    values = (readings.backlash - rows @ start) / problem.unit
+    off = problem.unit * (values - rows @ np.asarray(posterior.at.beta))
     scatter = max(float(np.var(off)), _SPAN * float(np.mean(readings.backlash**2)))
-    gain = np.linalg.solve(wide @ held + scatter / problem.unit**2 * np.eye(len(rows)), held.T).T
-    at = eqx.tree_at(
-        lambda s: (s.beta, s.spread),
-        posterior.at,
-        (
-            jnp.asarray(np.asarray(posterior.at.beta) + gain @ off / problem.unit),
-            jnp.asarray(spread - gain @ held.T),
-        ),
-    )
-    return replace(core, posterior=replace(posterior, at=at))
+    measured = (rows, values, scatter / problem.unit**2)
+    return replace(core, posterior=posterior.with_readings(measured))
 
 
 class GapAt(Record, frozen=True):

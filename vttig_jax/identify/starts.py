@@ -74,7 +74,7 @@ def disagreements(core: MixedFit) -> Iterator[Disagreement]:
                 continue
             for side in core.scope.flanks:
                 rows = np.concatenate([order_rows(core, wave, side, k) for k in (0, log)])
-                mean, covariance, _ = core.posterior.told(rows / ARCSEC, moved=True)
+                mean, covariance = core.posterior.given_noise(rows / ARCSEC, moved=True)
                 first, this = (
                     polar_spread(mean[own], covariance[own, own])[:2]
                     for own in (slice(0, 2), slice(2, 4))
@@ -153,7 +153,7 @@ def _start(core: MixedFit, log: int) -> Start:
                 continue
             for side in core.scope.flanks:
                 rows = np.concatenate([order_rows(core, wave, side, k) for k in (0, log)])
-                mean, covariance, _ = core.posterior.told(rows, moved=True)
+                mean, covariance = core.posterior.given_noise(rows, moved=True)
                 first, other = (mean[k] + 1j * mean[k + 1] for k in (0, 2))
                 variance = np.trace(covariance) / 2
                 # The phase p of a sin(kφ + p) grows by k a where the angle starts at a.

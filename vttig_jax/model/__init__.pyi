@@ -8,6 +8,7 @@ from .components import likelihood_ratio as likelihood_ratio
 from .density import LAGS as LAGS
 from .density import Compressed as Compressed
 from .density import log_density as log_density
+from .density import normal as normal
 from .density import solved as solved
 from .functionals import Estimate as Estimate
 from .functionals import Posterior as Posterior

@@ -71,7 +71,6 @@ class Solved(eqx.Module):
     - `value`: −ln of the penalised restricted likelihood; `gradient`, `hessian` by θ.
     - `likelihood`: −2 ln L without the prior of θ.
     - `beta`, `spread`: mean β̂ and covariance M⁻¹ of the coefficients given θ.
-    - `slopes`: ∂(Mβ̂ − b)/∂θ at fixed β̂, so that ∂β̂/∂θ = −`spread` `slopes`.
     - `moments`: the next θ by expectation and maximisation.
     """
 
@@ -81,7 +80,6 @@ class Solved(eqx.Module):
     likelihood: Float[Array, ""]
     beta: Float[Array, " columns"]
     spread: Float[Array, "columns columns"]
-    slopes: Float[Array, "columns p"]
     moments: Float[Array, " p"]
 
 
@@ -182,7 +180,6 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
         likelihood=likelihood,
         beta=beta,
         spread=spread,
-        slopes=slopes,
         moments=_moments(theta, logs, by_weight),
     )
 

@@ -1,23 +1,32 @@
 """Numbers of a fit: linear functionals of the coefficients, with the uncertainty of everything.
 
-Given θ the coefficients are normal. The uncertainty of θ is added to first order (Kass and
-Steffey), cov(C β) = C M⁻¹ Cᵀ + J A Jᵀ with A = cov θ and J = ∂(C β̂)/∂θ; the quantiles are those of
-Student's t with ν = 2/(gᵀ A g) degrees of freedom, g = ∂ ln var(C β)/∂θ (Satterthwaite).
+Given θ the coefficients are normal, with mean β̂(θ) and covariance M(θ)⁻¹. Their posterior is the
+mixture of these normals over the posterior of θ, which is far from normal on short logs: noise that
+remembers longer than it seems to is likelier than one that forgets sooner. It is integrated along
+each principal axis of the Hessian at the largest density, at the five Gauss–Hermite nodes, whose
+weights are multiplied by the density there over that of the normal approximation. What the axes
+add to a variance is multiplied, what they add to a mean is independent. The mixture has the
+quantiles of Student's t with the same variance and kurtosis, ν = 4 + 2 (E v)²/var v.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import stdtrit
 
-from .density import FIRST, LAGS, Solved, weights
+from .density import LAGS, Compressed, Solved, log_density, normal
 from .problem import Problem
 
-_LEAST_FREEDOM, _MOST_FREEDOM = 4.0, 1e4
+_MOST_FREEDOM = 1e4
 _FLOOR = 0.05
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+_CENTRE = 2
+"""The node at the largest density."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,10 @@ class Estimate:
         return float(stdtrit(self.freedom, 0.975)) * self.std
 
 
+Readings = tuple[Float[np.ndarray, "r all"], Float[np.ndarray, " r"], float]
+"""Further readings: the rows that act on β, their values, and the variance of their noise."""
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """Posterior of θ and of the coefficients at the largest density."""
@@ -41,6 +54,15 @@ class Posterior:
     problem: Problem
     theta: Float[np.ndarray, " p"]
     at: Solved
+    readings: Readings | None = None
+
+    def with_readings(self, readings: Readings) -> "Posterior":
+        """Return the posterior after further readings, whose noise does not depend on θ."""
+        beta, spread = _after(np.asarray(self.at.beta), np.asarray(self.at.spread), readings)
+        at = eqx.tree_at(
+            lambda s: (s.beta, s.spread), self.at, (jnp.asarray(beta), jnp.asarray(spread))
+        )
+        return Posterior(self.problem, self.theta, at, readings)
 
     @property
     def theta_spread(self) -> Float[np.ndarray, "p p"]:
@@ -62,48 +84,69 @@ class Posterior:
         beta = np.asarray(self.at.beta)[: len(problem.columns)]
         return np.diag(problem.natural) * (problem.unit * beta + problem.start)
 
+    @cached_property
+    def _nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Weight, β̂ and M⁻¹ at every node of every axis; the weights of an axis add up to one."""
+        on = np.concatenate([np.ones(LAGS + 1), np.asarray(self.problem.compressed.on)]) > 0
+        values, axes = np.linalg.eigh(np.where(np.outer(on, on), self.theta_spread, 0.0))
+        axes = axes * np.sqrt(np.maximum(values, 0.0))
+        density, beta, spread = map(
+            np.asarray, _at_nodes(self.theta, axes.T, self.problem.compressed)
+        )
+        # At the expected θ of a planned log the density has a slope, which is left out.
+        slope = (np.asarray(self.at.gradient) @ axes)[:, None] * _NODES
+        lower = np.minimum(density - density[:, [_CENTRE]] + slope, 0.0)
+        weight = _WEIGHTS * np.exp(np.nan_to_num(lower, nan=-np.inf) + 0.5 * _NODES**2)
+        dead = (weight == 0)[:, :, None]
+        beta = np.where(dead, 0.0, beta)
+        spread = np.where(dead[..., None], 0.0, spread)
+        if self.readings is not None:
+            beta, spread = _after(beta, spread, self.readings)
+        return weight / weight.sum(axis=1, keepdims=True), beta, spread
+
+    def _functionals(
+        self, rows: Float[np.ndarray, "f columns"], moved: bool
+    ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f all"]]:
+        """Return means at the largest density, and the rows that act on all β."""
+        problem, size = self.problem, len(self.problem.columns)
+        to = np.diag(np.diag(problem.natural)) if moved else problem.natural
+        functionals = np.zeros((len(rows), len(self.at.beta)))
+        functionals[:, :size] = rows @ to
+        at = problem.unit * np.asarray(self.at.beta)[:size] + problem.start
+        return rows @ (to @ at), functionals
+
+    def given_noise(
+        self, rows: Float[np.ndarray, "f columns"], *, moved: bool = False
+    ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f f"]]:
+        """Return means and covariance of `rows` @ coefficients as if θ were known; see `told`."""
+        mean, functionals = self._functionals(rows, moved)
+        return mean, self.problem.unit**2 * functionals @ np.asarray(self.at.spread) @ functionals.T
+
     def told(
         self, rows: Float[np.ndarray, "f columns"], *, moved: bool = False
     ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f f"], Float[np.ndarray, " f"]]:
         """Return means, covariance and degrees of freedom of `rows` @ coefficients.
 
-        With `moved` the rows act on the coefficients that are orthogonal to their fixed part.
+        With `moved` the rows act on the coefficients that are orthogonal to their fixed part. The
+        covariance is that of Student's t before its quantile: variance times (ν − 2)/ν.
         """
-        problem, size = self.problem, len(self.problem.columns)
-        to = np.diag(np.diag(problem.natural)) if moved else problem.natural
-        functionals = np.zeros((len(rows), len(self.at.beta)))
-        functionals[:, :size] = rows @ to
-        mean = rows @ (to @ (problem.unit * np.asarray(self.at.beta)[:size] + problem.start))
-        spread, slopes = np.asarray(self.at.spread), np.asarray(self.at.slopes)
-        held = spread @ functionals.T
-        by_theta = -held.T @ slopes
-        variance = np.einsum("fq,qf->f", functionals, held)
-        bend = self._slopes_of_variance(held) / (variance + 1e-300)
-        cov_theta = self.theta_spread
-        covariance = functionals @ held + by_theta @ cov_theta @ by_theta.T
-        freedom = 2 / np.maximum(np.einsum("pf,pq,qf->f", bend, cov_theta, bend), 1e-6)
-        return (
-            mean,
-            covariance * problem.unit**2,
-            np.clip(freedom, _LEAST_FREEDOM, _MOST_FREEDOM),
+        mean, functionals = self._functionals(rows, moved)
+        weight, beta, spread = self._nodes
+        given = functionals @ np.asarray(self.at.spread) @ functionals.T
+        usual = np.diag(given) + 1e-300
+        width = np.einsum("knfq,fq->knf", functionals @ spread, functionals) / usual
+        far = (beta - np.asarray(self.at.beta)) @ functionals.T * (weight > 0)[..., None]
+        wider = np.einsum("kn,knf->kf", weight, width)
+        square = np.einsum("kn,knf->kf", weight, width**2)
+        factor = np.sqrt(np.prod(wider, axis=0))
+        covariance = given * np.outer(factor, factor) + np.einsum(
+            "kn,knf,kng->fg", weight, far, far
         )
-
-    @cached_property
-    def _by_theta(self) -> tuple[Float[np.ndarray, "noise q q"], Float[np.ndarray, "columns g"]]:
-        """∂M/∂θ: matrices for the noise, diagonals for the groups."""
-        logs = self.problem.compressed
-        slope = np.asarray(_weight_slopes(self.theta, logs.on))
-        pairs, noise = len(FIRST), LAGS + 1
-        windows = np.asarray(logs.windows)
-        size = windows.shape[-1]
-        bends = (slope[:pairs, :noise].T @ windows.reshape(pairs, -1)).reshape(noise, size, size)
-        return bends[:, :-1, :-1], np.asarray(logs.member) * np.diag(slope[pairs:, noise:])
-
-    def _slopes_of_variance(self, held: Float[np.ndarray, "columns f"]) -> Float[np.ndarray, "p f"]:
-        """Return ∂ var/∂θ of functionals c, with `held` = M⁻¹ c: −cᵀ M⁻¹ (∂M/∂θ) M⁻¹ c."""
-        bends, member = self._by_theta
-        by_noise = np.sum(held * (bends @ held), axis=1)
-        return -np.concatenate([by_noise, member.T @ held**2])
+        spread_of_variance = np.prod(square / wider**2, axis=0) - 1
+        share = usual * factor**2 / (np.diag(covariance) + 1e-300)
+        freedom = 4 + 2 / np.maximum(spread_of_variance * share**2, 2 / _MOST_FREEDOM)
+        scale = self.problem.unit * np.sqrt((freedom - 2) / freedom)
+        return mean, covariance * np.outer(scale, scale), freedom
 
     def one(self, row: Float[np.ndarray, " columns"], *, moved: bool = False) -> Estimate:
         """Return the estimate of one functional; see `told`."""
@@ -117,6 +160,27 @@ class Posterior:
         return row
 
 
-@jax.jit
-def _weight_slopes(theta: Float[Array, " p"], on: Float[Array, " groups"]) -> Float[Array, "w p"]:
-    return jax.jacfwd(weights)(theta, on)
+def _after(
+    beta: Float[np.ndarray, "... all"], spread: Float[np.ndarray, "... all all"], readings: Readings
+) -> tuple[Float[np.ndarray, "... all"], Float[np.ndarray, "... all all"]]:
+    """Return mean and covariance of normal coefficients after readings of `rows` @ β."""
+    rows, values, variance = readings
+    held = spread @ rows.T
+    noise = rows @ held + variance * np.eye(len(rows))
+    gain = np.swapaxes(np.linalg.solve(noise, np.swapaxes(held, -1, -2)), -1, -2)
+    moved = beta + np.einsum("...qr,...r->...q", gain, values - beta @ rows.T)
+    return moved, spread - gain @ np.swapaxes(held, -1, -2)
+
+
+@eqx.filter_jit
+def _at_nodes(
+    theta: Float[Array, " p"], axes: Float[Array, "p p"], logs: Compressed
+) -> tuple[Float[Array, "p nodes"], Float[Array, "p nodes all"], Float[Array, "p nodes all all"]]:
+    """Return log density, β̂ and M⁻¹ at the nodes of the axes, the rows of `axes`."""
+
+    def at(theta: Float[Array, " p"]) -> tuple[Array, Array, Array]:
+        one = normal(theta, logs)
+        half = jax.scipy.linalg.solve_triangular(one.factor, jnp.diag(one.scale), lower=True)
+        return log_density(theta, logs, one), one.solved(one.half), half.T @ half
+
+    return jax.vmap(jax.vmap(at))(theta[None, None] + _NODES[None, :, None] * axes[:, None])

@@ -18,7 +18,7 @@ from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .columns import GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding
 from .density import LAGS, MEMORY, Compressed
-from .functionals import Estimate, Posterior
+from .functionals import Posterior
 from .newton import first_theta, maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import Problem, cleared, problem_of
@@ -279,7 +279,9 @@ def mixed_fit(
                 problem = cleared(problem, clear, assumed.orders * shape.usual)
                 theta, searched = None, False
                 continue
-            step = posterior.one(posterior.row(("delay",)), moved=True) if free else None
+            step = (
+                posterior.given_noise(posterior.row(("delay",))[None], moved=True) if free else None
+            )
             settled = step is None or is_linear(step, posterior, design)
             moves = number < _MOST_PASSES and (not settled or any(one.ramps for one in shafts))
             if moves or searched:
@@ -293,8 +295,9 @@ def mixed_fit(
         )
         if step is not None:
             # A step that turns back by half or more would lead to two delays in turn.
-            back = step.value * last < 0 and abs(step.value) > 0.5 * abs(last)
-            last = 0.5 * step.value if back else step.value
+            value = float(step[0][0])
+            back = value * last < 0 and abs(value) > 0.5 * abs(last)
+            last = 0.5 * value if back else value
             delay_s += last
     return MixedFit(
         shafts,
@@ -332,7 +335,8 @@ def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
     own = [c for c in posterior.problem.columns if c.prior in ("driving", "driven")]
     if not own:
         return frozenset()
-    mean, covariance, _ = posterior.told(np.stack([posterior.row(c.name) for c in own]), moved=True)
+    rows = np.stack([posterior.row(c.name) for c in own])
+    mean, covariance = posterior.given_noise(rows, moved=True)
     square = (mean**2 / np.diag(covariance)).reshape(-1, 2).mean(axis=1)
     return frozenset(
         c.row[:2] for c, size in zip(own[::2], square, strict=True) if size > 0.5 * CLEAR**2
@@ -348,19 +352,20 @@ def clear_in(columns: Sequence[Column]) -> frozenset[tuple[str, int | float]]:
     )
 
 
-def is_linear(step: Estimate, posterior: Posterior, design: Design) -> bool:
-    """Return whether the logs are as good as linear in a step of the delay.
+def is_linear(step: tuple[np.ndarray, np.ndarray], posterior: Posterior, design: Design) -> bool:
+    """Return whether the logs are as good as linear in a step of the delay, of mean and variance.
 
     It turns no wave by more than a tenth of its standard error, at the highest speed, and is within
     a standard error: the column of the delay is a tenth smaller than the speed at most.
     """
-    if abs(step.value) > step.std:
+    value, variance = float(step[0][0]), float(step[1][0, 0])
+    if value**2 > variance:
         return False
     problem = posterior.problem
     std = problem.unit * np.diag(problem.natural)
     std = std * np.sqrt(np.diag(posterior.at.spread)[: len(std)])
     cycles = {(w.shaft, w.order): w.cycles(design.shape.ratio) for w in design.waves}
-    turned = abs(step.value) * float(design.bends[-1])
+    turned = abs(value) * float(design.bends[-1])
     turned *= np.array([cycles.get(c.row[:2], 0.0) for c in problem.columns])
     return bool(np.all(turned * np.abs(posterior.moved) <= _SETTLED * std))
 

@@ -107,6 +107,5 @@ def alone(fit: MixedFit) -> MixedFit:
     prior = new.precision + new.member @ weight[pairs:]
     spread = np.linalg.inv(gram[:-1, :-1] + np.diag(prior))
     beta = spread @ (gram[:-1, -1] - prior * new.centre)
-    slopes = jnp.zeros((len(beta), len(theta)))  # θ is given
-    at = replace(posterior.at, beta=jnp.asarray(beta), spread=jnp.asarray(spread), slopes=slopes)
+    at = replace(posterior.at, beta=jnp.asarray(beta), spread=jnp.asarray(spread))
     return replace(fit, posterior=Posterior(problem, theta, at))
