@@ -157,7 +157,8 @@ def _refuse_one_flank(folder: Path) -> None:
             raise NoAnswerError(
                 f"only flank {found[0]} was measured, which shows no backlash; `vttig map"
                 f" {shlex.quote(str(folder))} --quantity error` shows its transmission error,"
-                " --constant-backlash-deg states a backlash that was measured in another way.",
+                " and for gears of known teeth --constant-backlash-deg states a backlash that was"
+                " measured in another way.",
                 where=str(folder),
             )
 
