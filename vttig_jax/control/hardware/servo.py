@@ -23,7 +23,6 @@ from ..fields import Part, Quantity, not_negative, positive
 from ..motion.motion import MotionPoint
 from ..plants.elastic import Elastic
 from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, walls
-from .shaft_drive import Tracking
 
 
 class Motor(eqx.Module):
@@ -103,10 +102,6 @@ class ServoDrive(eqx.Module):
     def start(self, target: MotionPoint) -> Motor:
         """Return the initial state, with `target` as the first reference."""
         return Motor(target.angle, target.speed, jnp.zeros(()), jnp.zeros((), bool))
-
-    def tracking(self, state: Any, shafts: Shafts) -> Tracking:
-        """Return the tracking error and whether the torque was limited."""
-        return Tracking(jnp.abs(state.angle - shafts.angle), state.limited)
 
     def step(
         self, motor: Motor, plant: Plant, shafts: Shafts, target: MotionPoint, *step: Any

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -15,16 +15,16 @@ from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import NoController
 from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks, spec_table
-from .accumulators import Accumulators
-from .case import Case, Sample
-from .metrics import (
+from .case import (
+    METRICS,
     NEAR_DEG,
     NEAR_MM,
-    MetricInputs,
+    OUTCOMES,
+    Accumulators,
+    Case,
     Outcome,
-    metric_inputs_of,
+    Sample,
     metrics_of,
-    outcomes_of,
     overdone,
 )
 
@@ -59,19 +59,19 @@ def sentences(run: "Simulation") -> Iterator[str]:
             " driven shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more"
             " friction or load on the driven shaft."
         )
-    values = metrics_of(*run.numbers)
+    values = run.numbers[0]
     over, thrown = overdone(values)
     if over:
         yield (
             "The controller makes up for more than the gap: on the way back the driven shaft is on"
-            f" the average {_angle(float(values['over_compensation_deg']) * DEG)} beyond the place"
+            f" the average {_angle(values['over_compensation_deg'] * DEG)} beyond the place"
             " where the first flank would hold it; the gap that the controller believes is too"
             " large by as much (controller_map, map.constant_backlash_deg)."
         )
     if thrown:
         yield (
             "The motor throws the driven shaft off the flank that it meets, by up to"
-            f" {_angle(float(values['thrown_back_deg']) * DEG)} of the gap: it crosses the gap too"
+            f" {_angle(values['thrown_back_deg'] * DEG)} of the gap: it crosses the gap too"
             f" quickly; choose a longer judgement.jump_s than {run.spec.judgement.jump_s:g} s."
         )
     if outcome != "ok":
@@ -233,23 +233,22 @@ class Simulation(PlottedResult):
     accumulators: Accumulators
     trace: Sample | None = None
 
+    @cached_property
+    def numbers(self) -> tuple[dict[str, float], Outcome]:
+        """Metrics of `metrics_of`, NaN for events that did not happen, and the outcome."""
+        values, code = metrics_of(self.case, self.accumulators)
+        return {name: float(values[name]) for name in METRICS}, OUTCOMES[int(code)]
+
     @property
     def metrics(self) -> dict[str, float | str | None]:
         """Metrics of `metrics_of` and the outcome; None for events that did not happen."""
-        values = metrics_of(*self.numbers)
-        return {name: _finite(float(value)) for name, value in values.items()} | {
-            "outcome": self.outcome
-        }
+        values = {name: _finite(value) for name, value in self.numbers[0].items()}
+        return values | {"outcome": self.outcome}
 
     @property
     def outcome(self) -> Outcome:
         """Outcome of the run. If several apply, the first in the order of `Outcome` counts."""
-        return outcomes_of(*self.numbers).item()
-
-    @property
-    def numbers(self) -> tuple[MetricInputs, Accumulators]:
-        """Inputs of the metrics as NumPy arrays."""
-        return jax.tree.map(np.asarray, (metric_inputs_of(self.case), self.accumulators))
+        return self.numbers[1]
 
     @property
     def remarks(self) -> tuple[str, ...]:
