@@ -332,8 +332,8 @@ class Elastic(Plant):
 
         `now` holds the position and the rate of both flanks.
         """
-        depths = _depths(now, shafts.offset, shafts.drift)
-        return self._torque(depths.a) - self._torque(depths.b)
+        on_a, on_b = map(self._torque, _depths(now, shafts.offset, shafts.drift))
+        return on_a - on_b
 
     def slowing(self, shafts: Shafts, now: Walls, ratio: Scalar, step: Scalar) -> Scalar:
         """Return the acceleration of the driven shaft by friction and load, rad/s².
@@ -369,57 +369,26 @@ class Elastic(Plant):
             slowing = self.drag.acceleration(driven_speed, 0.0, step)
         else:
             slowing = self.slowing(shafts, now, ratio, step)
+        # The flight without contact, and the penetration of the nearer flank at both of its ends.
         free = shafts.offset + step * (driven_speed + 0.5 * step * slowing)
         free -= ratio * (driving.angle - shafts.angle)
         drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
-
-        flight = _Flight(
-            start=shafts.offset,
-            start_rate=shafts.drift,
-            end=free,
-            end_rate=drift,
-            driven_speed=driven_speed,
-            slowing=slowing,
-        )
-        landing = self._landing(now, then, flight, step)
-        offset, share = landing.offset, landing.share
-        met = jnp.where(landing.met & (landing.flank != shafts.side), landing.flank, FREE)
-        # As with rigid teeth: when the gap closes, the flank opposite to `side` is newly loaded.
-        met = jnp.where(then.lower > then.upper, -shafts.side, met)
-        side = touching(offset < then.lower, offset > then.upper, shafts.side)
-        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
-        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
-        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
-        return Shafts(
-            angle=driving.angle,
-            speed=driving.speed,
-            offset=offset,
-            drift=landing.drift,
-            side=side,
-            flanks=flanks,
-        ), touch
-
-    def _landing(self, now: Walls, then: Walls, flight: "_Flight", step: Scalar) -> "_Landing":
-        """Return the driven shaft at the end of a step, from the flight without contact.
-
-        `now` and `then` are the flanks at the start and the end of the step (s).
-        """
         rate = jnp.sqrt(jnp.asarray(self.stiffness) / self._inertia)
-        starts = _depths(now, flight.start, flight.start_rate)
-        ends = _depths(then, flight.end, flight.end_rate)
-        nearer_a = (starts.b.depth <= 0) & (ends.a.depth > ends.b.depth)
-        on_a = (starts.a.depth > 0) | nearer_a
+        start_a, start_b = _depths(now, shafts.offset, shafts.drift)
+        end_a, end_b = _depths(then, free, drift)
+        nearer_a = (start_b.depth <= 0) & (end_a.depth > end_b.depth)
+        on_a = (start_a.depth > 0) | nearer_a
         sense = jnp.where(on_a, 1.0, -1.0)
         start, end = (
-            jax.tree.map(lambda a, b: jnp.where(on_a, a, b), both.a, both.b)
-            for both in (starts, ends)
+            jax.tree.map(lambda a, b: jnp.where(on_a, a, b), *both)
+            for both in ((start_a, start_b), (end_a, end_b))
         )
-        free = loaded = (end.rate - start.rate) / step
+        pull = loaded = (end.rate - start.rate) / step
         if self.effective is None:
-            change = self._friction_change(flight, start, sense * end.rate, sense, step)
-            loaded = free - sense * change
-        pulls = Pulls(free, loaded, jnp.where(start.depth > 0, free, loaded))
+            lag = sense * end.rate
+            change = self._friction_change(driven_speed, slowing, start, lag, sense, step)
+            loaded = pull - sense * change
+        pulls = Pulls(pull, loaded, jnp.where(start.depth > 0, pull, loaded))
         result = impact(
             Press(start.depth, start.rate / rate),
             jax.tree.map(lambda pull: pull / rate**2, pulls),
@@ -428,17 +397,34 @@ class Elastic(Plant):
         )
         depth, speed = result.press.depth, rate * result.press.rate
         offset = jnp.where(on_a, then.lower - depth, then.upper + depth)
-        offset = jnp.where(result.met, offset, flight.end)
+        offset = jnp.where(result.met, offset, free)
         # If the rebound also reaches the other flank, the shaft stops there until the next step.
         offset = jnp.where(on_a, jnp.minimum(offset, then.upper), jnp.maximum(offset, then.lower))
-        drift = jnp.where(on_a, then.lower_rate - speed, then.upper_rate + speed)
-        drift = jnp.where(result.met, drift, flight.end_rate)
+        after = jnp.where(on_a, then.lower_rate - speed, then.upper_rate + speed)
+        drift = jnp.where(result.met, after, drift)
         share = jnp.minimum(result.entry / (rate * step), 1.0)
-        landing = _Landing(offset, drift, jnp.where(on_a, ON_A, ON_B), result.met, share)
-        return _wedged(then, (ends.a.rate - starts.a.rate) / (step * rate**2), landing)
+        # In a closed gap the springs of both flanks balance the pull towards flank A by c/J, rad.
+        # If the pull exceeds the overlap, one of the flanks is unloaded.
+        pull, overlap = (end_a.rate - start_a.rate) / (step * rate**2), then.lower - then.upper
+        depth = jnp.minimum(jnp.maximum(0.5 * (overlap + pull), pull), overlap + pull)
+        closed = overlap > 0
+        offset = jnp.where(closed, then.lower - depth, offset)
+        drift = jnp.where(closed, 0.5 * (then.lower_rate + then.upper_rate), drift)
+        share = jnp.where(closed, 1.0, share)
+
+        flank = jnp.where(on_a, ON_A, ON_B)
+        met = jnp.where(result.met & (flank != shafts.side), flank, FREE)
+        # As with rigid teeth: when the gap closes, the flank opposite to `side` is newly loaded.
+        met = jnp.where(closed, -shafts.side, met)
+        side = touching(offset < then.lower, offset > then.upper, shafts.side)
+        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
+        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
+        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        return Shafts(driving.angle, driving.speed, offset, drift, side, flanks), touch
 
     def _friction_change(
-        self, flight: "_Flight", start: Press, lag: Scalar, sense: Scalar, step: Scalar
+        self, speed: Scalar, slowing: Scalar, start: Press, lag: Scalar, sense: Scalar, step: Scalar
     ) -> Scalar:
         """Return the acceleration by friction with contact minus that in flight, rad/s².
 
@@ -447,16 +433,17 @@ class Elastic(Plant):
         the rebound; 1/(1 + 3 ζ) approximates the coefficient of restitution.
 
         **Arguments**
+        - `speed`: of the driven shaft at the start. - `slowing`: its acceleration in flight.
         - `start`: penetration at the start. - `sense`: 1 for flank A, −1 for flank B.
         - `lag`: rate of the flank minus rate of the shaft at the end of the flight, rad/s.
         """
         pressed = start.depth > 0
         rebound = (1 + 1 / (1 + 3 * jnp.asarray(self.damping_ratio))) * lag
-        later = jnp.where(pressed, 0.0, step * flight.slowing + rebound)
+        later = jnp.where(pressed, 0.0, step * slowing + rebound)
         push = jnp.where(pressed, sense * self._torque(start), 0.0)
         push = jnp.where(pressed, self._friction_limited(push), 0.0)
-        slowing = self.drag.acceleration(flight.driven_speed + later, push, step)
-        return slowing - push / self.drag.inertia - flight.slowing
+        pressed_slowing = self.drag.acceleration(speed + later, push, step)
+        return pressed_slowing - push / self.drag.inertia - slowing
 
     def _torque(self, press: Press) -> Scalar:
         stiffness = jnp.asarray(self.stiffness)
@@ -509,63 +496,9 @@ def largest_step(stiffness: Any, damping_ratio: Any, inertia: Any) -> Float[Arra
     return longest_contact(damping_ratio) * jnp.sqrt(jnp.asarray(inertia / stiffness))
 
 
-class _Depths(eqx.Module):
-    """Penetration of the driven shaft into flanks A and B, rad, and its rate, rad/s."""
-
-    a: Press
-    b: Press
-
-
-class _Flight(eqx.Module):
-    """Motion of the driven shaft in a step without contact; units rad and s.
-
-    - `start`, `start_rate`, `end`, `end_rate`: x and dx/dt at the start and the end of the step.
-    - `driven_speed`: φ̇₂ at the start. - `slowing`: φ̈₂ by friction and load.
-    """
-
-    start: Scalar
-    start_rate: Scalar
-    end: Scalar
-    end_rate: Scalar
-    driven_speed: Scalar
-    slowing: Scalar
-
-
-class _Landing(eqx.Module):
-    """Driven shaft at the end of a step.
-
-    - `offset`, `drift`: x and its rate, rad and rad/s. - `met`: whether the shaft touched `flank`.
-    - `share`: elapsed fraction of the step at the first contact.
-    """
-
-    offset: Scalar
-    drift: Scalar
-    flank: Scalar
-    met: Bool[Array, ""]
-    share: Scalar
-
-
-def _depths(bounds: Walls, offset: Scalar, drift: Scalar) -> _Depths:
-    return _Depths(
+def _depths(bounds: Walls, offset: Scalar, drift: Scalar) -> tuple[Press, Press]:
+    """Return the penetration of the driven shaft into flanks A and B, rad, and its rate, rad/s."""
+    return (
         Press(bounds.lower - offset, bounds.lower_rate - drift),
         Press(offset - bounds.upper, drift - bounds.upper_rate),
-    )
-
-
-def _wedged(then: Walls, pull: Scalar, landing: _Landing) -> _Landing:
-    """Place the driven shaft of a closed gap in equilibrium; leave it unchanged in an open gap.
-
-    The spring forces of both flanks balance `pull`, the acceleration towards flank A divided by
-    c/J (rad).
-    """
-    overlap = then.lower - then.upper
-    # If the pull exceeds the overlap, one of the flanks is unloaded.
-    depth = jnp.minimum(jnp.maximum(0.5 * (overlap + pull), pull), overlap + pull)
-    drift = 0.5 * (then.lower_rate + then.upper_rate)
-    closed = overlap > 0
-    return replace(
-        landing,
-        offset=jnp.where(closed, then.lower - depth, landing.offset),
-        drift=jnp.where(closed, drift, landing.drift),
-        share=jnp.where(closed, 1.0, landing.share),
     )

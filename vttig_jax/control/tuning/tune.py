@@ -183,42 +183,43 @@ def free_keys(
     names = [name for name in default if name not in axes] if free is None else list(free)
     if not names:
         raise ValueError(f"Argument `free` must name a key to tune: {', '.join(settings)}.")
-    for name in names:
-        _check(name, spec.controller, axes)
-        if names.count(name) > 1:
-            raise ValueError(f"Argument `free` must name `{name}` once, but does so twice.")
     bounds = dict(limits or {})
+    for why in (_problem(name, names, spec) for name in names):
+        if why:
+            raise ValueError(f"Argument `free`{why}")
     if fixed := [name for name in bounds if name not in names]:
         raise ValueError(
             f"Argument `limits` must be for keys that are free, but `{fixed[0]}` is not; free are"
             f" {', '.join(names)}."
         )
-    for name in names:
-        if _start(spec, name) is None:
-            raise ValueError(
-                f"Argument `free` names `{name}`, but the scenario has no start for it: write its"
-                " value, because the gap of a map has no number of its own."
-            )
     return tuple(_free(KEYS[name], _start(spec, name), bounds.get(name)) for name in names)
 
 
-def _check(name: str, controller: str, axes: Sequence[str]) -> None:
+def _problem(name: str, names: Sequence[str], spec: ScenarioSpec) -> str:
+    """Return why a key cannot be tuned, as the end of a sentence; "" if it can."""
+    settings = SETTINGS[spec.controller]
     if name not in KEYS:
-        raise ValueError(f"Argument `free`: {unknown_key(name, KEYS)}")
-    if float not in KEYS[name].types and int not in KEYS[name].types:
-        raise ValueError(
-            f"Argument `free` must name keys that take a number, but `{name}` takes none."
+        return f": {unknown_key(name, KEYS)}"
+    if not {float, int} & set(KEYS[name].types):
+        return f" must name keys that take a number, but `{name}` takes none."
+    if name not in settings:
+        return (
+            f" must name settings of the controller, but `{name}` is none of {spec.controller}; it"
+            f" is set by {', '.join(settings)}."
         )
-    if name not in SETTINGS[controller]:
-        raise ValueError(
-            f"Argument `free` must name settings of the controller, but `{name}` is none of"
-            f" {controller}; it is set by {', '.join(SETTINGS[controller])}."
+    if spec.sweep is not None and name in spec.sweep.axes:
+        return (
+            f" must name keys that the sweep does not vary, but `{name}` is an axis of the sweep;"
+            " remove one of them."
         )
-    if name in axes:
-        raise ValueError(
-            f"Argument `free` must name keys that the sweep does not vary, but `{name}` is an axis"
-            " of the sweep; remove one of them."
+    if names.count(name) > 1:
+        return f" must name `{name}` once, but does so twice."
+    if _start(spec, name) is None:
+        return (
+            f" names `{name}`, but the scenario has no start for it: write its value, because the"
+            " gap of a map has no number of its own."
         )
+    return ""
 
 
 def _start(spec: ScenarioSpec, name: str) -> Any:
