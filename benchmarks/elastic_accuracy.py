@@ -36,7 +36,7 @@ import vttig_jax
 from tests.oracles.elastic_contact import integrate
 from tests.oracles.flank_formulas import PAPER
 from vttig_jax.base.units import ARCSEC
-from vttig_jax.control.motion.profiles import Reversal
+from vttig_jax.control.motion.motion import Reversal
 from vttig_jax.control.plants.elastic import Elastic
 from vttig_jax.control.plants.plant import Drag, Plant, Shafts
 from vttig_jax.kinematics.flank_table import Bounds

@@ -20,7 +20,7 @@ import vttig_jax
 from vttig_jax import Eccentricities, Gear, GearPair
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.control import Predictive, Reversal, Scenario, run
-from vttig_jax.control.simulation.metrics import NEAR_MM
+from vttig_jax.control.simulation.case import NEAR_MM
 from vttig_jax.kinematics import tabulate_flanks
 from vttig_jax.rig import paper_pair, paper_rig
 

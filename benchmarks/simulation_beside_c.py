@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from vttig_jax.control.simulation.accumulators import Accumulators
+from vttig_jax.control.simulation.case import Accumulators
 
 from . import step_in_c
 from .simulation_cases import (

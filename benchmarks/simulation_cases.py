@@ -7,14 +7,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import numpy as np
 
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.simulation.build import Maps, case_of, motion_of
 from vttig_jax.control.simulation.case import Case
+from vttig_jax.control.simulation.prepare import Maps, case_of, motion_of
 from vttig_jax.control.simulation.simulate import periods_of
-from vttig_jax.control.sweeps.work import Lanes, compiled_s, mesh_of
+from vttig_jax.control.sweeps.sweep import Lanes, compiled_s, mesh_of
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
 
@@ -74,14 +75,9 @@ class BatchRunner:
 
 def stack_of(cases: Sequence[Case], apart: bool = False) -> Lanes:
     """Cases side by side as `sweep` has them; `apart`: every number is a lane's own."""
-    trees = [jax.tree.flatten(case) for case in cases]
-    columns = list(zip(*(leaves for leaves, _ in trees), strict=True))
-    own = tuple(apart or not np.array_equal(column[0], column[-1]) for column in columns)
-    leaves = [
-        np.stack([np.asarray(leaf) for leaf in column]) if differs else column[0]
-        for column, differs in zip(columns, own, strict=True)
-    ]
-    return Lanes(trees[0][1], own, tuple(leaves), len(cases))
+    differs = jax.tree.map(lambda *x: apart or not np.array_equal(x[0], x[-1]), *cases)
+    stacked = jax.tree.map(lambda *x: np.stack([np.asarray(one) for one in x]), *cases)
+    return Lanes(eqx.filter(stacked, differs), eqx.filter(cases[0], differs, inverse=True))
 
 
 def periods_for(cases: Sequence[Case]) -> int:

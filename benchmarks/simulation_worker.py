@@ -21,7 +21,7 @@ import numpy as np
 import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, spec_table
-from vttig_jax.control.sweeps import work as lanes_module
+from vttig_jax.control.sweeps import sweep as lanes_module
 from vttig_jax.kinematics import flank_table as bounds
 
 from .simulation_cases import (
@@ -62,7 +62,7 @@ def lanes_task(
         bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     if not wide:
         plain = inspect.unwrap(lanes_module._advance)
-        lanes_module._advance = jax.jit(plain, static_argnums=(0, 1, 2, 3))
+        lanes_module._advance = jax.jit(plain, static_argnums=(0, 1))
     lanes, found = BatchRunner(jax.devices()[:1]), {}
     for size in sizes:
         cases = cases_of(size)

@@ -17,13 +17,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from vttig_jax.base.units import REV
-from vttig_jax.control.controllers.acceleration import Acceleration
-from vttig_jax.control.hardware.observer import AlphaBetaGamma
-from vttig_jax.control.motion.piecewise import PieceMotion
-from vttig_jax.control.plants.plant import ON_B, Shafts
-from vttig_jax.control.plants.rigid import Rigid
-from vttig_jax.control.simulation.accumulators import Accumulators, empty_accumulators
-from vttig_jax.control.simulation.case import Case, State, initial_state, run_periods
+from vttig_jax.control.controllers.controller import Acceleration
+from vttig_jax.control.hardware.encoder import AlphaBetaGamma
+from vttig_jax.control.motion.motion import PieceMotion
+from vttig_jax.control.plants.plant import ON_B, Rigid, Shafts
+from vttig_jax.control.simulation.case import (
+    Accumulators,
+    Case,
+    State,
+    empty_accumulators,
+    initial_state,
+    run_periods,
+)
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 from .compiler import fast_to_compile
@@ -212,14 +217,12 @@ def _own(cases: Sequence[Case]) -> np.ndarray:
 def _edges(motion: Any) -> list[tuple[float, float, float, float]]:
     """Start, angle there, speed and acceleration of every piece and standstill."""
     assert isinstance(motion, PieceMotion) and not motion.jerky
-    found, angle, last = [], 0.0, len(motion.start) - 1
+    found, angle = [], 0.0
     numbers = (motion.start, motion.duration, motion.speed, motion.acceleration)
-    for place, row in enumerate(zip(*map(np.asarray, numbers), strict=True)):
+    for row in zip(*map(np.asarray, numbers), strict=True):
         start, duration, speed, acceleration = map(float, row)
         found.append((start, angle, speed, acceleration))
         angle += duration * (speed + 0.5 * duration * acceleration)
-        if place == last or place in motion.pauses:
-            found.append((start + duration, angle, 0.0, 0.0))
     assert len(found) == 8
     return found
 

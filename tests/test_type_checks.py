@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import pytest
 from jaxtyping import TypeCheckError
 
-from vttig_jax.control.hardware.observer import MotionEstimate
+from vttig_jax.control.hardware.encoder import MotionEstimate
 from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.pair.gear_pair import involute
 

@@ -117,7 +117,7 @@ def _draws(folder: Path) -> Content:
 
 
 def _small_blocks() -> None:
-    from vttig_jax.control.sweeps import work
+    from vttig_jax.control.sweeps import sweep as work
 
     work._LEAST = work._MOST = 4
 

@@ -11,7 +11,7 @@ import vttig_jax
 from vttig_jax.base.errors import UsageError
 from vttig_jax.base.files.json_io import dumps
 from vttig_jax.cli.verbs.simulate import _stride
-from vttig_jax.control.scenario.defaults import default_toml
+from vttig_jax.control.scenario.spec import default_toml
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.identify.backlash import contact_map
 from vttig_jax.pair.load import spec_of

@@ -4,7 +4,7 @@ from typing import Any
 
 from vttig_jax.control import Drag, Elastic, Rigid, Sine
 from vttig_jax.control.motion.motion import Motion
-from vttig_jax.control.scenario.tables import EVENTS
+from vttig_jax.control.scenario.scenario import EVENTS
 
 
 def motion_of(

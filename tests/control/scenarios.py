@@ -18,8 +18,8 @@ from vttig_jax.base.units import DEG
 from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.motion.motion import Motion, MotionPoint
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.simulation.build import case_of
 from vttig_jax.control.simulation.case import Case, initial_state, trace_periods
+from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 

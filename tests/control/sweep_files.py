@@ -10,8 +10,8 @@ from tests.control.scenarios import PAIR, SHORT
 from tests.control.texts import MINIMAL
 from vttig_jax.control import Maps
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec
-from vttig_jax.control.simulation.metrics import METRICS
-from vttig_jax.control.sweeps import work as sweep_work
+from vttig_jax.control.simulation.case import METRICS
+from vttig_jax.control.sweeps import sweep as sweep_work
 from vttig_jax.control.sweeps.table import SweepTable
 from vttig_jax.kinematics import closed_model
 from vttig_jax.pair.eccentricities import Eccentricities

@@ -7,8 +7,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import vttig_jax
@@ -16,11 +14,14 @@ from tests.control.motion_points import at
 from tests.control.scenarios import CLOSING, INSTANT, PAIR, Run, spec_of, together
 from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.units import DEG
-from vttig_jax.control.controllers.controller import Command, Controller, Measurement, NoController
-from vttig_jax.control.controllers.feedforward import Feedforward
-from vttig_jax.control.hardware.shaft_drive import Lead, led, next_lead
-from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.simulation.metrics import metric_inputs_of, metrics_of
+from vttig_jax.control.controllers.controller import (
+    Command,
+    Controller,
+    Feedforward,
+    Measurement,
+    NoController,
+)
+from vttig_jax.control.simulation.case import metrics_of
 from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
@@ -58,7 +59,7 @@ def root(function, low: float, high: float) -> float:
 
 
 def metrics(run: Run) -> dict[str, float]:
-    return {name: float(v) for name, v in metrics_of(metric_inputs_of(run.case), run.tally).items()}
+    return {name: float(v) for name, v in metrics_of(run.case, run.tally)[0].items()}
 
 
 def error(run: Run) -> np.ndarray:
@@ -238,20 +239,6 @@ def test_it_crosses_by_the_gap_once_the_motion_goes_back_and_returns_once_it_goe
 
 def test_rounding_of_a_standstill_is_no_turn():
     assert np.all(advances([1.0, 0.0, -1e-12, 1e-12, -1e-12]) == 0.0)
-
-
-@given(st.lists(st.floats(-2e-3, 2e-3), min_size=2, max_size=5), st.floats(1e-4, 0.1))
-def test_a_lead_is_smooth_and_reached(advance, period):
-    lead, before = Lead(jnp.zeros(()), jnp.zeros(())), None
-    still = MotionPoint(*[jnp.zeros(())] * 3)
-    for one in advance:
-        after = next_lead(lead, jnp.asarray(one), jnp.asarray(period))
-        first, last = (led(still, lead, after, share, jnp.asarray(period)) for share in (0.0, 1.0))
-        if before is not None:
-            assert float(first.angle) == pytest.approx(float(before.angle), abs=1e-15)
-            assert float(first.speed) == pytest.approx(float(before.speed), abs=1e-12 / period)
-        assert float(last.angle) == pytest.approx(one, abs=1e-15)
-        lead, before = after, last
 
 
 # A controller of somebody else.

@@ -17,8 +17,8 @@ from tests.oracles.flank_formulas import exact
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.main import main
 from vttig_jax.control import parse_scenario_spec
+from vttig_jax.control.scenario.scenario import EccentricityTable
 from vttig_jax.control.scenario.spec import load_scenario_spec
-from vttig_jax.control.scenario.tables import EccentricityTable
 from vttig_jax.plotting.paper_run import plot_paper_run
 from vttig_jax.rig import paper_eccentricities, paper_pair
 from vttig_jax.runs import simulate_paper

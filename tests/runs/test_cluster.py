@@ -15,7 +15,7 @@ import vttig_jax
 from tests.control.scenarios import PAIR
 from tests.control.sweep_files import assert_close, small_blocks, sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
-from vttig_jax.control.simulation.metrics import METRICS
+from vttig_jax.control.simulation.case import METRICS
 from vttig_jax.runs import cluster as sweep_dask
 from vttig_jax.runs import sweeps
 from vttig_jax.runs.row_store import PARTS

@@ -1,7 +1,7 @@
 """Fields of the parts of a simulation: numbers with default, unit, bounds and meaning.
 
 The tables of a scenario file, its defaults and checks, the axes of a sweep and the numbers that
-`tune` may change follow from these fields; see `scenario/tables.py`.
+`tune` may change follow from these fields; see `scenario/scenario.py`.
 """
 
 import re

@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from ..base.errors import InputError, UsageError
-from ..control.sweeps.work import Rows
+from ..control.sweeps.table import Rows
 
 _RETRIES = 3
 """Number of times that a block is run again after its worker was lost: a chosen value."""

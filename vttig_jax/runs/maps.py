@@ -18,7 +18,7 @@ logger = logging.getLogger("vttig_jax")
 
 if TYPE_CHECKING:
     from ..control.scenario.spec import ScenarioSpec
-    from ..control.simulation.build import Maps
+    from ..control.simulation.prepare import Maps
     from ..kinematics.backlash_map import BacklashMap
     from ..kinematics.flank_model import FlankModel
     from ..pair.eccentricities import Eccentricities
@@ -45,7 +45,7 @@ def opened_maps(
     **Raises** `ScenarioError` for a map that cannot be read or belongs to other gears.
     """
     from ..control.scenario.spec import lower_maps, names_of_maps
-    from ..control.simulation.build import Maps
+    from ..control.simulation.prepare import Maps
     from ..control.simulation.simulate import load_gears
 
     named = dict(given or {})

@@ -150,7 +150,7 @@ def simulate_paper(
     **Arguments**
     - `trace_every`: see `vttig_jax.simulate`. - `progress`: is called after each of 15 runs.
     """
-    from ..control.scenario.tables import EccentricityTable
+    from ..control.scenario.scenario import EccentricityTable
     from ..rig.paper import paper_eccentricities, paper_pair
     from .simulations import simulate
 

@@ -14,7 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from ..base.errors import InputError
-from ..control.sweeps.work import Rows
+from ..control.sweeps.table import Rows
 
 
 def run_in_processes(

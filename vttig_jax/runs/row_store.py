@@ -24,7 +24,7 @@ from ..base.files.atomic_write import (
 )
 from ..base.files.json_io import dumps
 from ..base.logger import LOGGER
-from ..control.sweeps.work import Rows
+from ..control.sweeps.table import Rows
 
 TABLE, PARTS, HEADER = "sweep.parquet", "parts", "sweep.json"
 _LOCK = ".lock"

@@ -12,11 +12,9 @@ from ..base.errors import InputError, UsageError
 from ..base.files.json_io import dumps
 from ..base.runtime import enable_x64, prepare_cpu
 from ..control.scenario.spec import parse_scenario_spec
-from ..control.simulation.metrics import METRICS
-from ..control.sweeps.cases import SweepCases, cases_of
-from ..control.sweeps.sweep import sweep
-from ..control.sweeps.table import SweepTable
-from ..control.sweeps.work import Rows, SweepWork
+from ..control.simulation.case import METRICS
+from ..control.sweeps.sweep import SweepCases, SweepWork, cases_of, sweep
+from ..control.sweeps.table import Rows, SweepTable
 from .cluster import run_blocks
 from .row_store import HEADER, TABLE, SweepFolder, read_table
 

@@ -12,9 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vttig_jax.base.units import REV
-from vttig_jax.control.controllers.acceleration import Acceleration
-from vttig_jax.control.controllers.controller import Controller, Measurement, NoController
-from vttig_jax.control.controllers.predictive import Predictive
+from vttig_jax.control.controllers.controller import (
+    Acceleration,
+    Controller,
+    Measurement,
+    NoController,
+    Predictive,
+)
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 pytestmark = pytest.mark.smoke

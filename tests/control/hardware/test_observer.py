@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.control.hardware.observer import (
+from vttig_jax.control.hardware.encoder import (
     AlphaBetaGamma,
     FilteredDifference,
     MotionEstimate,

@@ -15,9 +15,8 @@ from tests.control.scenarios import PAIR, spec_of
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
 from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.plants.plant import Drag
-from vttig_jax.control.plants.play import Play
-from vttig_jax.control.simulation.build import case_of
+from vttig_jax.control.plants.plant import Drag, Play
+from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.control.simulation.simulate import simulate
 
 INERTIA, FRICTION = 0.002, 0.05

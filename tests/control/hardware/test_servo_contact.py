@@ -27,8 +27,7 @@ from tests.control.followed import Still
 from tests.control.parts import elastic, rigid
 from vttig_jax.control.hardware.servo import Servo, ServoDrive
 from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
-from vttig_jax.control.plants.play import Play
+from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag, Play
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 DRIVING, DRIVEN = Drag(0.002, 0.05), Drag(0.01, 0.1, 0.02)

@@ -8,8 +8,8 @@ import pytest
 
 from tests.control.parts import motion_of, trapezoid
 from vttig_jax.control import Sine
+from vttig_jax.control.scenario.scenario import MotionTable
 from vttig_jax.control.scenario.spec import smallest_reversal_deg
-from vttig_jax.control.scenario.tables import MotionTable
 
 pytestmark = pytest.mark.smoke
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.control.motion_points import at
 from tests.control.parts import motion_of, s_curve, trapezoid
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.control.motion.sine import Sine
+from vttig_jax.control.motion.motion import Sine
 from vttig_jax.rig.motion import PassMotion as RigMotion
 
 EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")

@@ -10,9 +10,8 @@ import pytest
 
 from tests.control.parts import motion_of
 from tests.laws import checks
-from vttig_jax.control.motion.piecewise import PieceMotion
+from vttig_jax.control.motion.motion import PieceMotion, Sine
 from vttig_jax.control.motion.recorded import recorded
-from vttig_jax.control.motion.sine import Sine
 
 EVENTS: tuple[Any, ...] = ("reversal", "slow_down", "aborted", "emergency_stop")
 CASES: list[Any] = [
@@ -35,17 +34,16 @@ def _mixed(time, motion):
 
 
 def _small(jerky: bool) -> PieceMotion:
-    """Three pieces, the last of them after a pause."""
+    """Five pieces, a standstill in the middle and one at the end."""
     return PieceMotion(
-        start=np.array([0.0, 0.5, 1.2]),
-        duration=np.array([0.5, 0.4, 0.7]),
-        speed=np.array([1.0, 2.5, -0.3]),
-        acceleration=np.array([3.0, -2.0, 0.7]),
-        jerk=jerky * np.array([4.0, -7.0, 2.0]),
+        start=np.array([0.0, 0.5, 0.9, 1.2, 1.9]),
+        duration=np.array([0.5, 0.4, 0.3, 0.7, 0.1]),
+        speed=np.array([1.0, 2.5, 0.0, -0.3, 0.0]),
+        acceleration=np.array([3.0, -2.0, 0.0, 0.7, 0.0]),
+        jerk=jerky * np.array([4.0, -7.0, 0.0, 2.0, 0.0]),
         duration_s=2.0,
         braking_s=0.5,
         turn_s=1.2,
-        pauses=(1,),
         jerky=jerky,
     )
 

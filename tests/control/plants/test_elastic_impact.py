@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from benchmarks.compiler import fast_to_compile
-from vttig_jax.control.plants.elastic_impact import Press, Pulls, impact, longest_contact
+from vttig_jax.control.plants.elastic import Press, Pulls, impact, longest_contact
 
 TABLED = {0.02: 0.941, 0.05: 0.863, 0.1: 0.759, 0.2: 0.614, 0.3: 0.520, 0.5: 0.404, 0.7: 0.333}
 LONG = 1e4

@@ -17,8 +17,7 @@ from tests.control.parts import trapezoid
 from tests.oracles.flank_formulas import PAPER, closed
 from tests.oracles.play_operator import by_samples, by_turns
 from tests.oracles.trapezoid_corners import Corners
-from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Slide
-from vttig_jax.control.plants.play import Play
+from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Play, Slide
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair

@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from tests.control.texts import MINIMAL, put, scenario
 from vttig_jax.base.errors import InputError, ScenarioError
+from vttig_jax.control.scenario.scenario import MotionTable
 from vttig_jax.control.scenario.spec import (
     load_scenario_spec,
     load_sweep_spec,
     parse_scenario_spec,
     spec_table,
 )
-from vttig_jax.control.scenario.tables import MotionTable
 
 
 @pytest.fixture

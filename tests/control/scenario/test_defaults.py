@@ -7,8 +7,13 @@ import pytest
 
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.base.files.toml_io import value_keys
-from vttig_jax.control.scenario.defaults import default_toml
-from vttig_jax.control.scenario.spec import KEYS, ScenarioSpec, parse_scenario_spec, spec_table
+from vttig_jax.control.scenario.spec import (
+    KEYS,
+    ScenarioSpec,
+    default_toml,
+    parse_scenario_spec,
+    spec_table,
+)
 
 TEXT = default_toml()
 HIDDEN = re.compile(r'^# (?=\[|"?[\w.]+"? = )', re.MULTILINE)

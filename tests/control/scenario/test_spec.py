@@ -11,6 +11,13 @@ from hypothesis import strategies as st
 
 from tests.control.texts import CONTRACT, MINIMAL, RIG, put, scenario
 from vttig_jax.base.errors import ScenarioError
+from vttig_jax.control.scenario.scenario import (
+    EccentricityTable,
+    EncoderTable,
+    MotionTable,
+    RigTable,
+    SamplingTable,
+)
 from vttig_jax.control.scenario.spec import (
     KEYS,
     ScenarioSpec,
@@ -18,13 +25,6 @@ from vttig_jax.control.scenario.spec import (
     parse_scenario_spec,
     spec_table,
     with_values,
-)
-from vttig_jax.control.scenario.tables import (
-    EccentricityTable,
-    EncoderTable,
-    MotionTable,
-    RigTable,
-    SamplingTable,
 )
 
 pytestmark = pytest.mark.smoke

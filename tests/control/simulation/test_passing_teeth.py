@@ -16,7 +16,7 @@ from vttig_jax.control import (
     parse_scenario_spec,
     run,
 )
-from vttig_jax.control.simulation.build import Maps
+from vttig_jax.control.simulation.prepare import Maps
 from vttig_jax.kinematics.flank_table import tabulate_flanks
 from vttig_jax.rig import paper_rig
 

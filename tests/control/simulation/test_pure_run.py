@@ -10,8 +10,8 @@ import pytest
 from benchmarks.compiler import fast_to_compile
 from tests.control.scenarios import PAIR, spec_of
 from vttig_jax.control import OUTCOMES, build_case, run, simulate, with_settings
-from vttig_jax.control.simulation.build import case_of
 from vttig_jax.control.simulation.case import Case
+from vttig_jax.control.simulation.prepare import case_of
 
 SHORT: Mapping[str, Any] = {
     "plant": "play",

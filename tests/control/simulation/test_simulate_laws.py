@@ -27,8 +27,8 @@ from tests.pair.texts import CONTRACT as PAIR_TEXT
 from vttig_jax.base.units import DEG
 from vttig_jax.control.scenario.spec import KEYS
 from vttig_jax.control.simulation import simulate as simulate_module
-from vttig_jax.control.simulation.build import case_of
 from vttig_jax.control.simulation.case import Case, initial_state, run_periods, trace_periods
+from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.pair.gear_pair import GearPair
 from vttig_jax.pair.load import load_pair

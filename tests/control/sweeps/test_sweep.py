@@ -20,11 +20,10 @@ from tests.control.sweep_files import (
 from vttig_jax.base.errors import InputError, ScenarioError
 from vttig_jax.control import sweep
 from vttig_jax.control.controllers.controller import Controller
-from vttig_jax.control.simulation.metrics import METRICS
-from vttig_jax.control.sweeps import work as sweep_work
-from vttig_jax.control.sweeps.cases import SweepCases
+from vttig_jax.control.simulation.case import METRICS
+from vttig_jax.control.sweeps import sweep as sweep_work
+from vttig_jax.control.sweeps.sweep import SweepCases, SweepWork, lanes_for
 from vttig_jax.control.sweeps.table import SweepTable
-from vttig_jax.control.sweeps.work import SweepWork, lanes_for
 from vttig_jax.kinematics import closed_model
 from vttig_jax.pair.eccentricities import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities

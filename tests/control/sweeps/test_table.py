@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.control.sweep_files import assert_close, sweep_spec, table_of
-from vttig_jax.control.simulation.metrics import METRICS
+from vttig_jax.control.simulation.case import METRICS
 
 ADVANCING = ("over_compensation_deg", "thrown_back_deg")
 

@@ -175,7 +175,7 @@ def _print_defaults() -> None:
         raise UsageError(
             f"--print-defaults prints TOML and does nothing else; leave out {', '.join(others)}."
         )
-    from ...control.scenario.defaults import default_toml
+    from ...control.scenario.spec import default_toml
     from ..output import print_text
 
     print_text(default_toml().rstrip("\n"))
@@ -225,7 +225,7 @@ def _simulated(
     """Run a scenario; return it, and the stride of its trace in periods of the controller."""
     import vttig_jax
 
-    from ...control.simulation.build import motion_of
+    from ...control.simulation.prepare import motion_of
 
     vttig_jax.enable_x64()
     duration = float(motion_of(spec.motion, folder).pieces.duration_s)

@@ -141,7 +141,7 @@ def _check_keys(
 ) -> None:
     """Raise `UsageError` for keys or limits of `--free` that cannot be tuned in this sweep."""
     from ...control.scenario.spec import load_sweep_spec
-    from ...control.tuning.free_keys import SETTINGS, free_keys
+    from ...control.tuning.tune import SETTINGS, free_keys
 
     spec = load_sweep_spec(scenario)
     if spec.controller not in SETTINGS:

@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 
 from ...base.units import REV
 from ...kinematics.flank_model import FlankModel
-from ...kinematics.flank_table import Bounds
 from ...kinematics.turn_location import locate
 from ...pair.gear_pair import Drive, GearPair
 from ..hardware.encoder import Encoder, noise_draws
@@ -44,8 +43,8 @@ class LostController(Controller):
 def turn_error(
     pair: GearPair | Drive,
     believed: FlankModel,
-    rig: Bounds,
-    sensors: tuple[Encoder, Encoder],
+    rig: FlankModel,
+    sensors: tuple[Encoder, ...],
     angle: float,
     seed: int,
 ) -> int | None:
@@ -58,13 +57,13 @@ def turn_error(
     location uses the true standard deviation of a reading, √(count²/12 + E²/2 + noise²).
 
     **Arguments**
-    - `believed`: flank model that the controller uses. - `rig`: flanks of the simulated gears.
+    - `believed`: flank model that the controller uses. - `rig`: that of the simulated gears.
     - `sensors`: encoders of the driving and the driven shaft.
     - `angle`: driving angle at the start, rad. - `seed`: seed of the encoder noise.
     """
     ratio = float(pair.ratio)
     draws = noise_draws(jax.random.key(seed), jnp.zeros((), int))
-    driven = ratio * angle + float(rig.at(jnp.asarray(angle)).lower)
+    driven = ratio * angle + float(rig.transmission_error(angle, "A"))
     readings = [
         float(sensor.read(jnp.asarray(true_angle), draw))
         for sensor, true_angle, draw in zip(sensors, (angle, driven), draws, strict=True)

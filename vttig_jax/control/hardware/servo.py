@@ -23,7 +23,6 @@ from ..fields import Part, Quantity, not_negative, positive
 from ..motion.motion import MotionPoint
 from ..plants.elastic import Elastic
 from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, walls
-from .shaft_drive import Tracking
 
 
 class Motor(eqx.Module):
@@ -103,10 +102,6 @@ class ServoDrive(eqx.Module):
     def start(self, target: MotionPoint) -> Motor:
         """Return the initial state, with `target` as the first reference."""
         return Motor(target.angle, target.speed, jnp.zeros(()), jnp.zeros((), bool))
-
-    def tracking(self, state: Any, shafts: Shafts) -> Tracking:
-        """Return the tracking error and whether the torque was limited."""
-        return Tracking(jnp.abs(state.angle - shafts.angle), state.limited)
 
     def step(
         self, motor: Motor, plant: Plant, shafts: Shafts, target: MotionPoint, *step: Any
@@ -204,13 +199,13 @@ class ServoDrive(eqx.Module):
         driving, driven = jnp.asarray(self.driving.inertia), self.driven.inertia
         return driving * driven / (driving + slope**2 * driven)
 
-    def _flight(self, shafts, course, slowing, bounds, step) -> "_Offset":
+    def _flight(self, shafts, course, slowing, bounds, step) -> tuple[Scalar, Scalar]:
         """Return x and its rate at the end of a step without contact.
 
         `course`: driving shaft at the end. `slowing`: acceleration of the driven shaft, rad/s².
         """
         turned = step * (bounds.ratio * shafts.speed + shafts.drift + 0.5 * step * slowing)
-        return _Offset(
+        return (
             shafts.offset + turned - bounds.ratio * (course.angle - shafts.angle),
             shafts.drift + step * slowing - bounds.ratio * (course.speed - shafts.speed),
         )
@@ -230,8 +225,8 @@ class ServoDrive(eqx.Module):
         if slope is None:
             slope = jnp.asarray(bounds.ratio) + _slope(moved.flanks, flank)
         share = slope * self._inertia(slope) / self.driving.inertia
-        turned = jnp.where(met, share * (moved.offset - flight.angle), 0.0)
-        rate = jnp.where(met, share * (moved.drift - flight.rate), 0.0)
+        turned = jnp.where(met, share * (moved.offset - flight[0]), 0.0)
+        rate = jnp.where(met, share * (moved.drift - flight[1]), 0.0)
         te_slope = slope - bounds.ratio
         angle = moved.angle - turned
         return replace(
@@ -242,13 +237,6 @@ class ServoDrive(eqx.Module):
             drift=moved.drift - te_slope * rate,
             flanks=bounds.at(angle),
         )
-
-
-class _Offset(eqx.Module):
-    """Offset x (rad) and its rate (rad/s)."""
-
-    angle: Scalar
-    rate: Scalar
 
 
 def geared(driving: Drag, driven: Drag, slope: Float[Number, ""]) -> Drag:

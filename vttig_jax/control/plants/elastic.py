@@ -1,6 +1,21 @@
-"""Plant with elastic teeth: free flight through the gap, spring and damper at the flanks."""
+"""Plant with elastic teeth: free flight through the gap, spring and damper at the flanks.
 
-import math
+An impact is computed without small time steps. At a penetration p of the body into the flank
+(negative outside) the torque per inertia is
+
+    F/J = max(0, ω² p + clip(2 ζ ω ṗ, ±ω² p)),  ω = √(c/J)
+
+(Modelica's ElastoBacklash: the damping is limited to the spring torque; the flank never pulls).
+An ordinary integrator would need steps much shorter than the contact, which lasts about π/ω. The
+law is piecewise linear, and an impact passes its pieces in a fixed order (torque in brackets):
+
+    flight → stiff (2 c p) → both (c p + d ṗ) → loose (0) → flight
+
+In each piece p is a power series in time. The piece ends at the root of a second power series, its
+condition of validity. All times are in units of 1/ω.
+"""
+
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,9 +30,8 @@ from ...base.errors import ScenarioError
 from ...kinematics.flank_table import Bounds
 from ...pair.gear_pair import GearPair
 from ..fields import Quantity, is_known, number, positive
-from ..hermite import cubic
+from ..hermite import cubic, nonzero
 from ..motion.motion import MotionPoint
-from .elastic_impact import Press, Pulls, impact, longest_contact
 from .plant import (
     FREE,
     ON_A,
@@ -33,6 +47,225 @@ from .plant import (
 )
 
 Scalar = Float[Array, ""]
+Truth = Bool[Array, ""]
+Series = Sequence[Scalar]
+"""Coefficients of a power series in time, lowest power first."""
+
+_ORDER = 12  # highest power of a series; a chosen value
+_SERIES_TIME = 1.3
+"""Longest time (1/ω) for one series; the truncation error is 1.3¹³/13! = 5e-9 of the depth or less.
+"""
+_SERIES_TIME_OVERDAMPED = 2.0
+"""Longest time for one series if ζ > 1, in decay times of the faster mode; a chosen value."""
+_NEWTON = 4  # Newton iterations; a chosen value
+
+
+class Press(eqx.Module):
+    """Penetration into a flank, rad, and its rate, rad per 1/ω."""
+
+    depth: Scalar
+    rate: Scalar
+
+
+class Impact(eqx.Module):
+    """Result of an impact.
+
+    - `press`: penetration at the end of the given time. - `met`: whether there was any contact.
+    - `entry`: time until the first contact, 1/ω; if there was no contact, the whole time.
+    """
+
+    press: Press
+    entry: Scalar
+    met: Truth
+
+
+class Pulls(eqx.Module):
+    """Acceleration of the body into the flank by all torques except the contact torque.
+
+    It is in rad per 1/ω² and constant in each of three phases: `before` the contact, during the
+    contact (`pressed`), and `after` the contact. Its value differs only by the friction.
+    """
+
+    before: Scalar
+    pressed: Scalar
+    after: Scalar
+
+
+class _Progress(eqx.Module):
+    """State of an impact between two pieces of the contact law.
+
+    - `press`: penetration and its rate. - `remaining`: time until the end of the step, 1/ω.
+    - `loose`: whether the contact torque has become zero.
+    """
+
+    press: Press
+    remaining: Scalar
+    loose: Truth
+
+
+class _Piece(eqx.Module):
+    """Linear piece of the contact law.
+
+    - `spring`, `damper`: factors of c and d, so that the torque is spring · c p + damper · d ṗ.
+    - `depth`, `rate`: the piece applies while depth · p + rate · (d/c) ṗ is positive.
+    - `releases`: whether the contact torque is zero after this piece.
+    """
+
+    spring: Scalar
+    damper: Scalar
+    depth: Scalar
+    rate: Scalar
+    releases: Scalar
+
+
+_STIFF = (2.0, 0.0, -1.0, 1.0, 0.0)
+_BOTH = (1.0, 1.0, 1.0, 1.0, 1.0)
+_PIECES = np.array([_STIFF, _BOTH, _BOTH, _BOTH])
+"""The piece `_BOTH` is computed with three consecutive series. Together they cover 3.9/ω. For
+damping ratios up to 5 a contact with a rebound is shorter; at 5 the rebound has 7 % of the speed.
+"""
+
+
+def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> Impact:
+    """Return the state of a body after a time (1/ω) with at most one impact.
+
+    If the contact outlasts the series, or if the body would meet the flank again within the time,
+    the body ends at rest at p = max(0, pull). The energy therefore never increases.
+    """
+    entry = jnp.where(start.depth > 0, 0.0, _arrival(start, pulls.before))
+    met = entry <= time
+    flown = _flight(start, pulls.before, jnp.minimum(entry, time))
+    depth = jnp.where(met & (start.depth <= 0), 0.0, flown.depth)
+    remaining = jnp.where(met, time - jnp.minimum(entry, time), 0.0)
+    begun = _Progress(Press(depth, flown.rate), remaining, jnp.zeros_like(met))
+    pull = pulls.pressed
+
+    def advance(state: _Progress, piece: Float[Array, "5"]) -> tuple[_Progress, None]:
+        return _advance(state, _Piece(*piece), pull, damping_ratio), None
+
+    ended, _ = jax.lax.scan(advance, begun, jnp.asarray(_PIECES))
+    loose = met & ended.loose
+    press, remaining, thrown = _separation(ended.press, ended.remaining, loose, pull, damping_ratio)
+    flight = jnp.where(thrown, jnp.minimum(remaining, _arrival(press, pulls.after)), 0.0)
+    stays = remaining > flight
+    flown = _flight(press, pulls.after, flight)
+    depth = jnp.where(stays, jnp.maximum(pull, 0.0), flown.depth)
+    rate = jnp.where(stays, 0.0, flown.rate)
+    return Impact(Press(depth, rate), jnp.where(met, entry, time), met)
+
+
+def longest_contact(damping_ratio: Any) -> Float[Array, "*shape"]:
+    """Return the time (1/ω) for which `impact` follows a contact without rebound."""
+    both = [_Piece(*piece) for piece in jnp.asarray(_PIECES) if piece[1] > 0]
+    return jnp.sum(
+        jnp.stack([_series_time(piece, jnp.asarray(damping_ratio)) for piece in both]), 0
+    )
+
+
+def _advance(state: _Progress, piece: _Piece, pull: Scalar, damping_ratio: Scalar) -> _Progress:
+    """Advance until the piece, the validity of its series or the remaining time ends.
+
+    The earliest of these three ends counts. `pull` is the acceleration by other torques.
+    """
+    press, remaining, loose = state.press, state.remaining, state.loose
+    damper = 2 * damping_ratio
+    inside = piece.depth * press.depth + piece.rate * damper * press.rate
+    covered = jnp.minimum(remaining, _series_time(piece, damping_ratio))
+    limit = jnp.where((inside >= 0) & ~loose, covered, 0.0)
+    depth = _series(press, pull, piece.spring, piece.damper * damper)
+    slopes = [n * c for n, c in enumerate(depth)][1:]
+    margin = [
+        piece.depth * c + piece.rate * damper * s for c, s in zip(depth, slopes, strict=False)
+    ]
+    ends = ~loose & (_value_slope(margin, limit)[0] <= 0)
+    time = jnp.where(ends, _root(margin, limit), limit)
+    press = Press(*_value_slope(depth, time))
+    return _Progress(press, remaining - time, loose | (ends & (piece.releases > 0)))
+
+
+def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, damping_ratio: Scalar):
+    """Move a body that is still inside the flank but has no contact torque.
+
+    The contact torque is zero when the damper cancels the spring (`loose`). The body then moves at
+    the constant acceleration `pull` (rad per 1/ω²) until one of three events: it leaves the flank
+    at the penetration zero, the law p + 2 ζ ṗ gives a torque again, or the `remaining` time (1/ω)
+    has passed. After the second event the body stays where it is until the end of this time step,
+    and the next time step continues from there. A body that is not `loose` is not moved.
+
+    **Returns** the penetration and its rate, the time that remains (1/ω), and True if the body left
+    the flank.
+    """
+    damper = 2 * damping_ratio
+    square = press.rate**2 - 2 * pull * press.depth
+    leaves = (press.rate < 0) & (square >= 0)
+    speed = _sqrt(square) - press.rate
+    leaving_time = 2 * jnp.maximum(press.depth, 0.0) / jnp.where(leaves, speed, 1.0)
+    force = Press(press.depth + damper * press.rate, press.rate + damper * pull)
+    duration = jnp.where(leaves, leaving_time, _arrival(force, pull))
+    time = jnp.where(loose, jnp.minimum(remaining, duration), 0.0)
+    thrown = loose & leaves & (duration <= remaining)
+    press = _flight(press, pull, time)
+    remaining = jnp.where(loose & ~thrown, 0.0, remaining - time)
+    return Press(jnp.where(thrown, 0.0, press.depth), press.rate), remaining, thrown
+
+
+def _series_time(piece: _Piece, damping_ratio: Scalar) -> Scalar:
+    """Return the time (1/ω) over which the power series of a piece is accurate enough."""
+    square = damping_ratio**2 - 1
+    over = (square > 0) & (piece.damper > 0)
+    fast = jnp.where(over, damping_ratio + _sqrt(square), 1.0)
+    return jnp.where(over, _SERIES_TIME_OVERDAMPED / fast, _SERIES_TIME)
+
+
+def _series(press: Press, pull: Scalar, spring: Scalar, damper: Scalar) -> Series:
+    """Return the power series of p̈ = pull − spring p − damper ṗ."""
+    series = [press.depth, press.rate]
+    for n in range(_ORDER - 1):
+        force = spring * series[n] + (n + 1) * damper * series[n + 1]
+        series.append(((pull if n == 0 else 0.0) - force) / ((n + 1) * (n + 2)))
+    return series
+
+
+def _value_slope(series: Series, time: Scalar) -> tuple[Scalar, Scalar]:
+    value, slope = series[-1], jnp.zeros_like(series[-1])
+    for coefficient in series[-2::-1]:
+        slope = slope * time + value
+        value = value * time + coefficient
+    return value, slope
+
+
+def _root(series: Series, limit: Scalar) -> Scalar:
+    """Return the root of a series between the time 0 (value ≥ 0) and `limit` (value ≤ 0)."""
+    end, _ = _value_slope(series, limit)
+
+    # `fori_loop` prevents that XLA recomputes these operations for every use of the root.
+    def newton(_, time):
+        value, slope = _value_slope(series, time)
+        return jnp.clip(time - value / nonzero(slope), 0.0, limit)
+
+    first = limit * jnp.clip(series[0] / nonzero(series[0] - end), 0.0, 1.0)
+    return jax.lax.fori_loop(0, _NEWTON, newton, first)
+
+
+def _flight(press: Press, pull: Scalar, time: Scalar) -> Press:
+    return Press(press.depth + time * (press.rate + 0.5 * time * pull), press.rate + time * pull)
+
+
+def _arrival(press: Press, pull: Scalar) -> Scalar:
+    """Return the time (1/ω) until a body in flight from depth ≤ 0 enters the flank; ∞ if never."""
+    square = press.rate**2 - 2 * pull * press.depth
+    root = _sqrt(square)
+    inwards = press.rate > 0
+    above = jnp.where(inwards, -2 * press.depth, root - press.rate)
+    below = jnp.where(inwards, press.rate + root, pull)
+    comes = (square >= 0) & (below > 0)
+    return jnp.where(comes, jnp.maximum(above, 0.0) / jnp.where(comes, below, 1.0), jnp.inf)
+
+
+def _sqrt(value: Scalar) -> Scalar:
+    """Return the square root, or 0 for values ≤ 0; its derivative is finite everywhere."""
+    positive = value > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)
 
 
 class Elastic(Plant):
@@ -99,8 +332,8 @@ class Elastic(Plant):
 
         `now` holds the position and the rate of both flanks.
         """
-        depths = _depths(now, shafts.offset, shafts.drift)
-        return self._torque(depths.a) - self._torque(depths.b)
+        on_a, on_b = map(self._torque, _depths(now, shafts.offset, shafts.drift))
+        return on_a - on_b
 
     def slowing(self, shafts: Shafts, now: Walls, ratio: Scalar, step: Scalar) -> Scalar:
         """Return the acceleration of the driven shaft by friction and load, rad/s².
@@ -136,57 +369,26 @@ class Elastic(Plant):
             slowing = self.drag.acceleration(driven_speed, 0.0, step)
         else:
             slowing = self.slowing(shafts, now, ratio, step)
+        # The flight without contact, and the penetration of the nearer flank at both of its ends.
         free = shafts.offset + step * (driven_speed + 0.5 * step * slowing)
         free -= ratio * (driving.angle - shafts.angle)
         drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
-
-        flight = _Flight(
-            start=shafts.offset,
-            start_rate=shafts.drift,
-            end=free,
-            end_rate=drift,
-            driven_speed=driven_speed,
-            slowing=slowing,
-        )
-        landing = self._landing(now, then, flight, step)
-        offset, share = landing.offset, landing.share
-        met = jnp.where(landing.met & (landing.flank != shafts.side), landing.flank, FREE)
-        # As with rigid teeth: when the gap closes, the flank opposite to `side` is newly loaded.
-        met = jnp.where(then.lower > then.upper, -shafts.side, met)
-        side = touching(offset < then.lower, offset > then.upper, shafts.side)
-        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
-        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
-        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
-        return Shafts(
-            angle=driving.angle,
-            speed=driving.speed,
-            offset=offset,
-            drift=landing.drift,
-            side=side,
-            flanks=flanks,
-        ), touch
-
-    def _landing(self, now: Walls, then: Walls, flight: "_Flight", step: Scalar) -> "_Landing":
-        """Return the driven shaft at the end of a step, from the flight without contact.
-
-        `now` and `then` are the flanks at the start and the end of the step (s).
-        """
         rate = jnp.sqrt(jnp.asarray(self.stiffness) / self._inertia)
-        starts = _depths(now, flight.start, flight.start_rate)
-        ends = _depths(then, flight.end, flight.end_rate)
-        nearer_a = (starts.b.depth <= 0) & (ends.a.depth > ends.b.depth)
-        on_a = (starts.a.depth > 0) | nearer_a
+        start_a, start_b = _depths(now, shafts.offset, shafts.drift)
+        end_a, end_b = _depths(then, free, drift)
+        nearer_a = (start_b.depth <= 0) & (end_a.depth > end_b.depth)
+        on_a = (start_a.depth > 0) | nearer_a
         sense = jnp.where(on_a, 1.0, -1.0)
         start, end = (
-            jax.tree.map(lambda a, b: jnp.where(on_a, a, b), both.a, both.b)
-            for both in (starts, ends)
+            jax.tree.map(lambda a, b: jnp.where(on_a, a, b), *both)
+            for both in ((start_a, start_b), (end_a, end_b))
         )
-        free = loaded = (end.rate - start.rate) / step
+        pull = loaded = (end.rate - start.rate) / step
         if self.effective is None:
-            change = self._friction_change(flight, start, sense * end.rate, sense, step)
-            loaded = free - sense * change
-        pulls = Pulls(free, loaded, jnp.where(start.depth > 0, free, loaded))
+            lag = sense * end.rate
+            change = self._friction_change(driven_speed, slowing, start, lag, sense, step)
+            loaded = pull - sense * change
+        pulls = Pulls(pull, loaded, jnp.where(start.depth > 0, pull, loaded))
         result = impact(
             Press(start.depth, start.rate / rate),
             jax.tree.map(lambda pull: pull / rate**2, pulls),
@@ -195,17 +397,34 @@ class Elastic(Plant):
         )
         depth, speed = result.press.depth, rate * result.press.rate
         offset = jnp.where(on_a, then.lower - depth, then.upper + depth)
-        offset = jnp.where(result.met, offset, flight.end)
+        offset = jnp.where(result.met, offset, free)
         # If the rebound also reaches the other flank, the shaft stops there until the next step.
         offset = jnp.where(on_a, jnp.minimum(offset, then.upper), jnp.maximum(offset, then.lower))
-        drift = jnp.where(on_a, then.lower_rate - speed, then.upper_rate + speed)
-        drift = jnp.where(result.met, drift, flight.end_rate)
+        after = jnp.where(on_a, then.lower_rate - speed, then.upper_rate + speed)
+        drift = jnp.where(result.met, after, drift)
         share = jnp.minimum(result.entry / (rate * step), 1.0)
-        landing = _Landing(offset, drift, jnp.where(on_a, ON_A, ON_B), result.met, share)
-        return _wedged(then, (ends.a.rate - starts.a.rate) / (step * rate**2), landing)
+        # In a closed gap the springs of both flanks balance the pull towards flank A by c/J, rad.
+        # If the pull exceeds the overlap, one of the flanks is unloaded.
+        pull, overlap = (end_a.rate - start_a.rate) / (step * rate**2), then.lower - then.upper
+        depth = jnp.minimum(jnp.maximum(0.5 * (overlap + pull), pull), overlap + pull)
+        closed = overlap > 0
+        offset = jnp.where(closed, then.lower - depth, offset)
+        drift = jnp.where(closed, 0.5 * (then.lower_rate + then.upper_rate), drift)
+        share = jnp.where(closed, 1.0, share)
+
+        flank = jnp.where(on_a, ON_A, ON_B)
+        met = jnp.where(result.met & (flank != shafts.side), flank, FREE)
+        # As with rigid teeth: when the gap closes, the flank opposite to `side` is newly loaded.
+        met = jnp.where(closed, -shafts.side, met)
+        side = touching(offset < then.lower, offset > then.upper, shafts.side)
+        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
+        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
+        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        return Shafts(driving.angle, driving.speed, offset, drift, side, flanks), touch
 
     def _friction_change(
-        self, flight: "_Flight", start: Press, lag: Scalar, sense: Scalar, step: Scalar
+        self, speed: Scalar, slowing: Scalar, start: Press, lag: Scalar, sense: Scalar, step: Scalar
     ) -> Scalar:
         """Return the acceleration by friction with contact minus that in flight, rad/s².
 
@@ -214,16 +433,17 @@ class Elastic(Plant):
         the rebound; 1/(1 + 3 ζ) approximates the coefficient of restitution.
 
         **Arguments**
+        - `speed`: of the driven shaft at the start. - `slowing`: its acceleration in flight.
         - `start`: penetration at the start. - `sense`: 1 for flank A, −1 for flank B.
         - `lag`: rate of the flank minus rate of the shaft at the end of the flight, rad/s.
         """
         pressed = start.depth > 0
         rebound = (1 + 1 / (1 + 3 * jnp.asarray(self.damping_ratio))) * lag
-        later = jnp.where(pressed, 0.0, step * flight.slowing + rebound)
+        later = jnp.where(pressed, 0.0, step * slowing + rebound)
         push = jnp.where(pressed, sense * self._torque(start), 0.0)
         push = jnp.where(pressed, self._friction_limited(push), 0.0)
-        slowing = self.drag.acceleration(flight.driven_speed + later, push, step)
-        return slowing - push / self.drag.inertia - flight.slowing
+        pressed_slowing = self.drag.acceleration(speed + later, push, step)
+        return pressed_slowing - push / self.drag.inertia - slowing
 
     def _torque(self, press: Press) -> Scalar:
         stiffness = jnp.asarray(self.stiffness)
@@ -256,7 +476,7 @@ def mesh_stiffness(c_gamma_N_mm_um: Any, face_width_mm: Any, base_radius_mm: Any
     return c_gamma_N_mm_um * face_width_mm * base_radius_mm**2
 
 
-def largest_step(stiffness: float, damping_ratio: float, inertia: float) -> float:
+def largest_step(stiffness: Any, damping_ratio: Any, inertia: Any) -> Float[Array, "*shape"]:
     """Return the longest time step (s) that resolves the oscillation in a lasting contact.
 
     Longer steps are stable too, but then a shaft in lasting contact is set to rest, and its
@@ -268,71 +488,17 @@ def largest_step(stiffness: float, damping_ratio: float, inertia: float) -> floa
     **Example**
     ```python
     >>> from vttig_jax.control.plants.elastic import largest_step
-    >>> round(largest_step(2.26e6, 0.1, 0.01), 6)
+    >>> round(float(largest_step(2.26e6, 0.1, 0.01)), 6)
     0.000259
 
     ```
     """
-    return longest_contact(damping_ratio) * math.sqrt(inertia / stiffness)
+    return longest_contact(damping_ratio) * jnp.sqrt(jnp.asarray(inertia / stiffness))
 
 
-class _Depths(eqx.Module):
-    """Penetration of the driven shaft into flanks A and B, rad, and its rate, rad/s."""
-
-    a: Press
-    b: Press
-
-
-class _Flight(eqx.Module):
-    """Motion of the driven shaft in a step without contact; units rad and s.
-
-    - `start`, `start_rate`, `end`, `end_rate`: x and dx/dt at the start and the end of the step.
-    - `driven_speed`: φ̇₂ at the start. - `slowing`: φ̈₂ by friction and load.
-    """
-
-    start: Scalar
-    start_rate: Scalar
-    end: Scalar
-    end_rate: Scalar
-    driven_speed: Scalar
-    slowing: Scalar
-
-
-class _Landing(eqx.Module):
-    """Driven shaft at the end of a step.
-
-    - `offset`, `drift`: x and its rate, rad and rad/s. - `met`: whether the shaft touched `flank`.
-    - `share`: elapsed fraction of the step at the first contact.
-    """
-
-    offset: Scalar
-    drift: Scalar
-    flank: Scalar
-    met: Bool[Array, ""]
-    share: Scalar
-
-
-def _depths(bounds: Walls, offset: Scalar, drift: Scalar) -> _Depths:
-    return _Depths(
+def _depths(bounds: Walls, offset: Scalar, drift: Scalar) -> tuple[Press, Press]:
+    """Return the penetration of the driven shaft into flanks A and B, rad, and its rate, rad/s."""
+    return (
         Press(bounds.lower - offset, bounds.lower_rate - drift),
         Press(offset - bounds.upper, drift - bounds.upper_rate),
-    )
-
-
-def _wedged(then: Walls, pull: Scalar, landing: _Landing) -> _Landing:
-    """Place the driven shaft of a closed gap in equilibrium; leave it unchanged in an open gap.
-
-    The spring forces of both flanks balance `pull`, the acceleration towards flank A divided by
-    c/J (rad).
-    """
-    overlap = then.lower - then.upper
-    # If the pull exceeds the overlap, one of the flanks is unloaded.
-    depth = jnp.minimum(jnp.maximum(0.5 * (overlap + pull), pull), overlap + pull)
-    drift = 0.5 * (then.lower_rate + then.upper_rate)
-    closed = overlap > 0
-    return replace(
-        landing,
-        offset=jnp.where(closed, then.lower - depth, landing.offset),
-        drift=jnp.where(closed, drift, landing.drift),
-        share=jnp.where(closed, 1.0, landing.share),
     )

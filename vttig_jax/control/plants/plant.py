@@ -1,18 +1,21 @@
-"""Base class of the plants, their state, and their common parts: friction, walls and contact.
+"""Plants: their state, common parts (friction, walls and contact), and those with rigid teeth.
 
 A wall is the position of a flank in the offset x = φ₂ − i φ₁, which limits the driven shaft.
 """
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...base.arrays import Number, Numbers, float64
 from ...kinematics.flank_table import Bounds, Flanks
 from ..fields import Part, Quantity, not_negative, number, positive
+from ..hermite import cubic, first_root
 from ..motion.motion import MotionPoint
 
 ON_A, FREE, ON_B = -1.0, 0.0, 1.0
@@ -203,3 +206,120 @@ def newly_met(
     `above`) the flank opposite to `before` is the newly loaded one.
     """
     return jnp.where(below & above, -before, jnp.where(side == before, FREE, side))
+
+
+class Play(Plant):
+    """Plant whose driven shaft stands still in the gap and does not rebound from a flank.
+
+    In a step in which the driving shaft turns by Δφ₁, the offset x = φ₂ − i φ₁ becomes
+    x ← min(max(x − i Δφ₁, lower wall), upper wall)
+    """
+
+    def step(
+        self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+    ) -> tuple[Shafts, ContactEvent]:
+        """See `Plant.step`."""
+        ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
+        flanks = bounds.at(driving.angle)
+        now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
+        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        free = shafts.offset - ratio * (driving.angle - shafts.angle)
+        below, above = free <= then.lower, free >= then.upper
+        side = touching(below, above, shafts.side)
+        held = cubic(shafts.offset, free, -ratio * shafts.speed, -ratio * driving.speed, step)
+        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
+        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
+        depth = jax.tree.map(lambda h, a, b: jnp.where(below, h - a, b - h), held, low, high)
+        share = first_root(depth)
+        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
+        met = newly_met(below, above, side, shafts.side)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        offset = jnp.clip(free, then.lower, then.upper)
+        rate = jnp.where(
+            below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * driving.speed)
+        )
+        return Shafts(
+            angle=driving.angle,
+            speed=driving.speed,
+            offset=offset,
+            drift=rate,
+            side=side,
+            flanks=flanks,
+        ), touch
+
+
+class Rigid(Plant):
+    """Plant with inertia and friction in the gap and Newton's impact law at the flanks.
+
+    In the gap J₂ φ̈₂ = −T with the drag torque T. The driven shaft meets a flank with the relative
+    speed w and leaves it with −ε w. If it would meet the flank again within the same step, it stays
+    in contact until the flank moves away from it. The instant of the impact is computed within the
+    step.
+
+    **Arguments**
+    - `restitution`: coefficient of restitution ε, 0 … 1.
+    - `drag`: inertia and friction of the driven shaft, which `run` fills in.
+    """
+
+    restitution: Quantity = number(
+        0.3, "rigid: relative speed after an impact over that before", "1", ge=0, le=1
+    )
+    drag: Drag = Drag(1.0)
+
+    def with_shaft(self, drag: Drag, pair: Any) -> "Rigid":
+        """See `Plant.with_shaft`."""
+        return replace(self, drag=drag)
+
+    def step(
+        self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+    ) -> tuple[Shafts, ContactEvent]:
+        """See `Plant.step`."""
+        ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
+        step = jnp.asarray(step)
+        flanks = bounds.at(driving.angle)
+        now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
+        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        driven_speed = ratio * shafts.speed + shafts.drift
+        slowing = self.drag.acceleration(driven_speed, 0.0, step)
+        turned = step * (driven_speed + 0.5 * step * slowing)
+        free = shafts.offset + turned - ratio * (driving.angle - shafts.angle)
+        drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
+
+        below, above = free <= then.lower, free >= then.upper
+        hit = below | above
+        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
+        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
+        wall = jax.tree.map(lambda a, b: jnp.where(below, a, b), low, high)
+        inwards = jnp.where(below, 1.0, -1.0)
+        flight = cubic(shafts.offset, free, shafts.drift, drift, step)
+        clearance = jax.tree.map(lambda f, w: inwards * (f - w), flight, wall)
+        share = first_root(clearance)
+        rest, rate = (1 - share) * step, 1.0 / step
+        approach = clearance.slope(share)
+        rebound = (wall.slope(share) - inwards * self.restitution * approach) * rate
+        pull = (drift - shafts.drift) * rate
+        offset = wall.at(share) + rest * (rebound + 0.5 * rest * pull)
+        end = jnp.where(below, then.lower, then.upper)
+        end_rate = jnp.where(below, then.lower_rate, then.upper_rate)
+        side = touching(below, above, shafts.side)
+        # An impact at the end of the step leaves no way that could show whether it meets again.
+        leaves = (share > 1 - 1e-9) & (inwards * (rebound - end_rate) > 0)
+        again = ~leaves & (inwards * (offset - end) <= 0)
+        stays = hit & ((shafts.side == side) | again)
+
+        met = newly_met(below, above, side, shafts.side)
+        way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        offset = jnp.where(stays, end, jnp.where(hit, offset, free))
+        drift = jnp.where(stays, end_rate, jnp.where(hit, rebound + rest * pull, drift))
+        return (
+            Shafts(
+                angle=driving.angle,
+                speed=driving.speed,
+                offset=jnp.clip(offset, then.lower, then.upper),
+                drift=drift,
+                side=jnp.where(stays, side, FREE),
+                flanks=flanks,
+            ),
+            touch,
+        )

@@ -1,29 +1,80 @@
-"""Scenario file: reading, and validation of single keys and of combinations of keys.
+"""Scenario file: reading, validation of single keys and of combinations of keys, and its defaults.
 
 `ScenarioSpec` holds the TOML content for one simulated case, or for many cases with `[sweep]`. Each
-table is one `msgspec` struct (`control/scenario/tables.py`). Every error is a `ScenarioError` whose
-attribute `where` names file and key.
+table is one `msgspec` struct (`scenario.py`). Every error is a `ScenarioError` whose attribute
+`where` names file and key.
 """
 
 import math
 from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
+import numpy as np
+import tomli_w
 from msgspec.structs import replace
 
 from ...base.errors import ScenarioError
-from ...base.files.toml_io import plain_table, value_keys
+from ...base.files.toml_io import Key, keys, plain_table, value_keys
 from .axes import SCENARIO_FILE, Gap, Sweep, parse_sweep, unknown_key
-from .tables import ECCENTRICITIES, ScenarioSpec
+from .scenario import ECCENTRICITIES, ScenarioSpec
 
 
 def check_scenario(spec: ScenarioSpec) -> None:
     """Raise `ScenarioError` if keys contradict each other; its `where` is the dotted key."""
+    check_choices(spec)
+    motion, (fits, whole) = spec.motion, numbers_fit(spec)
+    if not fits:
+        raise ScenarioError(
+            f"{motion.reversal_deg:g} lies inside the ramps of this {motion.event}; at"
+            f" {motion.speed_rpm:g} rpm with ramp_s = {motion.ramp_s:g} it must be at least"
+            f" {_rounded_up(smallest_reversal_deg(motion))}.",
+            where="motion.reversal_deg",
+        )
+    if not whole:
+        plant, controller = spec.sampling.plant_hz, spec.sampling.controller_hz
+        steps = plant / controller
+        raise ScenarioError(
+            f"{plant:g} Hz is {steps:g} times controller_hz; write a whole multiple such as"
+            f" {max(1, round(steps)) * controller:g}, or 0 for controller_hz itself.",
+            where="sampling.plant_hz",
+        )
+
+
+def numbers_fit(spec: ScenarioSpec) -> tuple[Any, Any]:
+    """Return whether the reversal lies outside the ramps, and whether the rates are multiples.
+
+    The numbers of the scenario may be arrays.
+    """
+    motion, sampling = spec.motion, spec.sampling
+    fits = np.asarray(motion.reversal_deg >= smallest_reversal_deg(motion) * (1 - 1e-12))
+    steps = sampling.plant_hz / sampling.controller_hz
+    whole = np.maximum(1, np.rint(steps))
+    near = np.asarray((sampling.plant_hz == 0) | (abs(steps - whole) <= 1e-9 * whole))
+    return fits | (motion.kind not in ("trapezoid", "s_curve")), near
+
+
+def check_choices(spec: ScenarioSpec) -> None:
+    """Raise `ScenarioError` if keys without numbers contradict each other."""
     check_rig(spec)
-    _check_motion(spec.motion)
-    _check_rates(spec.sampling)
+    motion = spec.motion
+    if motion.kind == "recorded" and not motion.file:
+        raise ScenarioError(
+            'missing; kind = "recorded" follows a CSV with time_s and driving_deg.',
+            where="motion.file",
+        )
+    if motion.kind != "recorded" and motion.file:
+        raise ScenarioError(
+            f'given, but kind is "{motion.kind}"; write kind = "recorded" to follow this file, or'
+            " remove it.",
+            where="motion.file",
+        )
+    if motion.kind not in ("trapezoid", "s_curve") and motion.event != "reversal":
+        raise ScenarioError(
+            f'"{motion.event}" needs kind = "trapezoid" or "s_curve", but kind is "{motion.kind}".',
+            where="motion.event",
+        )
 
 
 def check_rig(spec: ScenarioSpec) -> None:
@@ -105,7 +156,7 @@ def _texts(axis: Any) -> list[str]:
     return [value for value in axis if isinstance(value, str)] if isinstance(axis, tuple) else []
 
 
-def smallest_reversal_deg(motion: Any) -> float:
+def smallest_reversal_deg(motion: Any) -> Any:
     """Return the smallest valid `reversal_deg`: the angle of all ramps of one pass, deg.
 
     A ramp covers half the angle that the steady speed ω covers in the same time. A slow-down to the
@@ -118,56 +169,14 @@ def smallest_reversal_deg(motion: Any) -> float:
     if motion.event == "slow_down":
         ramps += share * motion.dwell_s
     if motion.event == "emergency_stop":
-        ramps = max(ramps, (motion.ramp_s + motion.stop_s) / 2)
+        ramps = np.maximum(ramps, (motion.ramp_s + motion.stop_s) / 2)
     return motion.speed_rpm * 6.0 * ramps
-
-
-def _check_motion(motion: Any) -> None:
-    if motion.kind == "recorded" and not motion.file:
-        raise ScenarioError(
-            'missing; kind = "recorded" follows a CSV with time_s and driving_deg.',
-            where="motion.file",
-        )
-    if motion.kind != "recorded" and motion.file:
-        raise ScenarioError(
-            f'given, but kind is "{motion.kind}"; write kind = "recorded" to follow this file, or'
-            " remove it.",
-            where="motion.file",
-        )
-    if motion.kind not in ("trapezoid", "s_curve"):
-        if motion.event != "reversal":
-            raise ScenarioError(
-                f'"{motion.event}" needs kind = "trapezoid" or "s_curve", but kind is'
-                f' "{motion.kind}".',
-                where="motion.event",
-            )
-        return
-    smallest = smallest_reversal_deg(motion)
-    if motion.reversal_deg < smallest * (1 - 1e-12):
-        raise ScenarioError(
-            f"{motion.reversal_deg:g} lies inside the ramps of this {motion.event}; at"
-            f" {motion.speed_rpm:g} rpm with ramp_s = {motion.ramp_s:g} it must be at least"
-            f" {_rounded_up(smallest)}.",
-            where="motion.reversal_deg",
-        )
 
 
 def _rounded_up(value: float) -> str:
     """Return the value as text, rounded up to six significant digits."""
     step = 10.0 ** (math.floor(math.log10(value)) - 5)
     return f"{math.ceil(value / step * (1 - 1e-12)) * step:.6g}"
-
-
-def _check_rates(sampling: Any) -> None:
-    plant, controller = sampling.plant_hz, sampling.controller_hz
-    steps = plant / controller
-    whole = max(1, round(steps))
-    if plant and abs(steps - whole) > 1e-9 * whole:
-        raise ScenarioError(
-            f"{plant:g} Hz is {steps:g} times controller_hz; write a whole multiple such as"
-            f" {whole * controller:g}, or 0 for controller_hz itself.",
-            where="sampling.plant_hz",
-        )
 
 
 KEYS = {
@@ -196,7 +205,7 @@ def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioS
         axes = {name: entry for name, entry in KEYS.items() if name != "constant_backlash_deg"}
         sweep = parse_sweep(table["sweep"], axes)  # maps are read once, with one backlash
         _check_axes(sweep, spec)
-        check_rig(_with_values(spec, {name: sweep.values(name)[0] for name in sweep.axes}))
+        check_rig(with_keys(spec, {name: sweep.values(name)[0] for name in sweep.axes}))
     return replace(spec, sweep=sweep)
 
 
@@ -271,12 +280,13 @@ def with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
 
     ```
     """
-    case = _with_values(spec, values)
+    case = with_keys(spec, values)
     check_scenario(case)
     return case
 
 
-def _with_values(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
+def with_keys(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
+    """Return the scenario with other values, each of which is checked, but not all together."""
     table = spec_table(replace(spec, sweep=None))
     if any(name.startswith("eccentricities.") for name in values):
         table.pop("rig", None)
@@ -323,3 +333,78 @@ def _check_axes(sweep: Sweep, spec: ScenarioSpec) -> None:
                 "given together with `rig`, which draws all eccentricities; remove one of them.",
                 where=f'sweep."{name}"',
             )
+
+
+_HEAD = """\
+# Every key of a scenario: its default, its [unit] ([1]: a pure number) and its meaning.
+# A key after # has no default; a key marked "required" must be given. The values of
+# both are examples: the rig of the paper (its Table 2).
+"""
+_SWEEP = """\
+# Only in a sweep file: [sweep] names keys of a scenario by their dotted names, slowest first.
+# Each has { from, to, num } with both ends or a list of values; keys in zip advance together.
+# [sweep]
+# "motion.reversal_deg" = { from = 360, to = 5760, num = 1000 }
+# controller = ["none", "acceleration", "predictive"]
+# "motion.speed_rpm" = [30.0, 60.0]
+# "motion.ramp_s" = [1.0, 0.5]
+# zip = [["motion.speed_rpm", "motion.ramp_s"]]
+"""
+_LAST_TABLES = ("rig", "sweep")
+
+
+def default_toml() -> str:
+    """Return a scenario file with the default, unit and meaning of every key.
+
+    The text is valid TOML. If the keys marked as required are uncommented, it is a complete
+    scenario. The table [rig], which replaces [eccentricities], and the table [sweep] of a sweep
+    file follow as comments at the end.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.control.scenario.spec import default_toml
+    >>> print(default_toml().splitlines()[4])
+    plant = "rigid"              # play | rigid | elastic: model of the driven shaft and the contact
+
+    ```
+    """
+    top = list(keys(ScenarioSpec))
+    parts = [_HEAD + _lines([entry for entry in top if entry.table is None])]
+    for entry in top:
+        if entry.table is not None and entry.name not in _LAST_TABLES:
+            header = f"[{entry.name}]  # {entry.meaning}\n"
+            parts.append(header + _lines(list(keys(entry.table))))
+    rig = next(entry for entry in top if entry.name == "rig")
+    assert rig.table is not None
+    header = f"# Instead of [eccentricities]: {rig.meaning}.\n# [rig]\n"
+    parts.append(header + _lines(list(keys(rig.table)), hidden=True))
+    return "\n".join([*parts, _SWEEP])
+
+
+def _lines(table: list[Key], hidden: bool = False) -> str:
+    """Return one line of TOML per key with aligned comments.
+
+    If `hidden`, all keys are commented out; otherwise only those without a default.
+    """
+    starts = []
+    for entry in table:
+        absent = entry.required or entry.default is None
+        value = entry.examples[0] if absent else entry.default
+        hide = "# " if absent or hidden else ""
+        starts.append(hide + tomli_w.dumps({entry.name.rpartition(".")[2]: value}).strip())
+    width = max(map(len, starts))
+    return "".join(
+        f"{start:{width}}  # {_comment(key)}\n" for start, key in zip(starts, table, strict=True)
+    )
+
+
+def _comment(entry: Key) -> str:
+    literals = [kind for kind in entry.types if get_origin(kind) is Literal]
+    choices = [choice for kind in literals for choice in get_args(kind)]
+    parts = [
+        "required: " * entry.required,
+        f"[{entry.unit}] " * bool(entry.unit),
+        " | ".join(choices) + ": " * bool(choices),
+        entry.meaning,
+    ]
+    return "".join(parts)

@@ -1,28 +1,36 @@
-"""Case of a simulation that is ready to run, and its loop over the controller periods.
+"""Case of a simulation that is ready to run, its loop over the controller periods, and its metrics.
 
 The numbers of a case are arrays of JAX or NumPy. Choices, such as the kind of controller, are the
 classes of its parts, and decide which program is compiled.
 """
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any, Literal, get_args
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ...base.arrays import Number, Numbers, float64
+from ...base.units import DEG
 from ...kinematics.flank_table import Bounds
 from ..controllers.controller import Controller, Measurement
 from ..controllers.retreat import Retreat
+from ..controllers.turn_location import LostController
 from ..hardware.actuator import Actuator, Carriage
-from ..hardware.encoder import Encoder, noise_draws
-from ..hardware.observer import MotionEstimate, Observer
-from ..hardware.servo import ServoDrive
-from ..hardware.shaft_drive import Lead, led, next_lead
+from ..hardware.encoder import Encoder, MotionEstimate, Observer, noise_draws
+from ..hardware.servo import Motor, ServoDrive
+from ..hermite import cubic
 from ..motion.motion import Motion, MotionPoint
-from ..plants.plant import ON_A, ON_B, Plant, Shafts
-from .accumulators import Accumulators, RunFacts, add_plant_step, add_sample, empty_accumulators
+from ..plants.plant import ON_A, ON_B, ContactEvent, Plant, Shafts
+
+TIMES = 4097
+"""Times of a motion at which its travel is read: a chosen value."""
+
+_CLOSED = 1e-12
+"""Gap, rad, up to which the teeth touch on both flanks: a chosen value."""
 
 
 class Case(eqx.Module):
@@ -62,34 +70,92 @@ class Case(eqx.Module):
     retreat: Retreat | None = None
     periods: int = eqx.field(static=True, default=0)
 
+    @property
+    def other_flank(self) -> Float[Array, ""]:
+        """Flank that carries after the turn, `ON_A` or `ON_B`."""
+        return jnp.where(jnp.asarray(self.sense) > 0, ON_B, ON_A)
 
-class PlantState(eqx.Module):
-    """Part of the state of a run that changes in every plant step.
+    @property
+    def deviates(self) -> bool:
+        """Whether the driving shaft can deviate from its motion."""
+        return self.controller.advances or self.drive is not None
 
-    - `shafts`: motion of both shafts and the flank in contact. - `carriage`: state of the actuator.
-    - `accumulators`: sums, extremes and first times of the run so far.
-    - `target`: present point of the motion; None if the driving shaft follows it exactly.
-    - `motor`: state of the drive.
+
+class Accumulators(eqx.Module):
+    """Running metrics in rad, mm and s; NaN for events that have not happened.
+
+    The crossing is the first contact with the other flank after the start of braking.
+
+    - `samples`, `total`, `highest`, `lowest`: number, sum and extremes of the samples of the TE
+      from both encoder readings, minus its value `first` in the first sample.
+    - `before`, `after`: last such TE on the old flank, and first such TE after the crossing.
+    - `gap`, `crossing`: backlash and driving angle at the crossing.
+    - `crossing_s`: time of the first sample after the crossing.
+    - `detection`, `detection_s`: driving angle and time of the first command to close between
+      braking and the turn. - `false_closings`: number of commands to close before braking.
+    - `residual_gap`, `shortfall`: backlash at the turn, and distance that the actuator still lacks
+      to its target at the turn.
+    - `opened`: whether a command to open the gap came after the turn. It ends the reversal; a stop
+      at the end of the run does not belong to the reversal.
+    - `retracted`: whether the controller closed the gap again after `opened`.
+    - `largest_command`: largest command until `opened`.
+    - `interference`: largest distance by which the closed gap held the actuator back until
+      `opened`.
+    - `travel`, `farthest`: path length and farthest position of the actuator until `retracted`.
+    - `following_error`: largest tracking error of a servo motor, rad. - `limited_s`: time of the
+      motor at its torque limit. - `forced`: whether the teeth exceeded the actuator's force limit.
+    - `carrier`: flank that was loaded last, `ON_A` or `ON_B`. - `largest_jump`, `early_jump`:
+      largest gap that the teeth crossed to the other flank, in the run and before the turn.
+    - `wrong_travel`: travel of the driving shaft before the turn since the flank carries, rebounds
+      included, that carries after it.
+    - `output_start`, `output_error`, `output_squares`: φ₂ − i φ₁ of the reference, minus its value
+      `output_start` in the first sample: the largest after the turn, and the sum of its squares.
+    - `lost`: ∫ |φ₂ − i φ₁ − TE| dφ₁ after the turn, with φ₁ of the reference and TE
+      of the flank that carries first.
+    - `beyond`, `rebound`: None unless the controller moves the motor. ∫ of the same difference, not
+      its amount, positive beyond that flank; and the largest distance from the other flank since it
+      was met, while the reference does not brake.
+    - `commanded`: last command, mm. - `blocked`, `blocked_s`: whether and since when the drive is
+      blocked by contact on both flanks.
     """
 
-    shafts: Shafts
-    carriage: Carriage
-    accumulators: Accumulators
-    target: MotionPoint | None
-    motor: Any
-
-
-class State(PlantState):
-    """State of a run at the start of a controller period.
-
-    - `estimate`: motion of the driving shaft that the observer estimates.
-    - `controller`: state of the controller.
-    - `lead`: angle by which the driving shaft leads its motion; None if the controller sets none.
-    """
-
-    estimate: MotionEstimate
-    controller: Any
-    lead: Lead | None
+    samples: Float[Numbers, "*shape"]
+    total: Float[Numbers, "*shape"]
+    highest: Float[Numbers, "*shape"]
+    lowest: Float[Numbers, "*shape"]
+    first: Float[Numbers, "*shape"]
+    before: Float[Numbers, "*shape"]
+    after: Float[Numbers, "*shape"]
+    gap: Float[Numbers, "*shape"]
+    crossing: Float[Numbers, "*shape"]
+    crossing_s: Float[Numbers, "*shape"]
+    detection: Float[Numbers, "*shape"]
+    detection_s: Float[Numbers, "*shape"]
+    false_closings: Float[Numbers, "*shape"]
+    residual_gap: Float[Numbers, "*shape"]
+    shortfall: Float[Numbers, "*shape"]
+    opened: Bool[Numbers, "*shape"]
+    retracted: Bool[Numbers, "*shape"]
+    largest_command: Float[Numbers, "*shape"]
+    interference: Float[Numbers, "*shape"]
+    travel: Float[Numbers, "*shape"]
+    farthest: Float[Numbers, "*shape"]
+    following_error: Float[Numbers, "*shape"]
+    limited_s: Float[Numbers, "*shape"]
+    forced: Bool[Numbers, "*shape"]
+    carrier: Float[Numbers, "*shape"]
+    largest_jump: Float[Numbers, "*shape"]
+    early_jump: Float[Numbers, "*shape"]
+    wrong_travel: Float[Numbers, "*shape"]
+    output_start: Float[Numbers, "*shape"]
+    output_error: Float[Numbers, "*shape"]
+    output_squares: Float[Numbers, "*shape"]
+    lost: Float[Numbers, "*shape"]
+    commanded: Float[Numbers, "*shape"]
+    blocked: Bool[Numbers, "*shape"]
+    blocked_s: Float[Numbers, "*shape"]
+    beyond: Float[Numbers, "*shape"] | None = None
+    rebound: Float[Numbers, "*shape"] | None = None
 
 
 class Sample(eqx.Module):
@@ -116,35 +182,73 @@ class Sample(eqx.Module):
     output: Float[Numbers, "*shape"]
 
 
+class Lead(eqx.Module):
+    """Angle by which the driving shaft leads its prescribed motion, rad, and its rate, rad/s."""
+
+    angle: Float[Array, ""]
+    speed: Float[Array, ""]
+
+
+class State(eqx.Module):
+    """State of a run at the start of a controller period.
+
+    - `shafts`: motion of both shafts and the flank in contact. - `carriage`: state of the actuator.
+    - `estimate`: motion of the driving shaft that the observer estimates.
+    - `controller`: state of the controller.
+    - `accumulators`: sums, extremes and first times of the run so far.
+    - `lead`: angle by which the driving shaft leads its motion; None if the controller sets none.
+    - `target`: present point of the motion; None if the driving shaft follows it exactly.
+    - `motor`: state of the drive.
+    """
+
+    shafts: Shafts
+    carriage: Carriage
+    estimate: MotionEstimate
+    controller: Any
+    accumulators: Accumulators
+    lead: Lead | None
+    target: MotionPoint | None
+    motor: Motor | None
+
+
 def initial_state(case: Case) -> State:
     """Return the state at the start of the motion: at rest on flank A with the gap open."""
-    point = case.motion.at(jnp.zeros(()))
+    point, still = case.motion.at(jnp.zeros(())), jnp.zeros(())
     flanks = case.bounds.at(point.angle)
-    still = jnp.zeros(())
-    shafts = Shafts(
-        angle=point.angle,
-        speed=point.speed,
-        offset=flanks.lower,
-        drift=still,
-        side=jnp.full((), ON_A),
-        flanks=flanks,
-    )
+    on_a = jnp.full((), ON_A)
+    shafts = Shafts(point.angle, point.speed, flanks.lower, still, on_a, flanks)
     driving, _ = _read(case, shafts, jnp.zeros((), int))
+    advances = case.controller.advances
     return State(
         shafts=shafts,
         carriage=case.actuator.at_rest(),
         estimate=MotionEstimate(driving, still, still),
         controller=case.controller.start(),
-        accumulators=empty_accumulators(flanks.lower, case.controller.advances),
-        lead=Lead(still, still) if case.controller.advances else None,
-        target=point if _can_deviate(case) else None,
+        accumulators=empty_accumulators(flanks.lower, advances),
+        lead=Lead(still, still) if advances else None,
+        target=point if case.deviates else None,
         motor=None if case.drive is None else case.drive.start(point),
     )
 
 
-def _can_deviate(case: Case) -> bool:
-    """Return whether the driving shaft can deviate from its motion."""
-    return case.controller.advances or case.drive is not None
+def empty_accumulators(output: Float[Array, ""], advances: bool = False) -> Accumulators:
+    """Return the accumulators before the first sample, in which φ₂ − i φ₁ is `output`, rad.
+
+    `advances`: whether the controller moves the motor.
+    """
+    zero, never = jnp.zeros(()), jnp.full((), jnp.nan, float)
+    values: dict[str, Any] = {field.name: zero for field in fields(Accumulators)}
+    values |= dict.fromkeys(_NEVER, never)
+    values |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
+    values |= dict.fromkeys(("beyond", "rebound"), zero if advances else None)
+    return Accumulators(**values | {"output_start": output})
+
+
+_NEVER = (
+    *("highest", "lowest", "first", "before", "after", "gap", "crossing", "crossing_s"),
+    *("detection", "detection_s", "residual_gap", "shortfall", "blocked_s"),
+)
+"""Accumulators of events that have not happened at the start."""
 
 
 def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
@@ -152,153 +256,215 @@ def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[
 
     `periods` holds consecutive numbers of controller periods, counted from 0 at the time 0.
     """
-
-    def step(state: State, number: Int[Array, ""]) -> tuple[State, Sample]:
-        return _period(case, state, number)
-
-    return jax.lax.scan(step, state, periods)
+    return jax.lax.scan(lambda state, number: _period(case, state, number), state, periods)
 
 
 def run_periods(case: Case, state: State, periods: Int[Array, " n"]) -> State:
     """Run the given periods from `state` on and return the last state; see `trace_periods`."""
-
-    def step(state: State, number: Int[Array, ""]) -> tuple[State, None]:
-        return _period(case, state, number)[0], None
-
-    return jax.lax.scan(step, state, periods)[0]
+    return jax.lax.scan(lambda *one: (_period(case, *one)[0], None), state, periods)[0]
 
 
 def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sample]:
-    run = _run(case)
-    time = number * jnp.asarray(case.period)
-    shafts, carriage = state.shafts, state.carriage
+    period, bounds = jnp.asarray(case.period), case.bounds
+    time, shafts, closing = number * period, state.shafts, jnp.asarray(bounds.closing)
     driving, driven = _read(case, shafts, number)
-    estimate = case.observer.step(state.estimate, driving, jnp.asarray(case.period))
+    estimate = case.observer.step(state.estimate, driving, period)
     reference = shafts if state.target is None else state.target
     motions = estimate.speed, estimate.acceleration, reference.angle, reference.speed
     known = case.believed, case.lead_s, case.retreat
-    measurement = Measurement(time, driving, driven, *motions, *known)
-    controller, output = case.controller.step(state.controller, measurement)
-    output = case.controller.as_command(output)
-    command, period = jnp.asarray(output.shift), jnp.asarray(case.period)
-    lead = None
-    if state.lead is not None:
-        lead = next_lead(state.lead, jnp.asarray(output.advance), period)
-    carriage, position = case.actuator.commanded(carriage, command)
-    # The offset is some 1e-5 of both angles; as a sum of small terms it keeps its digits.
-    ratio = jnp.asarray(case.bounds.ratio)
-    shown = driven - (ratio * shafts.angle + shafts.offset) - ratio * (driving - shafts.angle)
-    shown = shafts.offset + shown
-    flanks = shafts.flanks if state.target is None else case.bounds.at(reference.angle)
-    first = jnp.where(run.other_flank > 0, flanks.lower, flanks.upper)
-    reached = shafts.offset + case.bounds.ratio * (shafts.angle - reference.angle)
-    accumulators = add_sample(
-        state.accumulators,
-        run=run,
-        time=time,
-        error=shown,
-        angle=shafts.angle,
-        command=command,
-        target=position,
-        open_gap=shafts.flanks.upper - shafts.flanks.lower,
-        side=shafts.side,
-        carriage=carriage,
-        output=reached,
-        lost=reached - first,
-        speed=reference.speed,
+    controller, output = case.controller.step(
+        state.controller, Measurement(time, driving, driven, *motions, *known)
     )
+    output = case.controller.as_command(output)
+    command, lead = jnp.asarray(output.shift), None
+    if state.lead is not None:  # which the shaft reaches at the end of this period
+        advance = jnp.asarray(output.advance)
+        lead = Lead(advance, (advance - state.lead.angle) / period)
+    carriage, position = case.actuator.commanded(state.carriage, command)
+    # The offset is some 1e-5 of both angles; as a sum of small terms it keeps its digits.
+    ratio = jnp.asarray(bounds.ratio)
+    shown = driven - (ratio * shafts.angle + shafts.offset) - ratio * (driving - shafts.angle)
     sample = Sample(
         time=time,
         driving=shafts.angle,
         error=shafts.offset,
-        shown=shown,
+        shown=shafts.offset + shown,
         speed=estimate.speed,
         acceleration=estimate.acceleration,
-        lower=shafts.flanks.lower + run.closing[0] * carriage.reached,
-        upper=shafts.flanks.upper - run.closing[1] * carriage.reached,
+        lower=shafts.flanks.lower + closing[0] * carriage.reached,
+        upper=shafts.flanks.upper - closing[1] * carriage.reached,
         command=command,
         reached=carriage.reached,
-        output=reached,
+        output=shafts.offset + bounds.ratio * (shafts.angle - reference.angle),
     )
-    plant = PlantState(shafts, carriage, accumulators, state.target, state.motor)
-    inputs = _PeriodInputs(position, time, state.lead, lead)
+    accumulators = _with_sample(case, state, sample, reference, position)
+    state = replace(state, carriage=carriage, accumulators=accumulators)
     if case.substeps == 1:
-        plant = _plant_step(case, run, inputs, plant, jnp.ones(()))
+        state = _plant_step(case, state, jnp.ones(()), time, position, lead)
     else:
+        state, _ = jax.lax.scan(
+            lambda state, number: (_plant_step(case, state, number, time, position, lead), None),
+            state,
+            jnp.arange(1.0, case.substeps + 1),
+        )
+    return replace(state, estimate=estimate, controller=controller, lead=lead), sample
 
-        def step(plant: PlantState, number: Float[Array, ""]) -> tuple[PlantState, None]:
-            return _plant_step(case, run, inputs, plant, number), None
 
-        plant, _ = jax.lax.scan(step, plant, jnp.arange(1.0, case.substeps + 1))
-    return State(**vars(plant), estimate=estimate, controller=controller, lead=lead), sample
+def _with_sample(
+    case: Case, state: State, sample: Sample, reference: Any, position: Float[Array, ""]
+) -> Accumulators:
+    """Return the accumulators after the sample of one period.
 
-
-class _PeriodInputs(eqx.Module):
-    """Values that are constant in all plant steps of one controller period.
-
-    - `target`: position that the actuator approaches, mm. - `time`: start of the period, s.
-    - `before`, `after`: angle by which the driving shaft leads its motion at the start and at the
-      end of the period, or None if the controller sets no lead.
+    `reference`: point of the motion. `position`: what the actuator approaches (delayed command).
     """
-
-    target: Float[Array, ""]
-    time: Float[Array, ""]
-    before: Lead | None
-    after: Lead | None
+    old, motion, shafts, carriage = state.accumulators, case.motion, state.shafts, state.carriage
+    time, command, period = sample.time, sample.command, jnp.asarray(case.period)
+    closing, flank = jnp.asarray(case.bounds.closing), case.other_flank
+    counts = (time <= motion.duration_s) & ~old.blocked
+    first = jnp.where(old.samples == 0, sample.shown, old.first)
+    error = sample.shown - first
+    crossed = ~jnp.isnan(old.gap)
+    just_crossed = counts & crossed & jnp.isnan(old.after)
+    closes = counts & (command > 0)
+    starts = closes & (old.commanded == 0)
+    braking = time >= motion.braking_s
+    detects = closes & braking & (time < motion.turn_s) & jnp.isnan(old.detection)
+    # The residual gap is taken in the period nearest to the turn, where the shaft moves least.
+    turned = counts & (time >= motion.turn_s - 0.5 * period) & (time < motion.duration_s)
+    at_turn = turned & jnp.isnan(old.residual_gap)
+    gap = shafts.flanks.upper - shafts.flanks.lower - (closing[0] + closing[1]) * carriage.reached
+    flanks = shafts.flanks if state.target is None else case.bounds.at(reference.angle)
+    lost = sample.output - jnp.where(flank > 0, flanks.lower, flanks.upper)
+    output, back = jnp.abs(sample.output - old.output_start), counts & (time > motion.turn_s)
+    lost = jnp.where(back, period * jnp.abs(reference.speed), 0.0) * lost
+    largest = jnp.where(counts & ~old.opened, command, 0.0)
+    return replace(
+        old,
+        output_error=jnp.where(back, jnp.maximum(old.output_error, output), old.output_error),
+        output_squares=old.output_squares + jnp.where(counts, output**2, 0.0),
+        lost=old.lost + jnp.abs(lost),
+        beyond=None if old.beyond is None else old.beyond - flank * lost,
+        samples=old.samples + counts,
+        total=old.total + jnp.where(counts, error, 0.0),
+        highest=jnp.where(counts, jnp.fmax(old.highest, error), old.highest),
+        lowest=jnp.where(counts, jnp.fmin(old.lowest, error), old.lowest),
+        first=first,
+        before=jnp.where(counts & ~crossed & (shafts.side == -flank), error, old.before),
+        after=jnp.where(just_crossed, error, old.after),
+        crossing_s=jnp.where(just_crossed, time, old.crossing_s),
+        detection=jnp.where(detects, shafts.angle, old.detection),
+        detection_s=jnp.where(detects, time, old.detection_s),
+        false_closings=old.false_closings + (starts & ~braking),
+        residual_gap=jnp.where(at_turn, gap, old.residual_gap),
+        shortfall=jnp.where(at_turn, position - carriage.unobstructed, old.shortfall),
+        retracted=old.retracted | (starts & old.opened),
+        opened=old.opened | (counts & (time > motion.turn_s) & (command == 0)),
+        largest_command=jnp.maximum(old.largest_command, largest),
+        commanded=jnp.where(counts, command, old.commanded),
+    )
 
 
 def _plant_step(
     case: Case,
-    run: RunFacts,
-    inputs: _PeriodInputs,
-    plant: PlantState,
+    state: State,
     number: Float[Array, ""],
-) -> PlantState:
-    """Return the state after the plant step with this number, counted from 1 in each period."""
-    step = jnp.asarray(case.period) / case.substeps
-    end = inputs.time + number * step
+    time: Float[Array, ""],
+    position: Float[Array, ""],
+    lead: Lead | None,
+) -> State:
+    """Return the state after the plant step with this number, counted from 1 in each period.
+
+    `time`: start of the period, s. `position`: what the actuator approaches, mm. `lead`: that of
+    the driving shaft at the end of the period.
+    """
+    period, bounds, shafts = jnp.asarray(case.period), case.bounds, state.shafts
+    step = period / case.substeps
+    end = time + number * step
     target = point = case.motion.at(end)
-    if inputs.before is not None and inputs.after is not None:
-        share = number / case.substeps
-        target = led(point, inputs.before, inputs.after, share, jnp.asarray(case.period))
-    shafts = plant.shafts
+    if state.lead is not None and lead is not None:
+        # The lead is a cubic from the start to the end of the period.
+        way = cubic(state.lead.angle, lead.angle, state.lead.speed, lead.speed, period)
+        share, rate = number / case.substeps, 1.0 / period
+        target = MotionPoint(
+            point.angle + way.at(share),
+            point.speed + way.slope(share) * rate,
+            point.acceleration + way.bend(share) * rate**2,
+        )
     # A servo is expected to turn the driving shaft on at constant speed.
     expected = target.angle if case.drive is None else shafts.angle + step * shafts.speed
-    closed = case.bounds.closed_at(case.bounds.gap(expected))
-    push, thrust = None, case.actuator.thrust
+    closed, push, thrust = bounds.closed_at(bounds.gap(expected)), None, case.actuator.thrust
     if thrust is not None:
         push = thrust.at(shafts.side, shafts.speed, target.acceleration)
-    carriage, slide, blocked = case.actuator.step(plant.carriage, inputs.target, closed, step, push)
-    motor, taken = plant.motor, (slide, case.bounds, step)
-    if case.drive is None:
-        tracking, (shafts, contact) = None, case.plant.step(shafts, target, *taken)
+    carriage, slide, blocked = case.actuator.step(state.carriage, position, closed, step, push)
+    motor, taken = state.motor, (slide, bounds, step)
+    if case.drive is None or motor is None:
+        moved, contact = case.plant.step(shafts, target, *taken)
     else:
-        motor, shafts, contact = case.drive.step(motor, case.plant, shafts, target, *taken)
-        tracking = case.drive.tracking(motor, shafts)
-    travel = slide.end - slide.start
-    changes = contact, carriage, travel, blocked, tracking
-    turned = shafts.angle - plant.shafts.angle
-    apart = jnp.zeros(())
-    if case.controller.advances:
+        motor, moved, contact = case.drive.step(motor, case.plant, shafts, target, *taken)
+    kept = point if case.deviates else None
+    after = replace(state, shafts=moved, carriage=carriage, target=kept, motor=motor)
+    return replace(after, accumulators=_with_step(case, state, after, contact, end, blocked))
+
+
+def _with_step(
+    case: Case,
+    before: State,
+    after: State,
+    contact: ContactEvent,
+    time: Float[Array, ""],
+    blocked: Bool[Array, ""],
+) -> Accumulators:
+    """Return the accumulators after a plant step that ends at `time`, s.
+
+    `before` and `after`: states at its ends. `contact`: first new contact in it. `blocked`: whether
+    the drive blocks.
+    """
+    old, motion, flank = before.accumulators, case.motion, case.other_flank
+    shafts, carriage, motor, point = after.shafts, after.carriage, after.motor, after.target
+    counts = (time <= motion.duration_s) & ~old.blocked
+    crosses = counts & (contact.side == flank) & (time > motion.braking_s) & jnp.isnan(old.gap)
+    stops = counts & blocked
+    error, limited_s, rebound = old.following_error, old.limited_s, old.rebound
+    if motor is not None:
+        off = jnp.abs(motor.angle - shafts.angle)
+        error = jnp.where(counts, jnp.maximum(error, off), error)
+        step = jnp.asarray(case.period) / case.substeps
+        limited_s = limited_s + jnp.where(counts & motor.limited, step, 0.0)
+    travels, early = counts & ~old.retracted, counts & (time < motion.turn_s)
+    if rebound is not None and point is not None:  # while the reference does not brake
         ends = shafts.flanks.upper - shafts.offset, shafts.offset - shafts.flanks.lower
-        brakes = point.speed * point.acceleration < 0
-        apart = jnp.where(brakes, 0.0, jnp.where(run.other_flank > 0, *ends))
-    accumulators = add_plant_step(
-        plant.accumulators, run, end, step, *changes, turned=turned, side=shafts.side, apart=apart
-    )
-    kept = point if _can_deviate(case) else None
-    return PlantState(shafts, carriage, accumulators, kept, motor)
-
-
-def _run(case: Case) -> RunFacts:
-    motion = case.motion
-    return RunFacts(
-        braking_s=jnp.asarray(motion.braking_s),
-        turn_s=jnp.asarray(motion.turn_s),
-        duration_s=jnp.asarray(motion.duration_s),
-        period=jnp.asarray(case.period),
-        other_flank=jnp.where(jnp.asarray(case.sense) > 0, ON_B, ON_A),
-        closing=jnp.asarray(case.bounds.closing),
+        apart = jnp.where(point.speed * point.acceleration < 0, 0.0, jnp.where(flank > 0, *ends))
+        met_before = counts & ~jnp.isnan(old.gap)
+        rebound = jnp.where(met_before, jnp.maximum(rebound, apart), rebound)
+    carrier = jnp.where(old.carrier == 0, -flank, old.carrier)  # before any contact
+    # In a closed gap rounding decides which flank is met; the state of the plant then tells it.
+    met = jnp.where(contact.gap > _CLOSED, contact.side, 0.0)
+    jump = jnp.where(counts & (met == -carrier), contact.gap, 0.0)
+    now = jnp.where(met != 0, met, shafts.side)
+    carrier = jnp.where(counts & (now != 0), now, carrier)
+    obstructed = carriage.unobstructed - carriage.reached
+    turned = jnp.abs(shafts.angle - before.shafts.angle)
+    moved = jnp.abs(carriage.reached - before.carriage.reached)
+    forced = carriage.stalled
+    return replace(
+        old,
+        carrier=carrier,
+        largest_jump=jnp.maximum(old.largest_jump, jump),
+        early_jump=jnp.where(early, jnp.maximum(old.early_jump, jump), old.early_jump),
+        wrong_travel=old.wrong_travel + jnp.where(early & (carrier == flank), turned, 0.0),
+        gap=jnp.where(crosses, contact.gap, old.gap),
+        crossing=jnp.where(crosses, contact.angle, old.crossing),
+        interference=jnp.where(
+            counts & ~old.opened, jnp.maximum(old.interference, obstructed), old.interference
+        ),
+        travel=old.travel + jnp.where(travels, moved, 0.0),
+        farthest=jnp.where(travels, jnp.maximum(old.farthest, carriage.reached), old.farthest),
+        following_error=error,
+        limited_s=limited_s,
+        forced=old.forced if forced is None else old.forced | (travels & forced),
+        blocked=old.blocked | stops,
+        blocked_s=jnp.where(stops, time, old.blocked_s),
+        rebound=rebound,
     )
 
 
@@ -306,11 +472,132 @@ def _read(
     case: Case, shafts: Shafts, number: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Return the readings of the driving and the driven encoder in period `number`, rad."""
-    noise = jnp.zeros(2)
-    if case.noisy:
-        noise = noise_draws(jax.random.key(case.seed), number)
+    noise = noise_draws(jax.random.key(case.seed), number) if case.noisy else jnp.zeros(2)
     driven = jnp.asarray(case.bounds.ratio) * shafts.angle + shafts.offset
+    sensors = case.driving_encoder.read, case.driven_encoder.read
+    return sensors[0](shafts.angle, noise[0]), sensors[1](driven, noise[1])
+
+
+Metrics = tuple[dict[str, Float[Numbers, "*shape"]], Int[Numbers, "*shape"]]
+"""Name → value, in the unit at the end of the name, and the outcome, an index in `OUTCOMES`."""
+
+Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow"]
+"""`unlocated`: the controller could not locate the turn of the hunting period and did not start.
+`bound`: both flanks were in contact and blocked the drive. `missed`: the controller did not detect
+the braking. `stroke`: a command exceeded the stroke of the actuator. `force`: the force of the
+teeth exceeded the force limit of the actuator. `slow`: the actuator had not reached its target when
+the motion turned."""
+
+OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
+"""All outcomes; the code of an outcome is its index here."""
+
+METRICS = (
+    "te_mean_deg",
+    "te_max_deg",
+    "te_min_deg",
+    "jump_deg",
+    "jump_paper_deg",
+    "axial_step_deg",
+    "detection_deg",
+    "detection_delay_s",
+    "residual_gap_deg",
+    "interference_mm",
+    "actuator_travel_mm",
+    "lost_motion_deg",
+    "output_error_deg",
+    "output_error_rms_deg",
+    "largest_jump_deg",
+    "early_jump_deg",
+    "wrong_flank_deg",
+    "over_compensation_deg",
+    "thrown_back_deg",
+)
+
+NEAR_MM, NEAR_DEG = 1e-4, 1e-6
+"""Axial displacements (mm) and backlash (deg) that count as zero; chosen tolerances."""
+
+
+@eqx.filter_jit
+def metrics_of(case: Case, accumulators: Accumulators) -> Metrics:
+    """Return the metrics of a run by name, NaN for events that did not happen, and its outcome.
+
+    The outcome is an index in `OUTCOMES`: if several other than ok apply, the first counts. The
+    crossing is the first contact with the other flank.
+
+    - `te_mean_deg`, `te_max_deg`, `te_min_deg`: transmission error from both encoder readings,
+      relative to the first sample.
+    - `jump_deg`: TE of the other flank minus TE of the old flank at the driving angle of the
+      crossing.
+    - `jump_paper_deg`: last sample on the old flank minus the first one after the crossing, as the
+      paper reads it from its curves.
+    - `axial_step_deg`: change of the TE on the first carrying flank by the axial displacement.
+    - `detection_deg`, `detection_delay_s`: driving angle of the first command to close, and its
+      delay after the start of braking. - `residual_gap_deg`: backlash when the motion turns.
+    - `interference_mm`: largest distance by which the closed gap held the actuator back.
+    - `actuator_travel_mm`: path length of the actuator, in both directions together.
+    - `lost_motion_deg`: distance of the driven shaft, on the way back, from where the flank that
+      carried first would hold it: mean over the travel. Too much compensation counts as too little.
+    - `output_error_deg`, `output_error_rms_deg`: deviation of the driven shaft from i φ₁ of the
+      reference, relative to the first sample: the largest after the turn, and the rms of the run.
+    - `largest_jump_deg`, `early_jump_deg`: largest gap that the teeth crossed to the other flank,
+      anywhere in the run and before the turn.
+    - `wrong_flank_deg`: travel of the driving shaft before the turn with the flank in contact that
+      carries after it, rebounds from this flank included.
+    - `over_compensation_deg`: lost motion with its sign, positive where the motor makes up for more
+      than the gap. - `thrown_back_deg`: largest distance of the driven shaft from the other flank
+      after they met, while the reference does not brake. Both exist only if the controller moves
+      the motor.
+
+    Interference, travel and axial step are those of the reversal, which ends with the command to
+    open the gap after the turn. If the motion never turns back, they are those of the whole run.
+    """
+    t, motion, closing = accumulators, case.motion, jnp.asarray(case.bounds.closing)
+    turn, end = jnp.asarray(motion.turn_s), jnp.asarray(motion.duration_s)
+    turns, none = turn < end, jnp.full((), jnp.nan)
+    angle = motion.at(turn + (end - turn) * jnp.linspace(0.0, 1.0, TIMES)).angle
+    way_back = jnp.where(turns, jnp.sum(jnp.abs(jnp.diff(angle))), jnp.nan)
+    forwards = jnp.asarray(case.sense) > 0
+    values = (
+        t.total / t.samples / DEG,
+        t.highest / DEG,
+        t.lowest / DEG,
+        case.sense * t.gap / DEG,
+        (t.before - t.after) / DEG,
+        t.farthest * jnp.where(forwards, closing[0], closing[1]) / DEG,
+        t.detection / DEG,
+        t.detection_s - motion.braking_s,
+        t.residual_gap / DEG,
+        t.interference,
+        t.travel,
+        t.lost / way_back / DEG,
+        jnp.where(turns, t.output_error, jnp.nan) / DEG,
+        jnp.sqrt(t.output_squares / t.samples) / DEG,
+        t.largest_jump / DEG,
+        t.early_jump / DEG,
+        t.wrong_travel / DEG,
+        none if t.beyond is None else t.beyond / way_back / DEG,
+        none if t.rebound is None else t.rebound / DEG,
+    )
+    holds = (
+        isinstance(case.controller, LostController),
+        t.blocked,
+        case.controller.closes & turns & jnp.isnan(t.detection),
+        t.largest_command > case.actuator.stroke_mm + NEAR_MM,
+        t.forced,
+        t.shortfall > NEAR_MM,
+    )
+    codes = [jnp.full((), code) for code in range(1, len(OUTCOMES))]
+    outcome = jnp.select([jnp.asarray(one) for one in holds], codes, 0)
+    return {name: jnp.asarray(one) for name, one in zip(METRICS, values, strict=True)}, outcome
+
+
+def overdone(metrics: Mapping[str, Any]) -> tuple[Any, Any]:
+    """Return whether the motor makes up for too much, and whether it throws the driven shaft back.
+
+    Too much is over 1 % of the gap; thrown back is a shaft that flies over half of it.
+    """
+    gap = metrics["largest_jump_deg"]
     return (
-        case.driving_encoder.read(shafts.angle, noise[0]),
-        case.driven_encoder.read(driven, noise[1]),
+        metrics["over_compensation_deg"] > 0.01 * gap + NEAR_DEG,
+        metrics["thrown_back_deg"] > 0.5 * gap + NEAR_DEG,
     )

@@ -1,7 +1,10 @@
-"""Preparation of a case: all that a run computes from a scenario before its first period."""
+"""Preparation of a case: from a file to its objects, and from these to all that a run needs."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from msgspec import structs
 
 from ...base.arrays import float64, known, namespace
 from ...base.errors import ScenarioError
@@ -24,21 +28,37 @@ from ...kinematics.flank_table import (
     tabulate_flanks,
 )
 from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import GearPair
+from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller, NoController
-from ..controllers.retreat import Retreat, retreat_of
+from ..controllers.retreat import retreat_of
 from ..controllers.turn_location import LostController, turn_error
-from ..fields import may_be_positive
-from ..hardware.actuator import Thrust, can_back_drive
+from ..fields import may_be_positive, number_fields
+from ..hardware.actuator import Actuator, Thrust, can_back_drive
 from ..hardware.encoder import Encoder
-from ..hardware.servo import ServoDrive
-from ..motion.motion import Motion
+from ..hardware.servo import Servo, ServoDrive
+from ..motion.motion import Motion, Reversal, Sine
+from ..motion.recorded import RecordedMotion, read_motion
 from ..plants.elastic import Elastic, largest_step
-from ..plants.plant import Drag, Plant
-from ..plants.play import Play
-from ..scenario.scenario import Scenario
-from ..scenario.tables import CONTROLLERS, name_of
-from .case import Case
+from ..plants.plant import Drag, Friction, Inertia, Load, Mesh, Plant, Play
+from ..scenario.scenario import (
+    CONTROLLERS,
+    EVENTS,
+    OBSERVERS,
+    PLANTS,
+    EccentricityTable,
+    Sampling,
+    Scenario,
+    name_of,
+    part_of,
+)
+from ..scenario.spec import (
+    ECCENTRICITIES,
+    KEYS,
+    ScenarioSpec,
+    believed_flanks,
+    parse_scenario_spec,
+)
+from .case import TIMES, Case
 
 _LOOP_PERIODS = 3.0
 """Delay from an encoder reading to the resulting actuator position, in controller periods."""
@@ -50,62 +70,52 @@ _LONG_WAVES = 12
 """Length of waves, in tooth pitches, from which on the predictive controller does not look at the
 teeth that pass: a chosen value."""
 
-TIMES = 4097
-"""Times of a motion at which its travel is read: a chosen value."""
-
 Travel = tuple[float, float]
 """Smallest and largest driving angle of a motion, turns."""
 
-Span = tuple[int, int, bool]
-"""First driving turn of a table, number of turns, and whether the table is periodic."""
-
 
 class Fixed(NamedTuple):
-    """Static choices; those that are None follow from the numbers of the scenario.
+    """Choices of a case; those that are None follow from the numbers of the scenario.
+
+    The first four are static, and have to be given where JAX traces the numbers from which they
+    follow.
 
     - `substeps`: plant steps in a period. - `queue`: length of the queue of commands.
     - `limited`: whether the actuator has a force limit. - `travel`: that of all motions.
+    - `drawn`: flanks of the plant and their smallest gap, instead of `plant_map`.
+    - `sense`: 1 if the run begins forwards, −1 if backwards.
+    - `turns`: error of the turn that the controller has located.
     """
 
     substeps: int | None = None
     queue: int | None = None
     limited: bool | None = None
     travel: Travel | None = None
+    drawn: Any = None
+    sense: Any = None
+    turns: Any = None
 
 
-def prepared(
-    s: Scenario,
-    fixed: Fixed = Fixed(),
-    *,
-    drawn: Any = None,
-    sense: Any = None,
-    turns: Any = None,
-) -> tuple[Case, dict[str, Any]]:
+def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
     """Return the case of a scenario, and its gaps; a pure function of all its numbers.
 
     The gaps are the smallest of the map of the plant, and the mean of what the controller believes,
-    rad; None for eccentricities. Known ones are checked here.
-
-    **Arguments**
-    - `fixed`: static choices where JAX traces the numbers from which they follow.
-    - `drawn`: flanks of the plant and their smallest gap, instead of `plant_map`.
-    - `sense`: 1 if the run begins forwards, −1 if backwards; by default that of the motion.
-    - `turns`: error of the turn that the controller has located, instead of locating it.
+    rad, without those of eccentricities. Known ones are checked here.
 
     **Raises** `ScenarioError` for a controller that shifts gears without taper, for a map that is
     shorter than the motion or whose flanks cross, and for a step of the plant that is too long for
     the stiffness of the mesh or the gain of the servo; `ValueError` for a choice that would follow
     from a traced number.
     """
-    motion, travel = s.motion.pieces, fixed.travel
+    motion, travel, sense, turns = s.motion.pieces, fixed.travel, fixed.sense, fixed.turns
     if sense is None:
         low, high, sense = ends_of(motion)
         if travel is None and known(low, high):
             travel = float(low) / REV, float(high) / REV
-    gaps: dict[str, Any] = {}
+    gaps: list[Any] = []
 
     def flanks(which: str, place: str, turns: Any = 0) -> tuple[Bounds, float]:
-        bounds, gap, order = table_of(s, which, travel, turns)
+        bounds, gap, order = _table_of(s, which, travel, turns)
         if gap is not None and known(gap) and not gap >= 0:
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
@@ -113,35 +123,44 @@ def prepared(
                 " flanks in order.",
                 where=which,
             )
-        gaps[which] = gap
+        gaps.extend([] if gap is None else [gap])
         return bounds, order
 
     order = 0.0
-    if drawn is None:
+    if fixed.drawn is None:
         bounds, order = flanks("plant_map", "at one angle")
     else:
-        bounds, gaps["plant_map"] = drawn
-    sensing = _sensing(s)
+        bounds, gap = fixed.drawn
+        gaps.append(gap)
     controller = _chosen(s)
     blind = isinstance(controller, (LostController, NoController))
     if turns is None and s.turn == "located" and not blind:
-        turns = _located(s, bounds, sensing, motion)
+        turns = located_turns(s)
         if turns is None:
             controller, blind = LostController(), True
-    believed, retreat, machine = bounds, None, _machine(s, fixed)
-    if not blind and (turns is not None or drawn is not None or not _believes_plant(s)):
+    believed: Any = bounds
+    retreat, machine = None, _machine(s, fixed)
+    same = turns is None and fixed.drawn is None and _believes_plant(s)
+    if not blind and not same:
         believed, order = flanks("controller_map", "on the average", 0 if turns is None else turns)
-    if not blind and controller.closes:
-        retreat = _retreat(s, believed, order, machine["lead_s"])
+    teeth = s.pair.driving.teeth if isinstance(s.pair, GearPair) else None
+    if not blind and controller.closes and teeth is not None and order * _LONG_WAVES >= teeth:
+        if not known(believed.step):
+            raise _traced("step of its map", "the number of rows in a tooth pitch")
+        limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2, machine["lead_s"]
+        retreat = retreat_of(believed, teeth, order, *limits)
     case = Case(
         motion=motion,
         bounds=bounds,
         believed=believed,
         controller=controller,
+        observer=s.observer,
         sense=sense,
         retreat=retreat,
+        seed=s.seed,
+        noisy=any(may_be_positive(e.noise_arcsec) for e in (s.driving_encoder, s.driven_encoder)),
         **machine,
-        **sensing,
+        **_encoders(s),
     )
     return case, gaps
 
@@ -188,8 +207,10 @@ def _believes_plant(s: Scenario) -> bool:
     return s.plant_map is None or s.eccentricities is None
 
 
-def span_of(pair: Any, model: FlankModel, travel: Travel | None, maps: int = 1) -> Span:
-    """Return the span of a table of flanks, or of the tables of several maps.
+def _span_of(
+    pair: Any, model: FlankModel, travel: Travel | None, maps: int = 1
+) -> tuple[int, int, bool]:
+    """Return first turn and number of turns of the table of some maps, and whether it repeats.
 
     The table has the hunting period, or at least the travel where the period is too long. The
     number of turns is then a power of two, so that motions share compiled programs.
@@ -219,28 +240,12 @@ def covers(table: FlankTable, low: Any, high: Any) -> Any:
     return table.periodic | ((ends[0] < low + near) & (high < ends[1] + near))
 
 
-def _require_travel(table: FlankTable, travel: Travel, where: str) -> None:
-    if not covers(table, *travel):
-        ends = float(table.start) / DEG, float(table.start + table.length) / DEG
-        asked = 360 * travel[0], 360 * travel[1]
-        map_ends, motion_ends = (f"{low:z.2f}° … {high:z.2f}°" for low, high in (ends, asked))
-        raise ScenarioError(
-            f"the map covers {map_ends} of the driving angle, but the motion {motion_ends};"
-            " take a longer map (`vttig map --span-rev`) or a shorter motion.",
-            where=where,
-        )
-
-
 def closing_of(pair: Any) -> Any:
     """Return the change of TE per axial displacement on both flanks, rad/mm; 0 for a drive."""
     return pair.taper / pair.reference_radii[1] if isinstance(pair, GearPair) else np.zeros(2)
 
 
-def _taper(pair: Any) -> Any:
-    return pair.taper if isinstance(pair, GearPair) else np.zeros(2)
-
-
-def table_of(
+def _table_of(
     s: Scenario, which: str, travel: Travel | None, turns: Any
 ) -> tuple[Bounds, Any, float]:
     """Return the flanks, `turns` driving turns on, the gap that is checked, and the highest order.
@@ -254,18 +259,24 @@ def table_of(
     if isinstance(model, ClosedModel):
         return first_order_bounds(model, closing_of(s.pair)).turned(turns), None, 0.0
     order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
-    if isinstance(model, FlankTable):
-        if travel is not None:
-            _require_travel(model, travel, which)
-    else:
+    if not isinstance(model, FlankTable):
         order, per_turn = model.highest_order, nodes_per_turn(model)
-        first, count, periodic = span_of(s.pair, model, travel)
+        first, count, periodic = _span_of(s.pair, model, travel)
         start = float64(first if periodic else first + turns)
         model = _tabulated(model, count, periodic, start, per_turn)
         model = replace(model, step=REV / per_turn)  # known, also where JAX traces the model
+    elif travel is not None and not covers(model, *travel):
+        ends = float(model.start) / DEG, float(model.start + model.length) / DEG
+        asked = 360 * travel[0], 360 * travel[1]
+        of_map, of_motion = (f"{low:z.2f}° … {high:z.2f}°" for low, high in (ends, asked))
+        raise ScenarioError(
+            f"the map covers {of_map} of the driving angle, but the motion {of_motion};"
+            " take a longer map (`vttig map --span-rev`) or a shorter motion.",
+            where=which,
+        )
     bounds = replace(model, closing=closing_of(s.pair)).turned(turns)
     judged = jnp.min if which == "plant_map" else jnp.mean
-    gap = judged(gaps_of(bounds)) if given else None
+    gap = judged(_gaps_of(bounds)) if given else None
     if which == "controller_map" and given and s.map_backlash_deg is not None:
         nodes = jnp.asarray(bounds.nodes)
         shift = s.map_backlash_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
@@ -273,17 +284,7 @@ def table_of(
     return bounds, gap, order
 
 
-def _retreat(s: Scenario, believed: Any, order: float, delay: Any) -> Retreat | None:
-    """Return what the controller knows of its actuator, if its map has waves as short as teeth."""
-    if not isinstance(s.pair, GearPair) or order * _LONG_WAVES < s.pair.driving.teeth:
-        return None
-    if not known(believed.step):
-        raise _traced("step of its map", "the number of rows in a tooth pitch")
-    limits = s.actuator.speed_mm_s, s.actuator.acceleration_mm_s2, delay
-    return retreat_of(believed, s.pair.driving.teeth, order, *limits)
-
-
-def gaps_of(table: Any) -> Any:
+def _gaps_of(table: Any) -> Any:
     """Return the gap at the nodes of a table, or of tables that share a first axis, rad."""
     return table.nodes[..., 2] - table.nodes[..., 0]
 
@@ -304,7 +305,7 @@ def drawn_tables(
     """
     one = jax.tree.map(lambda leaf: leaf[0], models)
     per = nodes_per_turn(one)
-    first, count, periodic = span_of(pair, one, travel, number)
+    first, count, periodic = _span_of(pair, one, travel, number)
     rows = number * count * per
     if rows > _MOST_ROWS:
         raise ScenarioError(
@@ -314,8 +315,8 @@ def drawn_tables(
         )
     tables = _tables(models, count, periodic, float64(first), per)
     one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), tables)
-    smallest = np.asarray(gaps_of(tables).min(axis=-1))
     nodes = np.asarray(tables.nodes).reshape(-1, 4)
+    smallest = np.asarray(_gaps_of(tables).min(axis=-1))
     return replace(one, nodes=nodes, closing=closing_of(pair)), smallest
 
 
@@ -324,40 +325,69 @@ def _tables(models: FlankModel, count: int, periodic: bool, first: Any, per: int
     return jax.lax.map(lambda model: _tabulated(model, count, periodic, first, per), models)
 
 
-def substeps_of(s: Scenario, plant: Plant) -> int:
+class PlantSteps(NamedTuple):
+    """Plant steps in a controller period, numbers or arrays.
+
+    - `asked`: their number. - `needed`: the least for the mesh. - `load`: length of a step by the
+      longest one for the servo.
+    """
+
+    asked: Any
+    needed: Any
+    load: Any
+
+    @property
+    def fit(self) -> Any:
+        """Whether the steps are short enough."""
+        return (self.asked >= self.needed) & (self.load <= 1 + 1e-12)
+
+
+def plant_steps(s: Scenario, plant: Plant) -> PlantSteps:
+    """Return the plant steps in a controller period; a pure function of all numbers."""
+    hertz, plant_hz, needed = jnp.asarray(s.sampling.controller_hz), s.sampling.plant_hz, 1.0
+    asked, load = jnp.maximum(jnp.rint(plant_hz / hertz), 1.0), 0.0
+    if isinstance(plant, Elastic):
+        longest = largest_step(plant.stiffness, plant.damping_ratio, s.inertia.driven_kgm2)
+        needed = jnp.ceil(1.0 / (hertz * longest) * (1 - 1e-12))
+        asked = jnp.where(jnp.asarray(plant_hz) > 0, asked, needed)
+    if s.servo is not None:
+        load = s.servo.speed_gain_Nms / s.inertia.driving_kgm2 / (hertz * asked)
+    return PlantSteps(asked, needed, load)
+
+
+def _substeps_of(s: Scenario, plant: Plant) -> int:
     """Return the number of plant steps in a controller period.
 
     **Raises** `ScenarioError` for steps that are too long for the mesh or for the servo.
     """
     if not known(s.sampling):
         raise _traced("sampling", "the number of plant steps in a period")
+    if not known(plant) and isinstance(plant, Elastic):
+        if not s.sampling.plant_hz:
+            raise _traced("stiffness of the mesh", "the number of plant steps in a period")
+        plant = Play()
+    with jax.ensure_compile_time_eval():
+        steps = plant_steps(s if known(s.servo, s.inertia) else replace(s, servo=None), plant)
+        steps = PlantSteps(*map(float, steps))
     hertz = float(s.sampling.controller_hz)
-    substeps = round(float(s.sampling.plant_hz) / hertz) or 1
-    if isinstance(plant, Elastic) and known(plant):
+    if steps.asked < steps.needed and isinstance(plant, Elastic):
         stiffness, mass = float(plant.stiffness), float(s.inertia.driven_kgm2)
-        longest = largest_step(stiffness, float(plant.damping_ratio), mass)
-        needed = math.ceil(1.0 / (hertz * longest) * (1 - 1e-12))
-        substeps = substeps if s.sampling.plant_hz else needed
-        if substeps < needed:
-            raise ScenarioError(
-                f"a step of {1 / (hertz * substeps):.3g} s is too long for a mesh of"
-                f" {stiffness:.3g} N m/rad on {mass:g} kg m²; the longest is"
-                f" {longest:.3g} s: take plant_hz = {hertz * needed:g}.",
-                where="sampling.plant_hz",
-            )
-    elif isinstance(plant, Elastic) and not s.sampling.plant_hz:
-        raise _traced("stiffness of the mesh", "the number of plant steps in a period")
-    if s.servo is not None and known(s.servo, s.inertia):
+        longest = float(largest_step(stiffness, plant.damping_ratio, mass))
+        raise ScenarioError(
+            f"a step of {1 / (hertz * steps.asked):.3g} s is too long for a mesh of"
+            f" {stiffness:.3g} N m/rad on {mass:g} kg m²; the longest is"
+            f" {longest:.3g} s: take plant_hz = {hertz * steps.needed:g}.",
+            where="sampling.plant_hz",
+        )
+    if not steps.fit and s.servo is not None:
         gain, mass = float(s.servo.speed_gain_Nms), float(s.inertia.driving_kgm2)
-        step, fastest = 1 / (hertz * substeps), gain / mass
-        if step * fastest > 1 + 1e-12:
-            raise ScenarioError(
-                f"steps of {step:.3g} s are too long for a servo of {gain:g}"
-                f" N m s/rad on {mass:g} kg m²; take {math.ceil(fastest):g} Hz"
-                " or more, or lower servo.speed_gain_Nms.",
-                where="sampling.plant_hz",
-            )
-    return substeps
+        raise ScenarioError(
+            f"steps of {1 / (hertz * steps.asked):.3g} s are too long for a servo of {gain:g}"
+            f" N m s/rad on {mass:g} kg m²; take {math.ceil(gain / mass):g} Hz"
+            " or more, or lower servo.speed_gain_Nms.",
+            where="sampling.plant_hz",
+        )
+    return int(steps.asked)
 
 
 def delay_of(delay_s: Any, hertz: Any) -> Any:
@@ -374,10 +404,9 @@ def queue_of(delay: Any) -> int:
     return 1 << (max(int(delay), 1) - 1).bit_length()
 
 
-def _machine(s: Scenario, fixed: Fixed) -> dict[str, Any]:
-    """Return plant, drive and actuator, whose masses, friction and contact belong together."""
-    substeps, queue, limited, _ = fixed
-    pair, friction, limit = s.pair, s.friction, s.actuator.force_limit_N
+def shafted(s: Scenario) -> tuple[Plant, Drag]:
+    """Return the plant of a scenario with its driven shaft, and the drag of this shaft."""
+    friction = s.friction
     drag = Drag(
         inertia=s.inertia.driven_kgm2,
         coulomb=friction.coulomb_Nm,
@@ -387,14 +416,20 @@ def _machine(s: Scenario, fixed: Fixed) -> dict[str, Any]:
         load=s.load.torque_Nm,
         sticky=may_be_positive(friction.stribeck_Nm),
     )
-    plant = s.plant.with_shaft(drag, pair)
-    if isinstance(plant, Play):  # whose driven shaft has no inertia
-        drag = replace(drag, inertia=0.0)
-    drive = None
+    plant = s.plant.with_shaft(drag, s.pair)
+    return plant, replace(drag, inertia=0.0) if isinstance(plant, Play) else drag
+
+
+def _machine(s: Scenario, fixed: Fixed) -> dict[str, Any]:
+    """Return plant, drive and actuator, whose masses, friction and contact belong together."""
+    pair, limit, limited, queue = s.pair, s.actuator.force_limit_N, fixed.limited, fixed.queue
+    plant, drag = shafted(s)
+    drive, thrust, sliding = None, None, s.mesh.friction_coefficient
     if s.servo is not None:
-        drive = ServoDrive(s.servo, Drag(s.inertia.driving_kgm2, friction.driving_Nm), drag)
-    taper, sliding = _taper(pair), s.mesh.friction_coefficient
-    thrust, back_drivable = None, can_back_drive(taper, sliding)
+        driving = Drag(s.inertia.driving_kgm2, s.friction.driving_Nm)
+        drive = ServoDrive(s.servo, driving, drag)
+    taper = pair.taper if isinstance(pair, GearPair) else np.zeros(2)
+    back_drivable = can_back_drive(taper, sliding)
     if isinstance(pair, GearPair) and (may_be_positive(limit) if limited is None else limited):
         radius_m, ratio = 1e-3 * pair.reference_radii[1], float(pair.ratio)
         thrust = Thrust(drag, taper, sliding, radius_m, ratio)
@@ -415,52 +450,37 @@ def _machine(s: Scenario, fixed: Fixed) -> dict[str, Any]:
             back_drivable=back_drivable,
             thrust=thrust,
         ),
-        "substeps": substeps_of(s, plant) if substeps is None else substeps,
+        "substeps": _substeps_of(s, plant) if fixed.substeps is None else fixed.substeps,
         "period": float64(1.0 / hertz),
         "lead_s": float64((delay + _LOOP_PERIODS) / hertz),
     }
 
 
-def _sensing(s: Scenario) -> dict[str, Any]:
-    """Return encoders and observer, by which the controller sees the shafts."""
+def _encoders(s: Scenario) -> dict[str, Any]:
+    """Return the encoders, by which the controller sees the shafts."""
     encoders = {}
-    for shaft in ("driving", "driven"):
-        encoder: Encoder = getattr(s, f"{shaft}_encoder")
+    for name in ("driving", "driven"):
+        encoder = getattr(s, f"{name}_encoder")
         counts = encoder.counts_per_rev
         if counts is None and isinstance(s.pair, GearPair):
-            counts = getattr(s.pair, shaft).encoder.counts_per_rev
-        encoders[f"{shaft}_encoder"] = replace(
+            counts = getattr(s.pair, name).encoder.counts_per_rev
+        encoders[f"{name}_encoder"] = replace(
             encoder,
             counts_per_rev=0.0 if counts is None else counts,
             eccentric=may_be_positive(encoder.amplitude_arcsec),
         )
-    noisy = any(may_be_positive(encoder.noise_arcsec) for encoder in encoders.values())
-    return {**encoders, "observer": s.observer, "seed": s.seed, "noisy": noisy}
+    return encoders
 
 
 def located_turns(s: Scenario) -> int | None:
     """Return the error of the driving turn that the controller locates; None if it cannot."""
-    motion = s.motion.pieces
-    low, high, _ = ends_of(motion)
-    bounds = table_of(s, "plant_map", (float(low) / REV, float(high) / REV), 0)[0]
-    return _located(s, bounds, _sensing(s), motion)
-
-
-def _located(s: Scenario, bounds: Bounds, sensing: dict[str, Any], motion: Motion) -> int | None:
-    """Return the error of the driving turn that the controller locates; None if it cannot."""
-    believed, _ = _model(s, "controller_map")
-    sensors = sensing["driving_encoder"], sensing["driven_encoder"]
-    if not known(believed, bounds, sensors, motion):
+    models = [_model(s, which)[0] for which in ("controller_map", "plant_map")]
+    motion, sensors = s.motion.pieces, tuple(_encoders(s).values())
+    if not known(models, sensors, motion):
         raise ValueError('Argument `turn` must be "known" in a scenario that JAX traces.')
     with jax.ensure_compile_time_eval():
-        return turn_error(
-            s.pair,
-            believed=believed,
-            rig=bounds,
-            sensors=sensors,
-            angle=float(motion.at(jnp.zeros(())).angle),
-            seed=int(s.seed),
-        )
+        angle = float(motion.at(0.0).angle)
+        return turn_error(s.pair, models[0], models[1], sensors, angle, int(s.seed))
 
 
 def _chosen(s: Scenario) -> Controller:
@@ -483,3 +503,166 @@ def _chosen(s: Scenario) -> Controller:
         " axis (`helix_angle_deg`).",
         where="controller",
     )
+
+
+_PLAIN = {
+    "inertia": Inertia,
+    "friction": Friction,
+    "load": Load,
+    "mesh": Mesh,
+    "driving_encoder": Encoder,
+    "driven_encoder": Encoder,
+    "actuator": Actuator,
+    "sampling": Sampling,
+}
+"""Parts whose numbers are those of the table with the same name."""
+
+
+class Maps(NamedTuple):
+    """Flank models that a scenario names instead of its [eccentricities].
+
+    - `named`: run folder or map file as the scenario writes it → its flank model.
+    - `draws`: models drawn from a posterior, stacked along a first axis; the plants of a sweep.
+    - `number`: number of draws.
+    """
+
+    named: Mapping[str, FlankModel] = MappingProxyType({})
+    draws: FlankModel | None = None
+    number: int = 0
+
+
+def motion_of(table: Any, folder: Path) -> Motion | Reversal:
+    """Return the motion of the driving shaft; `folder` is that of recorded motions."""
+    if table.kind == "recorded":
+        return read_motion(folder / table.file)
+    if table.kind == "sine":
+        return part_of(Sine, table)
+    return part_of(EVENTS[table.event], table, shape=table.kind)
+
+
+def scenario_of(
+    spec: ScenarioSpec,
+    pair: GearPair | Drive,
+    folder: Path = Path(),
+    controller: Controller | None = None,
+    maps: Maps = Maps(),
+    draw: int = 0,
+) -> Scenario:
+    """Return the objects that a validated scenario describes; JAX may trace its numbers.
+
+    **Arguments**
+    - `pair`: gears, or a drive without gears. - `folder`: folder of recorded motions.
+    - `controller`: controller of the user, instead of that of the scenario.
+    - `maps`: flank models that the scenario names. - `draw`: number of the draw of the plant.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.control import parse_scenario_spec, scenario_of
+    >>> from vttig_jax.rig import paper_pair
+    >>> vttig_jax.enable_x64()
+    >>> rig = {"driving_mm": 0.0226, "driving_phase_deg": 49.5, "driven_mm": 0.0273}
+    >>> rig |= {"driven_phase_deg": 79.3, "constant_backlash_deg": 0.038}
+    >>> given = {"pair": "pair.toml", "eccentricities": rig, "controller": "predictive"}
+    >>> scenario_of(parse_scenario_spec(given), paper_pair()).controller.margin_mm.item()
+    0.01
+
+    ```
+    """
+
+    def named(where: str, name: str) -> FlankModel | None:
+        if name == ECCENTRICITIES:
+            return None
+        if name not in maps.named:
+            raise ScenarioError(
+                f"{name!r} is a run folder or a map file, which `vttig simulate` and"
+                " `vttig_jax.simulate` read; here give its flank model as `maps`.",
+                where=where,
+            )
+        return maps.named[name]
+
+    rig = None if spec.eccentricities is None else structs.asdict(spec.eccentricities)
+    changed = {name: x for name, x in structs.asdict(spec.map).items() if x is not None}
+    believed: Any = named("controller_map", believed_flanks(spec))
+    if believed is None:
+        believed = Eccentricities(**(rig or {}) | changed) if changed else None
+    elif changed.keys() - {"constant_backlash_deg"}:
+        raise ScenarioError(
+            f"eccentricities of [map] mean nothing in the map {believed_flanks(spec)!r}; give only"
+            " its constant_backlash_deg, or write [eccentricities].",
+            where="map",
+        )
+    if spec.rig is not None and maps.draws is not None:
+        plant = jax.tree.map(lambda leaf: leaf[draw], maps.draws)
+    else:
+        plant = named("plant_map", spec.plant_map if spec.rig is None else spec.rig.run)
+    return Scenario(
+        pair,
+        None if rig is None else Eccentricities(**rig),
+        motion_of(spec.motion, folder),
+        part_of(PLANTS[spec.plant], spec.mesh),
+        controller or part_of(CONTROLLERS[spec.controller], spec.judgement),
+        part_of(Servo, spec.servo) if spec.servo.motor == "pi" else None,
+        **{name: part_of(kind, getattr(spec, name)) for name, kind in _PLAIN.items()},
+        observer=part_of(OBSERVERS[spec.judgement.observer], spec.judgement),
+        plant_map=plant,
+        controller_map=believed,
+        map_backlash_deg=(
+            np.asarray(changed["constant_backlash_deg"])
+            if changed and isinstance(believed, FlankModel)
+            else None
+        ),
+        seed=spec.seed,
+        flanks=spec.flanks,
+        turn=spec.judgement.turn,
+    )
+
+
+def spec_of(scenario: Scenario) -> ScenarioSpec:
+    """Return the file of a scenario, whose numbers are checked; parts of the user have no table.
+
+    **Raises** `ScenarioError` for numbers out of range and for parts that contradict each other.
+    """
+    s = scenario
+    parts = [(name, getattr(s, name)) for name in (*_PLAIN, "motion", "servo")]
+    parts += [("mesh", s.plant), ("judgement", s.controller), ("judgement", s.observer)]
+    table: dict[str, Any] = {"pair": s.pair.name or "pair.toml", "flanks": s.flanks}
+    for place, part in parts:
+        values = table.setdefault(place, {})
+        for name, _, _, signed in [] if part is None else number_fields(part):
+            value, entry = getattr(part, name), KEYS.get(f"{place}.{name}")
+            if entry is not None and value is not None:
+                number = int(value) if int in entry.types else float(value)
+                values[name] = abs(number) if signed else number
+    table["seed"] = int(s.seed)
+    table["judgement"] |= {"turn": s.turn}
+    table["servo"] |= {"motor": "prescribed" if s.servo is None else "pi"}
+    for rig, key in ((s.eccentricities, "eccentricities"), (s.controller_map, "map")):
+        if isinstance(rig, Eccentricities):
+            names = EccentricityTable.__struct_fields__
+            table[key] = {name: float(getattr(rig, name)) for name in names}
+    if s.plant_map is not None:
+        table["plant_map"] = type(s.plant_map).__name__
+    if isinstance(s.controller_map, FlankModel):
+        table["controller_map"] = type(s.controller_map).__name__
+    if s.map_backlash_deg is not None:
+        table["map"] = {"constant_backlash_deg": float(s.map_backlash_deg)}
+    spec = parse_scenario_spec(table)
+    named = {"plant": name_of(s.plant, PLANTS), "controller": name_of(s.controller, CONTROLLERS)}
+    judgement = structs.replace(spec.judgement, observer=name_of(s.observer, OBSERVERS))
+    motion: dict[str, Any] = {"kind": name_of(s.motion, {"sine": Sine, "recorded": RecordedMotion})}
+    if isinstance(s.motion, Reversal):
+        motion = {"kind": s.motion.shape, "event": s.motion.event}
+    if isinstance(s.motion, (Reversal, Sine)):
+        motion["reversal_deg"] = float(s.motion.reversal_deg)
+    motion = structs.replace(spec.motion, **motion)
+    return structs.replace(spec, judgement=judgement, motion=motion, **named)
+
+
+def case_of(spec: ScenarioSpec, pair: GearPair | Drive, *further: Any, **named: Any) -> Case:
+    """Return the case of a validated scenario; further arguments are those of `scenario_of`."""
+    try:
+        return prepared(scenario_of(spec, pair, *further, **named))[0]
+    except ScenarioError as error:  # the map of the plant is that of the key `rig` if it is given
+        rig = spec.rig is not None and error.where == "plant_map"
+        raise ScenarioError(error.message, where="rig" if rig else error.where) from None

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,16 +17,16 @@ from ...base.units import ARCSEC, DEG
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import NoController
 from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks, spec_table
-from .accumulators import Accumulators
-from .case import Case, Sample
-from .metrics import (
+from .case import (
+    METRICS,
     NEAR_DEG,
     NEAR_MM,
-    MetricInputs,
+    OUTCOMES,
+    Accumulators,
+    Case,
     Outcome,
-    metric_inputs_of,
+    Sample,
     metrics_of,
-    outcomes_of,
     overdone,
 )
 
@@ -50,35 +52,35 @@ def simulation_text(run: "Simulation") -> str:
 
 def sentences(run: "Simulation") -> Iterator[str]:
     """Yield the remarks about a run, each of them one sentence."""
-    t, outcome = run.accumulators, run.outcome
+    t, outcome = run.tally, run.outcome
     if run.changes_early:
-        wrong = float(t.wrong_travel) / DEG
+        wrong = t.wrong_travel / DEG
         yield (
-            f"The flanks change before the turn, with a jump of {_angle(float(t.early_jump))}, and"
+            f"The flanks change before the turn, with a jump of {_angle(t.early_jump / DEG)}, and"
             f" the driving shaft then turns by {wrong:.3g}° with the wrong flank in contact: the"
             " driven shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more"
             " friction or load on the driven shaft."
         )
-    values = metrics_of(*run.numbers)
+    values = run.numbers[0]
     over, thrown = overdone(values)
     if over:
         yield (
             "The controller makes up for more than the gap: on the way back the driven shaft is on"
-            f" the average {_angle(float(values['over_compensation_deg']) * DEG)} beyond the place"
+            f" the average {_angle(values['over_compensation_deg'])} beyond the place"
             " where the first flank would hold it; the gap that the controller believes is too"
             " large by as much (controller_map, map.constant_backlash_deg)."
         )
     if thrown:
         yield (
             "The motor throws the driven shaft off the flank that it meets, by up to"
-            f" {_angle(float(values['thrown_back_deg']) * DEG)} of the gap: it crosses the gap too"
+            f" {_angle(values['thrown_back_deg'])} of the gap: it crosses the gap too"
             f" quickly; choose a longer judgement.jump_s than {run.spec.judgement.jump_s:g} s."
         )
     if outcome != "ok":
         yield _ending(run)
-    if float(t.interference) > NEAR_MM and not bool(t.blocked):
+    if t.interference > NEAR_MM and not t.blocked:
         yield (
-            f"At its worst the controller closes {float(t.interference):.3f} mm further than the"
+            f"At its worst the controller closes {t.interference:.3f} mm further than the"
             " gap allows: the actuator stalls and is pushed back."
         )
     closings = int(t.false_closings)
@@ -89,41 +91,41 @@ def sentences(run: "Simulation") -> Iterator[str]:
         )
     if not run.turns and not np.isnan(t.detection):
         yield "The controller closes although the motion never turns back."
-    if float(t.limited_s) > 0:
+    if t.limited_s > 0:
         yield (
-            f"The motor is at servo.torque_limit_Nm for {float(t.limited_s):.3g} s; the driving"
-            f" shaft is up to {_angle(float(t.following_error))} away from its target."
+            f"The motor is at servo.torque_limit_Nm for {t.limited_s:.3g} s; the driving"
+            f" shaft is up to {_angle(t.following_error / DEG)} away from its target."
         )
-    if outcome == "ok" and run.case.controller.closes and float(t.residual_gap) > run.allowed:
+    if outcome == "ok" and run.case.controller.closes and t.residual_gap > run.allowed:
         yield (
-            f"The motion turns with {_angle(float(t.residual_gap))} of backlash left, more than"
+            f"The motion turns with {_angle(t.residual_gap / DEG)} of backlash left, more than"
             " judgement.margin_mm allows."
         )
 
 
 def _ending(run: "Simulation") -> str:
     """Return the sentence that explains an outcome other than ok and proposes a remedy."""
-    t = run.accumulators
+    t = run.tally
     return {
-        "bound": f"The drive blocks after {float(t.blocked_s):.3f} s: the gap has become smaller"
+        "bound": f"The drive blocks after {t.blocked_s:.3f} s: the gap has become smaller"
         " than the actuator allows, and the teeth cannot push the actuator back; choose a larger"
         " judgement.margin_mm or a smaller mesh.friction_coefficient.",
         "unlocated": "The controller does not know in which turn of the hunting period it is, and"
         " refuses to start; choose encoders that separate the turns (judgement.turn ="
         ' "located"), or a reference (judgement.turn = "known").',
         "missed": f"The controller never sees the motor brake{_MISSED.get(run.controller, '')}.",
-        "stroke": f"The controller commands {float(t.largest_command):.3f} mm, but"
+        "stroke": f"The controller commands {t.largest_command:.3f} mm, but"
         f" actuator.stroke_mm is {float(run.case.actuator.stroke_mm):g}; choose a longer stroke.",
         "force": "The teeth are stronger than actuator.force_limit_N ="
         f" {run.spec.actuator.force_limit_N:g}: the actuator stalls or is pushed back; choose a"
         " higher limit, or less torque on the drive while the actuator moves.",
-        "slow": f"When the motion turns, the actuator still lacks {float(t.shortfall):.3f} mm;"
+        "slow": f"When the motion turns, the actuator still lacks {t.shortfall:.3f} mm;"
         " choose a faster actuator or a longer standstill.",
     }[run.outcome]
 
 
 def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
-    t, spec, metrics = run.accumulators, run.spec, _numeric_metrics(run)
+    t, spec, metrics = run.tally, run.spec, _numeric_metrics(run)
     yield "simulated", f"{spec.plant} plant, controller {run.controller}"
     yield "flanks", flanks_text(spec, not isinstance(run.case.controller, NoController))
     yield "motion", _motion(run)
@@ -132,27 +134,27 @@ def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
     shown = f"{least:+.5f}° … {most:+.5f}°, mean {mean:+.5f}°"
     yield "transmission error", f"{shown}, as the encoders show it"
     if run.servo:
-        yield "following error", f"{_angle(float(t.following_error))} of the driving shaft at most"
+        yield "following error", f"{_angle(t.following_error / DEG)} of the driving shaft at most"
     closes = run.case.controller.closes
     if closes:
         yield "closing begins", _detection(run)
     if run.turns:
         _, open_gap = run.place(run.case.motion.turn_s)
-        left = "–" if np.isnan(t.residual_gap) else _angle(float(t.residual_gap))
+        left = "–" if np.isnan(t.residual_gap) else _angle(t.residual_gap / DEG)
         yield "backlash at the turn", f"{left} left of {open_gap / DEG:.5f}°"
     yield "jump", _jump(run)
     if "lost_motion_deg" in metrics:
-        yield "lost motion", f"{_angle(metrics['lost_motion_deg'] * DEG)}, mean on the way back"
+        yield "lost motion", f"{_angle(metrics['lost_motion_deg'])}, mean on the way back"
     largest = f"{metrics['output_error_rms_deg']:.5f}° rms over the run"
     if "output_error_deg" in metrics:
-        largest = f"{_angle(metrics['output_error_deg'] * DEG)} at most after the turn, {largest}"
+        largest = f"{_angle(metrics['output_error_deg'])} at most after the turn, {largest}"
     yield "error of the output", largest
     if closes:
-        yield "axial step", _angle(metrics["axial_step_deg"] * DEG)
-        yield "interference", f"{float(t.interference):.4f} mm at most"
+        yield "axial step", _angle(metrics["axial_step_deg"])
+        yield "interference", f"{t.interference:.4f} mm at most"
         yield (
             "actuator",
-            f"{float(t.travel):.3f} mm to and fro, {float(t.farthest):.3f} mm at the farthest",
+            f"{t.travel:.3f} mm to and fro, {t.farthest:.3f} mm at the farthest",
         )
 
 
@@ -168,16 +170,16 @@ def _motion(run: "Simulation") -> str:
 
 def _detection(run: "Simulation") -> str:
     """Return as text when the first command to close came after the braking, and at which angle."""
-    t = run.accumulators
+    t = run.tally
     if np.isnan(t.detection):
         return "never"
     after = float(t.detection_s - run.case.motion.braking_s)
     delay = f"{1e3 * after:.4g} ms" if after < 1 else f"{after:.4g} s"
-    text = f"{delay} after the motor brakes, at {float(t.detection) / DEG:.3f}°"
+    text = f"{delay} after the motor brakes, at {t.detection / DEG:.3f}°"
     if not run.turns:
         return text
     angle, _ = run.place(run.case.motion.turn_s)
-    return f"{text}, {abs(angle - float(t.detection)) / DEG:.3f}° before the turn"
+    return f"{text}, {abs(angle - t.detection) / DEG:.3f}° before the turn"
 
 
 def _jump(run: "Simulation") -> str:
@@ -185,10 +187,10 @@ def _jump(run: "Simulation") -> str:
     metrics = _numeric_metrics(run)
     if "jump_deg" not in metrics:
         return "none: the other flank is never met"
-    text = f"{_angle(metrics['jump_deg'] * DEG)} at {float(run.accumulators.crossing) / DEG:.3f}°"
+    text = f"{_angle(metrics['jump_deg'])} at {run.tally.crossing / DEG:.3f}°"
     paper = metrics.get("jump_paper_deg")
     if metrics["largest_jump_deg"] > 1.01 * metrics["jump_deg"] + NEAR_DEG:
-        text += f"; the largest of the run {_angle(metrics['largest_jump_deg'] * DEG)}"
+        text += f"; the largest of the run {_angle(metrics['largest_jump_deg'])}"
     return text if paper is None else f"{text}; the paper's, before minus after, {paper:+.5f}°"
 
 
@@ -212,9 +214,9 @@ def _numeric_metrics(run: "Simulation") -> dict[str, float]:
 
 
 def _angle(value: float) -> str:
-    """Format an angle given in rad."""
-    shown = max(value, 0.0) if value > -NEAR_DEG * DEG else value  # no −0
-    return f"{shown / DEG:.5f}° ({shown / ARCSEC:.1f}″)"
+    """Format an angle given in degrees."""
+    shown = max(value, 0.0) if value > -NEAR_DEG else value  # no −0
+    return f"{shown:.5f}° ({shown * DEG / ARCSEC:.1f}″)"
 
 
 @dataclass(frozen=True)
@@ -233,23 +235,27 @@ class Simulation(PlottedResult):
     accumulators: Accumulators
     trace: Sample | None = None
 
+    @cached_property
+    def tally(self) -> Any:
+        """Running metrics at the end as Python numbers, in rad, mm and s; 0 and 1 for truths."""
+        return jax.tree.map(float, self.accumulators)
+
+    @cached_property
+    def numbers(self) -> tuple[dict[str, float], Outcome]:
+        """Metrics of `metrics_of`, NaN for events that did not happen, and the outcome."""
+        values, code = metrics_of(self.case, self.accumulators)
+        return {name: float(values[name]) for name in METRICS}, OUTCOMES[int(code)]
+
     @property
     def metrics(self) -> dict[str, float | str | None]:
         """Metrics of `metrics_of` and the outcome; None for events that did not happen."""
-        values = metrics_of(*self.numbers)
-        return {name: _finite(float(value)) for name, value in values.items()} | {
-            "outcome": self.outcome
-        }
+        values = {name: _finite(value) for name, value in self.numbers[0].items()}
+        return values | {"outcome": self.outcome}
 
     @property
     def outcome(self) -> Outcome:
         """Outcome of the run. If several apply, the first in the order of `Outcome` counts."""
-        return outcomes_of(*self.numbers).item()
-
-    @property
-    def numbers(self) -> tuple[MetricInputs, Accumulators]:
-        """Inputs of the metrics as NumPy arrays."""
-        return jax.tree.map(np.asarray, (metric_inputs_of(self.case), self.accumulators))
+        return self.numbers[1]
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -265,7 +271,7 @@ class Simulation(PlottedResult):
     @property
     def changes_early(self) -> bool:
         """Whether the flanks change before the turn, with more than the allowed gap."""
-        return float(self.accumulators.early_jump) > self.allowed
+        return self.tally.early_jump > self.allowed
 
     @property
     def controller(self) -> str:
@@ -307,7 +313,7 @@ class Simulation(PlottedResult):
             raise ValueError(
                 "Argument `trace_every` must be at least 1 for a trace, but this run kept none."
             )
-        s, blocked_s = self.trace, float(self.accumulators.blocked_s)
+        s, blocked_s = self.trace, self.tally.blocked_s
         angles = {"driving": s.driving, "te": s.error, "te_shown": s.shown}
         angles |= {"flank_a": s.lower, "flank_b": s.upper, "output_error": s.output - s.output[0]}
         table = (
@@ -321,7 +327,7 @@ class Simulation(PlottedResult):
 
     def to_json(self) -> dict:
         """Return the object of schema `vttig.simulate/1`."""
-        t, motion = self.accumulators, self.case.motion
+        t, motion = self.tally, self.case.motion
         angle, gap = self.place(motion.turn_s)
         turn = {
             "time_s": float(motion.turn_s),
@@ -335,11 +341,11 @@ class Simulation(PlottedResult):
             "metrics": self.metrics,
             "duration_s": float(motion.duration_s),
             "turn": turn if self.turns else None,
-            "crossing_deg": _finite(float(t.crossing) / DEG),
-            "crossing_s": _finite(float(t.crossing_s)),
-            "following_error_deg": float(t.following_error) / DEG if self.servo else None,
+            "crossing_deg": _finite(t.crossing / DEG),
+            "crossing_s": _finite(t.crossing_s),
+            "following_error_deg": t.following_error / DEG if self.servo else None,
             "false_closings": int(t.false_closings),
-            "blocked_s": _finite(float(t.blocked_s)),
+            "blocked_s": _finite(t.blocked_s),
             "samples": int(t.samples),
             "remarks": list(self.remarks),
             "scenario": spec_table(self.spec),

@@ -1,29 +1,537 @@
-"""Sweep over the product of named axes: thousands of cases, run block by block."""
+"""Sweep over the product of named axes: thousands of cases, which run side by side block by block.
 
+A program is `vmap` of the loop over the periods, shared out to the devices by `shard_map`. Cases
+that differ in texts, plant steps or queue of commands have programs of their own. All other numbers
+are arrays over the lanes, from the axes of the sweep to the leaves of the case.
+"""
+
+import hashlib
+import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
+from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
+from msgspec import structs
 
-from ...base.errors import InputError
+from ...base.errors import InputError, ScenarioError
 from ...base.runtime import require_x64
+from ...base.units import REV
+from ...kinematics.flank_table import FlankTable
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
-from ..scenario.axes import SCENARIO_FILE
-from ..scenario.spec import ScenarioSpec
-from ..simulation.build import Maps
-from ..simulation.metrics import METRICS
-from .cases import cases_of
-from .table import SweepTable
-from .work import REFUSED, Rows, SweepWork, compiled_s
+from ..scenario.axes import SCENARIO_FILE, Value
+from ..scenario.scenario import Scenario
+from ..scenario.spec import (
+    KEYS,
+    ScenarioSpec,
+    check_choices,
+    load_sweep_spec,
+    numbers_fit,
+    spec_table,
+    with_keys,
+    with_numbers,
+    with_values,
+)
+from ..simulation.case import (
+    METRICS,
+    OUTCOMES,
+    Accumulators,
+    Case,
+    Metrics,
+    initial_state,
+    metrics_of,
+    run_periods,
+)
+from ..simulation.prepare import (
+    Fixed,
+    Maps,
+    case_of,
+    closing_of,
+    covers,
+    delay_of,
+    drawn_tables,
+    ends_of,
+    located_turns,
+    plant_steps,
+    prepared,
+    queue_of,
+    scenario_of,
+    shafted,
+)
+from ..simulation.simulate import CHUNK, load_gears
+from .table import DRAW, REFUSED, Rows, SweepTable
 
 _REASONS, _EXAMINED = 5, 500
 """Largest number of reported reasons for refusal, and of refused cases examined to find them."""
+
+_PACKAGES = ("vttig-jax", "jax", "numpy")
+
+_FEWEST, LANES = 8, 512
+"""Smallest and largest number of lanes on a device: a 512-bit vector holds 8 numbers, and the state
+of 512 lanes fits the cache of a core; chosen values."""
+
+_BLOCK_STEPS = 1 << 28
+"""Largest number of lane-steps in a block, about ten seconds; a chosen value.
+
+A lane-step is one plant step of one case. An interruption loses at most the running block."""
+
+_LEAST, _MOST = 64, 4 * LANES
+"""Smallest and largest number of cases of one program in a block; chosen values."""
+
+_MOST_TEXTS = 16
+"""Largest number of text combinations that is used for the block size; a chosen value."""
+
+_SAMPLED = 64
+"""Number of cases whose run length is examined beforehand; a chosen value."""
+
+_compiled_s = [0.0]
+
+
+@jax.monitoring.register_event_duration_secs_listener
+def _count_compilation(event: str, duration_secs: float, **_: Any) -> None:
+    if event == "/jax/core/compile/backend_compile_duration":
+        _compiled_s[0] += duration_secs
+
+
+@dataclass(frozen=True)
+class SweepCases:
+    """Cases of a sweep, numbered from 0; any process can build them from these inputs.
+
+    **Arguments**
+    - `spec`: specification of the sweep. - `pair`: gears. - `folder`: folder of recorded motions.
+    - `controller`: controller of the user that replaces that of the file.
+    - `maps`: flank models of the maps that the file names; all cases are run for each draw.
+    """
+
+    spec: ScenarioSpec
+    pair: GearPair | Drive
+    folder: Path = Path()
+    controller: Controller | None = None
+    maps: Maps = Maps()
+
+    @property
+    def inputs(self) -> tuple[Any, ...]:
+        """Arguments of `scenario_of` after the scenario."""
+        return self.pair, self.folder, self.controller, self.maps
+
+    @property
+    def closing(self) -> float:
+        """Decrease of the backlash per axial displacement, rad/mm; 0 without taper."""
+        return float(np.sum(closing_of(self.pair)))
+
+    @cached_property
+    def _groups(self) -> list[dict[str, np.ndarray]]:
+        """Axes that advance together, with their values; the slowest first, `draw` before all."""
+        sweep = self.spec.sweep
+        assert sweep is not None  # checked by `load_sweep_spec`
+        draws = [{DRAW: np.arange(self.maps.number)}] if self.maps.number else []
+        return draws + [
+            {name: np.array(sweep.values(name), _type_of(name)) for name in group}
+            for group in sweep.groups
+        ]
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes in file order; with draws, the axis `draw` comes first."""
+        assert self.spec.sweep is not None
+        return ((DRAW,) if self.maps.number else ()) + tuple(self.spec.sweep.axes)
+
+    @cached_property
+    def _lengths(self) -> tuple[int, ...]:
+        return tuple(len(next(iter(group.values()))) for group in self._groups)
+
+    def __len__(self) -> int:
+        return math.prod(self._lengths)
+
+    def columns(self, numbers: Sequence[int]) -> dict[str, np.ndarray]:
+        """Return the columns of some cases: `case`, their numbers, and the value of every axis."""
+        places = np.unravel_index(numbers, self._lengths or (1,))
+        rows = zip(self._groups, places, strict=False)
+        found = {name: values[i] for group, i in rows for name, values in group.items()}
+        return {"case": np.array(numbers, np.int64)} | {name: found[name] for name in self.axes}
+
+    def values(self, number: int) -> dict[str, Value]:
+        """Return the value of every axis in the case with this number."""
+        columns = self.columns([number])
+        return {name: columns[name].item() for name in self.axes}
+
+    def spec_of(self, number: int) -> ScenarioSpec:
+        """Return the scenario of a case.
+
+        **Raises** `ScenarioError` for values that contradict each other.
+        """
+        values: dict[str, Any] = self.values(number)
+        values.pop(DRAW, None)
+        return with_values(self.spec, values)
+
+    def scenario(self, number: int) -> Scenario:
+        """Return the objects of a case."""
+        draw: Any = self.values(number).get(DRAW, 0)
+        return scenario_of(self.spec_of(number), *self.inputs, draw=draw)
+
+    def refusal(self, number: int) -> InputError | None:
+        """Return the error that prevents a case; None if it can run."""
+        try:
+            draw: Any = self.values(number).get(DRAW, 0)
+            case_of(self.spec_of(number), *self.inputs, draw=draw)
+        except InputError as error:
+            return error
+        return None
+
+    @property
+    def header(self) -> dict[str, Any]:
+        """Record of the inputs of the sweep; a sweep can be resumed only with an equal record."""
+        return {
+            "schema": "vttig.sweep_parts/1",
+            "versions": {name: version(name) for name in _PACKAGES},
+            "pair": _digest(self.pair),
+            "maps": _digest((dict(self.maps.named), self.maps.draws, self.maps.number)),
+            "controller": _digest(self.controller),
+            "scenario": spec_table(self.spec),
+        }
+
+
+def _type_of(axis: str) -> type:
+    return next((kind for kind in (float, int) if kind in KEYS[axis].types), str)
+
+
+def cases_of(
+    spec: str | Path | ScenarioSpec,
+    pair: GearPair | Drive | None = None,
+    folder: str | Path | None = None,
+    controller: Controller | None = None,
+    maps: Maps = Maps(),
+) -> SweepCases:
+    """Read and validate the inputs of a sweep; see `sweep`."""
+    source = "" if isinstance(spec, ScenarioSpec) else str(spec)
+    whole = spec if isinstance(spec, ScenarioSpec) else load_sweep_spec(spec)
+    with SCENARIO_FILE.error_context(source):
+        if whole.sweep is None:
+            raise ScenarioError("missing; a sweep names its axes in [sweep].", where="sweep")
+        if controller is not None and "controller" in whole.sweep.axes:
+            raise ScenarioError(
+                "is an axis, but a controller of your own is given; remove one of them.",
+                where="sweep.controller",
+            )
+        folder = Path(source).parent if folder is None else Path(folder)
+        pair = load_gears(folder / whole.pair) if pair is None else pair
+    return SweepCases(whole, pair, folder, controller, maps)
+
+
+def _digest(tree: Any) -> str:
+    """Return the SHA-256 digest of the structure of a pytree and of all its numbers."""
+    leaves, structure = jax.tree.flatten(tree)
+    digest = hashlib.sha256(str(structure).encode())
+    for leaf in leaves:
+        if callable(leaf):  # a function of the user, which no other process can compare
+            digest.update(repr(leaf).encode())
+        else:
+            numbers = np.asarray(leaf)
+            digest.update(numbers.astype(np.result_type(numbers, np.float64)).tobytes())
+    return digest.hexdigest()
+
+
+def compiled_s() -> float:
+    """Return the time in which XLA has compiled programs in this process, s."""
+    return _compiled_s[0]
+
+
+def mesh_of(devices: Sequence[Any]) -> Mesh:
+    """Return the devices as a mesh over which lanes are shared out."""
+    return Mesh(np.array(devices), ("lanes",), axis_types=(AxisType.Auto,))
+
+
+class Lanes(NamedTuple):
+    """Cases side by side: `mapped` has the numbers of each lane, `shared` those of all lanes."""
+
+    mapped: Any
+    shared: Any
+
+    @property
+    def width(self) -> int:
+        """Number of lanes."""
+        return jax.tree.leaves(self.mapped)[0].shape[0]
+
+    def run(
+        self,
+        periods: np.ndarray,
+        mesh: Mesh,
+        progress: Callable[[int], None] = lambda steps: None,
+    ) -> tuple[Metrics, Accumulators]:
+        """Run the lanes; return metrics, outcomes and accumulators of each.
+
+        `periods` are those of the lanes that count; `progress` gets their finished plant steps.
+        """
+        places = NamedSharding(mesh, PartitionSpec("lanes")), NamedSharding(mesh, PartitionSpec())
+        case = jax.device_put(self.mapped, places[0]), jax.device_put(self.shared, places[1])
+        state, substeps = _start(mesh, *case), self.shared.substeps
+        chunk = max(CHUNK // substeps, 1)
+        for first in range(0, int(periods.max()), chunk):
+            state = jax.block_until_ready(_advance(mesh, chunk, *case, state, first))
+            done = np.minimum(periods, first + chunk) - np.minimum(periods, first)
+            progress(int(done.sum()) * substeps)
+        found = _metrics(mesh, *case, state.accumulators)
+        return jax.tree.map(np.asarray, (found, state.accumulators))
+
+
+def _on_lanes(function: Any, mesh: Mesh, mapped: Any, shared: Any, state: Any, *all_: Any) -> Any:
+    """Return `function(case, state, *all_)` of all lanes, shared out to the devices."""
+
+    def device(mapped: Any, shared: Any, state: Any, all_: Any) -> Any:
+        def lane(mapped: Any, state: Any) -> Any:
+            return function(eqx.combine(mapped, shared), state, *all_)
+
+        return jax.vmap(lane)(mapped, state)
+
+    own, same = PartitionSpec("lanes"), PartitionSpec()
+    sharded = jax.shard_map(
+        device, mesh=mesh, in_specs=(own, same, own, same), out_specs=own, check_vma=False
+    )
+    return sharded(mapped, shared, state, all_)
+
+
+@partial(jax.jit, static_argnums=0)
+def _start(mesh: Mesh, mapped: Any, shared: Any) -> Any:
+    return _on_lanes(lambda case, _: initial_state(case), mesh, mapped, shared, ())
+
+
+@partial(
+    jax.jit,
+    static_argnums=(0, 1),
+    compiler_options={"xla_cpu_prefer_vector_width": 512},
+)
+def _advance(mesh: Mesh, chunk: int, mapped: Any, shared: Any, state: Any, first: Any) -> Any:
+    def advance(case: Case, state: Any, first: Any) -> Any:
+        return run_periods(case, state, first + jnp.arange(chunk))
+
+    return _on_lanes(advance, mesh, mapped, shared, state, first)
+
+
+@partial(jax.jit, static_argnums=0)
+def _metrics(mesh: Mesh, mapped: Any, shared: Any, accumulators: Any) -> Metrics:
+    return _on_lanes(metrics_of, mesh, mapped, shared, accumulators)
+
+
+def lanes_for(cases: int, devices: int) -> int:
+    """Return the number of lanes of a device: a power of two, so that few programs are compiled."""
+    lanes = 1 << max(math.ceil(cases / devices) - 1, 0).bit_length()
+    return min(max(lanes, _FEWEST), LANES)
+
+
+class _Program(NamedTuple):
+    """Cases that share a program.
+
+    - `spec`: scenario with their texts. - `indices`: their places in the block.
+    - `columns`: their numbers: the values of the axes, and what `_courses` finds.
+    - `substeps`, `queue`: plant steps in a period, and length of the queue of commands.
+    """
+
+    spec: ScenarioSpec
+    indices: np.ndarray
+    columns: Rows
+    substeps: int
+    queue: int
+
+
+class SweepWork:
+    """Blocks of a sweep, ready to run on some devices, by default all of JAX.
+
+    **Raises** the `InputError` of the first case if no case that is examined can run.
+    """
+
+    def __init__(self, cases: SweepCases, devices: Sequence[Any] | None = None) -> None:
+        self.cases = cases
+        self.devices = list(devices or jax.devices())
+        self.build_s = self.device_s = 0.0
+        """Time in which cases were built, and in which they ran, s."""
+        self._mesh = mesh_of(self.devices)
+        maps: Any = cases.maps
+        self._drawn = lru_cache(8)(partial(drawn_tables, maps.draws, cases.pair, maps.number))
+        count = len(cases)
+        sampled = sorted({count * place // _SAMPLED for place in range(_SAMPLED)})
+        columns = cases.columns(sampled)
+        programs = list(self._programs(columns))
+        possible = [sampled[index] for one in programs for index in one.indices]
+        if not possible or all(map(cases.refusal, possible)):
+            refused = cases.refusal(0)
+            assert refused is not None
+            raise refused
+        steps = sum(one.substeps * float(one.columns["periods"].sum()) for one in programs)
+        self.expected_steps = count * steps / len(sampled)
+        """Lane-steps of all cases, from the lengths of some of them."""
+        texts = min(len(set(_texts_of(columns))), _MOST_TEXTS)
+        size = int(np.clip(_BLOCK_STEPS * count / (texts * self.expected_steps), _LEAST, _MOST))
+        self.block_size = texts << (size.bit_length() - 1)
+        """Cases in a block, independent of the number of devices so that a sweep can be resumed."""
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return -(-len(self.cases) // self.block_size)
+
+    def run(self, number: int, progress: Callable[[int], None] = lambda steps: None) -> Rows:
+        """Return the rows of a block; `progress` gets the number of further finished lane-steps.
+
+        Lanes that are only filled with copies are not counted.
+        """
+        first = number * self.block_size
+        return self.rows(range(first, min(first + self.block_size, len(self.cases))), progress)
+
+    def rows(
+        self,
+        numbers: Sequence[int],
+        progress: Callable[[int], None] = lambda steps: None,
+        settings: Mapping[str, np.ndarray] = MappingProxyType({}),
+    ) -> Rows:
+        """Return the rows of cases with these numbers, and with other values of some keys for each.
+
+        `progress` as for `run`.
+        """
+        began, before = time.perf_counter() - self.device_s, compiled_s()
+        columns = self.cases.columns(numbers)
+        rows: Rows = {name: np.full(len(numbers), np.nan) for name in METRICS}
+        outcome = np.full(len(numbers), REFUSED, dtype="<U9")
+        for program in self._programs(columns | dict(settings)):
+            for indices, (values, codes) in self._ran(program, progress):
+                for name, column in values.items():
+                    rows[name][indices] = column
+                outcome[indices] = np.asarray(OUTCOMES)[codes]
+        self.build_s += time.perf_counter() - self.device_s - began - (compiled_s() - before)
+        return columns | rows | {"outcome": outcome}
+
+    def _programs(self, columns: Rows) -> Iterator[_Program]:
+        """Yield the cases that can run, those that share a program together."""
+        texts = _texts_of(columns)
+        for text in dict.fromkeys(texts):
+            indices = np.array([index for index, one in enumerate(texts) if one == text])
+            numbers = {
+                name: values[indices]
+                for name, values in columns.items()
+                if values.dtype.kind != "U"
+            }
+            try:
+                spec = with_keys(self.cases.spec, dict(text))
+                check_choices(spec)
+                outside, whole = numbers_fit(_numbered(spec, numbers))
+                fits = np.broadcast_to(outside & whole, indices.shape)
+                yield from self._alike(spec, indices[fits], _rows_of(numbers, fits))
+            except InputError:  # the same for all of these cases
+                continue
+
+    def _alike(self, spec: ScenarioSpec, indices: np.ndarray, columns: Rows) -> Iterator[_Program]:
+        """Yield the programs of cases with the same texts."""
+        if not len(indices):
+            return
+        columns = columns | self._courses(spec, columns)
+        scenario = self._scenario(spec)
+        for one in (scenario.plant_map, scenario.controller_map):
+            if isinstance(one, FlankTable):
+                columns["fit"] &= covers(one, columns["low"], columns["high"])
+        unknown = np.zeros(len(indices), bool)
+        if spec.judgement.turn == "located" and spec.controller != "none":
+            found = [located_turns(self.cases.scenario(n)) for n in columns["case"].tolist()]
+            unknown = np.array([turns is None for turns in found])
+            columns["turns"] = np.array([turns or 0 for turns in found])
+        queues = [queue_of(delay) for delay in columns["delay"]]
+        kinds = list(zip(columns["substeps"].astype(int), queues, unknown, strict=True))
+        for kind in dict.fromkeys(kinds):
+            alike = np.array([one == kind for one in kinds]) & columns["fit"]
+            substeps, queue, lost = kind
+            own = spec
+            if lost:
+                own = structs.replace(
+                    spec, judgement=structs.replace(spec.judgement, turn="unknown")
+                )
+            if alike.any():
+                yield _Program(own, indices[alike], _rows_of(columns, alike), int(substeps), queue)
+
+    def _ran(
+        self, program: _Program, progress: Callable[[int], None]
+    ) -> Iterator[tuple[np.ndarray, Metrics]]:
+        """Yield indices and results of the cases of a program, those of similar length together."""
+        spec, indices, columns, substeps, queue = program
+        travel = float(columns["low"].min()), float(columns["high"].max())
+        fixed = Fixed(substeps, queue, None, travel)
+        order = np.argsort(columns["periods"], kind="stable")
+        lanes = lanes_for(len(order), len(self.devices)) * len(self.devices)
+        for first in range(0, len(order), lanes):
+            chosen = order[first : first + lanes]
+            row = _rows_of(columns, np.pad(chosen, (0, lanes - len(chosen)), "edge"))
+            side, fits = self._lanes(spec, row, fixed)
+            began, before = time.perf_counter(), compiled_s()
+            found, _ = side.run(columns["periods"][chosen], self._mesh, progress)
+            self.device_s += time.perf_counter() - began - (compiled_s() - before)
+            fits = fits[: len(chosen)]
+            found = jax.tree.map(lambda values, fits=fits: values[: len(fits)][fits], found)
+            yield indices[chosen][fits], found
+
+    def _lanes(self, spec: ScenarioSpec, columns: Rows, fixed: Fixed) -> tuple[Lanes, np.ndarray]:
+        """Return cases side by side, and whether the flanks of each do not cross."""
+        drawn = self._drawn(fixed.travel) if self.cases.maps.number else None
+        shared: list[Any] = []
+
+        def build(row: dict[str, Any]) -> Any:
+            plant = None
+            if drawn is not None:
+                tables, smallest = drawn
+                place = row[DRAW] * (tables.intervals + 1)
+                plant = replace(tables, first=place), jnp.asarray(smallest)[row[DRAW]]
+            own = fixed._replace(drawn=plant, sense=row["sense"], turns=row.get("turns"))
+            case, gaps = prepared(self._scenario(spec, row), own)
+            mapped, rest = eqx.partition(case, lambda leaf: isinstance(leaf, Tracer))
+            shared.append(rest)
+            return mapped, jnp.all(jnp.stack([jnp.asarray(True), *(gap >= 0 for gap in gaps)]))
+
+        mapped, fits = jax.vmap(build)(jax.tree.map(jnp.asarray, columns))
+        return Lanes(mapped, shared[-1]), np.asarray(fits)
+
+    def _courses(self, spec: ScenarioSpec, columns: Rows) -> Rows:
+        """Return what the run of every case needs: travel (turns), direction, periods, steps."""
+
+        def course(row: dict[str, Any]) -> Any:
+            s = self._scenario(spec, row)
+            motion, steps = s.motion.pieces, plant_steps(s, shafted(s)[0])
+            low, high, sense = ends_of(motion)
+            hertz = jnp.asarray(s.sampling.controller_hz)
+            periods = jnp.floor(motion.duration_s / (1.0 / hertz) * (1 + 1e-12)) + 1
+            found = {"low": low / REV, "high": high / REV, "sense": sense, "periods": periods}
+            delay = delay_of(s.actuator.delay_s, hertz)
+            return found | {"substeps": steps.asked, "fit": steps.fit, "delay": delay}
+
+        found = jax.vmap(course)(jax.tree.map(jnp.asarray, columns))
+        return jax.tree.map(np.array, found)
+
+    def _scenario(self, spec: ScenarioSpec, row: Mapping[str, Any] = MappingProxyType({})) -> Any:
+        return scenario_of(_numbered(spec, row), *self.cases.inputs)
+
+
+def _texts_of(columns: Rows) -> list[tuple[tuple[str, str], ...]]:
+    """Return the keys of every case that hold texts, and their values."""
+    texts = {name: values.tolist() for name, values in columns.items() if values.dtype.kind == "U"}
+    rows = zip(*texts.values(), strict=True) if texts else [()] * len(columns["case"])
+    return [tuple(zip(texts, row, strict=True)) for row in rows]
+
+
+def _rows_of(columns: Rows, chosen: np.ndarray) -> Rows:
+    return {name: values[chosen] for name, values in columns.items()}
+
+
+def _numbered(spec: ScenarioSpec, row: Mapping[str, Any]) -> ScenarioSpec:
+    """Return the scenario with the values of a row of columns that are keys of a scenario."""
+    return with_numbers(spec, {name: value for name, value in row.items() if name in KEYS})
 
 
 def sweep(
@@ -188,7 +696,7 @@ def _refusals(work: SweepWork, columns: Rows) -> tuple[tuple[int, str], ...]:
     examined = refused[np.linspace(0, len(refused) - 1, min(len(refused), _EXAMINED)).astype(int)]
     reasons: dict[str, int] = {}
     for number in examined.tolist():
-        reasons.setdefault(str(work.cases.case(number)), number)
+        reasons.setdefault(str(work.cases.refusal(number)), number)
         if len(reasons) == _REASONS:
             break
     return tuple((number, reason) for reason, number in reasons.items())

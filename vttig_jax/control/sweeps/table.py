@@ -12,10 +12,20 @@ from ...base.files.text_tables import key_values, text_table
 from ...base.results import PlottedResult
 from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, spec_table
-from ..simulation.metrics import NEAR_DEG, NEAR_MM, overdone
+from ..simulation.case import NEAR_DEG, NEAR_MM, overdone
 from ..simulation.result import flanks_text
-from .cases import MOST_VALUES
-from .work import REFUSED, Rows
+
+Rows = dict[str, np.ndarray]
+"""Columns of a table: `case`, the axes, the metrics, `outcome`."""
+
+DRAW = "draw"
+"""Name of the axis of maps drawn from a posterior; this axis varies slowest."""
+
+REFUSED = "refused"
+"""Outcome of a case whose values contradict each other, so that it is not simulated."""
+
+_MOST_VALUES = 16
+"""Most values of a listed axis for which a report has a row each; a chosen value."""
 
 _NUMBERS = (
     *("lost_motion_deg", "output_error_deg", "largest_jump_deg", "wrong_flank_deg"),
@@ -85,7 +95,7 @@ class SweepTable(PlottedResult):
             for axis in self.axes
             if axis not in texts
             and isinstance(values := given.get(axis), tuple)
-            and len(values) <= MOST_VALUES
+            and len(values) <= _MOST_VALUES
         ]
         if not texts and not numbers:
             return [("all", np.ones(len(self.columns["case"]), bool))]
@@ -125,8 +135,8 @@ class SweepTable(PlottedResult):
         numbers = {name: _spread(_without_nan(self.columns[name][mask])) for name in _NUMBERS}
         interferes = interference > NEAR_MM
         draws = None
-        if "draw" in self.columns:
-            draws = self.columns["draw"][mask & ~np.isnan(self.columns["interference_mm"])]
+        if DRAW in self.columns:
+            draws = self.columns[DRAW][mask & ~np.isnan(self.columns["interference_mm"])]
         over, thrown = (_share(np.asarray(one)[mask]) for one in overdone(self.columns))
         early = _without_nan(self.columns["early_jump_deg"][mask])
         allowed = 1.01 * max(self.spec.judgement.margin_mm, 0.0) * self.closing / DEG + NEAR_DEG
@@ -183,7 +193,7 @@ def _text(table: SweepTable) -> str:
     steps = max(table.lane_steps, 1)
     head = [("cases", f"{record['cases']}: {_sizes(table)}"), ("outcomes", outcomes)]
     if not {"plant_map", "controller_map"} & set(table.axes):
-        plant = "draws of " if "draw" in table.axes else ""
+        plant = "draws of " if DRAW in table.axes else ""
         head.append(("flanks", plant + flanks_text(table.spec)))
     if table.devices:  # 0 for a sweep that was read from its folder
         head.append(
@@ -260,7 +270,7 @@ def _machines(table: SweepTable, group: dict[str, Any], mask: np.ndarray) -> str
     if high - low < 0.1:
         return ""
     mask = mask & ~np.isnan(table.columns["interference_mm"])
-    draws, place = np.unique(table.columns["draw"][mask], return_inverse=True)
+    draws, place = np.unique(table.columns[DRAW][mask], return_inverse=True)
     most = np.zeros(len(draws))
     np.maximum.at(most, place, table.columns["interference_mm"][mask])
     return (

@@ -1,6 +1,6 @@
 """Result of a tuning, with scores of the full simulation before and after it."""
 
-from collections import Counter
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -8,19 +8,39 @@ import numpy as np
 
 from ...base.files.text_tables import key_values, text_table
 from ...base.results import TextResult
-from ...base.units import DEG
 from ..scenario.spec import ScenarioSpec, spec_table
-from ..simulation.metrics import NEAR_MM
-from ..sweeps.work import REFUSED, Rows
-from .free_keys import FreeKey
 
 Objective = Literal["expected", "worst"]
 
-_METRICS = (
-    *("residual_gap_deg", "interference_mm", "actuator_travel_mm"),
-    *("lost_motion_deg", "thrown_back_deg"),
-)
-"""Metrics of which a score has means and maxima."""
+
+@dataclass(frozen=True)
+class FreeKey:
+    """Tuned number.
+
+    **Arguments**
+    - `name`, `unit`: name and unit of the key. - `start`: value in the scenario.
+    - `low`, `high`: bounds of the number. - `positive`: whether the number must be above 0.
+    """
+
+    name: str
+    unit: str
+    start: float
+    low: float
+    high: float
+    positive: bool
+
+    def moved(self, value: float, step: float, size: float) -> float:
+        """Return a value one step on, within the bounds.
+
+        A number that must be positive is multiplied by exp(step), any other grows by step · size.
+        """
+        free = value * math.exp(step) if self.positive else value + step * size
+        return min(max(free, self.low), self.high)
+
+    def at_limit(self, value: float) -> bool:
+        """Return whether a value lies at a bound."""
+        near = 1e-6 * (self.high - self.low if not self.positive else value)
+        return value - self.low < near or self.high - value < near
 
 
 class Stage(NamedTuple):
@@ -70,60 +90,14 @@ class Score:
     outcomes: dict[str, int]
 
     @property
+    def bound(self) -> int:
+        """Number of cases with a blocked drive."""
+        return self.outcomes.get("bound", 0)
+
+    @property
     def rank(self) -> tuple[int, float]:
         """Rank, the lower the better: number of cases with a blocked drive, then the objective."""
-        return self.outcomes.get("bound", 0), self.cost_deg
-
-
-def costs_of(rows: Rows, weight: float, closing: float, moves: bool = False) -> np.ndarray:
-    """Return the cost of every case, residual gap + weight · interference, in degrees of backlash.
-
-    If the controller moves the motor (`moves`), it is the lost motion. It is infinite for a blocked
-    drive and NaN for a refused case.
-
-    **Arguments**
-    - `closing`: backlash per axial displacement, rad/mm.
-    """
-    left = rows["lost_motion_deg" if moves else "residual_gap_deg"]
-    costs = np.where(np.isnan(left), 0.0, left)
-    if not moves:
-        costs = costs + weight * rows["interference_mm"] * closing / DEG
-    costs = np.where(rows["outcome"] == "bound", np.inf, costs)
-    return np.where(rows["outcome"] == REFUSED, np.nan, costs)
-
-
-def score_of(
-    rows: Rows, objective: Objective, weight: float, closing: float, moves: bool = False
-) -> Score:
-    """Return the score of a sweep from the rows of `SweepWork`; see `costs_of`."""
-    costs = costs_of(rows, weight, closing, moves)
-    costs = costs[np.isfinite(costs)]
-    gap, over, travel, lost, thrown = (_spread(rows[name]) for name in _METRICS)
-    interferes = rows["interference_mm"][~np.isnan(rows["interference_mm"])] > NEAR_MM
-    worst = objective == "worst"
-    cost = np.inf if not len(costs) else costs.max() if worst else costs.mean()
-    return Score(
-        cost_deg=float(cost),
-        gap_mean_deg=gap[0],
-        gap_high95_deg=gap[1],
-        gap_max_deg=gap[2],
-        interfering_share=float(interferes.mean()) if len(interferes) else np.nan,
-        interference_mean_mm=over[0],
-        interference_max_mm=over[2],
-        travel_mean_mm=travel[0],
-        lost_mean_deg=lost[0],
-        lost_max_deg=lost[2],
-        thrown_max_deg=thrown[2],
-        outcomes=dict(Counter(rows["outcome"].tolist()).most_common()),
-    )
-
-
-def _spread(values: np.ndarray) -> tuple[float, float, float]:
-    """Return the mean, the 95 % quantile and the maximum; NaN without values."""
-    known = values[~np.isnan(values)]
-    if not len(known):
-        return np.nan, np.nan, np.nan
-    return float(known.mean()), float(np.quantile(known, 0.95)), float(known.max())
+        return self.bound, self.cost_deg
 
 
 @dataclass(frozen=True)

@@ -1,25 +1,47 @@
 """Tuning of the settings of a controller by a search with steps that shrink."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from msgspec import Meta
 from scipy.optimize import differential_evolution, minimize
 
 from ...base.errors import ScenarioError
+from ...base.files.toml_io import Key
 from ...base.runtime import require_x64
 from ...base.units import DEG
 from ...pair.gear_pair import Drive, GearPair
-from ..scenario.axes import SCENARIO_FILE
-from ..scenario.spec import ScenarioSpec, with_numbers
-from ..simulation.build import Maps
-from ..simulation.metrics import NEAR_MM
-from ..sweeps.cases import cases_of
-from ..sweeps.work import Rows, SweepWork
-from .free_keys import REACH, SETTINGS, FreeKey, Limits, free_keys
-from .result import Objective, Score, Stage, Tuned, costs_of, score_of
+from ..scenario.axes import SCENARIO_FILE, unknown_key
+from ..scenario.spec import ECCENTRICITIES, KEYS, ScenarioSpec, believed_map, with_numbers
+from ..simulation.case import NEAR_MM
+from ..simulation.prepare import Maps
+from ..sweeps.sweep import SweepWork, cases_of
+from ..sweeps.table import REFUSED, Rows
+from .result import FreeKey, Objective, Score, Stage, Tuned
+
+Limits = Mapping[str, tuple[float, float]]
+
+_BOTH = ("judgement.bandwidth_hz", "judgement.least_rpm", "judgement.margin_mm")
+SETTINGS: Mapping[str, tuple[str, ...]] = {
+    "acceleration": ("judgement.threshold_rad_s2", *_BOTH),
+    "predictive": ("judgement.horizon_s", *_BOTH),
+    "feedforward": ("map.constant_backlash_deg", "judgement.jump_s"),
+}
+"""Controller → its numeric settings."""
+
+REACH = 1000.0
+"""Largest factor by which the search changes a positive number from its start; a chosen value."""
+
+_METRICS = (
+    *("residual_gap_deg", "interference_mm", "actuator_travel_mm"),
+    *("lost_motion_deg", "thrown_back_deg"),
+)
+"""Metrics of which a score has means and maxima."""
+
 
 Values = tuple[float, ...]
 """Values of the free keys."""
@@ -145,35 +167,115 @@ def _check_controller(spec: ScenarioSpec) -> None:
         )
 
 
+def free_keys(
+    spec: ScenarioSpec, free: Sequence[str] | None = None, limits: Limits | None = None
+) -> tuple[FreeKey, ...]:
+    """Return the keys to tune, by default all numeric settings of the controller.
+
+    **Raises** `ValueError` for no key, for a key that appears twice, is unknown, takes no number,
+    is no setting of this controller or an axis of the sweep, and for limits without its value.
+    """
+    settings = SETTINGS[spec.controller]
+    axes = () if spec.sweep is None else tuple(spec.sweep.axes)
+    if isinstance(free, str):
+        raise ValueError(f"Argument `free` must be a list of keys, but is one text: {free!r}.")
+    default = settings[:1] if spec.controller == "feedforward" else settings
+    names = [name for name in default if name not in axes] if free is None else list(free)
+    if not names:
+        raise ValueError(f"Argument `free` must name a key to tune: {', '.join(settings)}.")
+    bounds = dict(limits or {})
+    for why in (_problem(name, names, spec) for name in names):
+        if why:
+            raise ValueError(f"Argument `free`{why}")
+    if fixed := [name for name in bounds if name not in names]:
+        raise ValueError(
+            f"Argument `limits` must be for keys that are free, but `{fixed[0]}` is not; free are"
+            f" {', '.join(names)}."
+        )
+    return tuple(_free(KEYS[name], _start(spec, name), bounds.get(name)) for name in names)
+
+
+def _problem(name: str, names: Sequence[str], spec: ScenarioSpec) -> str:
+    """Return why a key cannot be tuned, as the end of a sentence; "" if it can."""
+    settings = SETTINGS[spec.controller]
+    if name not in KEYS:
+        return f": {unknown_key(name, KEYS)}"
+    if not {float, int} & set(KEYS[name].types):
+        return f" must name keys that take a number, but `{name}` takes none."
+    if name not in settings:
+        return (
+            f" must name settings of the controller, but `{name}` is none of {spec.controller}; it"
+            f" is set by {', '.join(settings)}."
+        )
+    if spec.sweep is not None and name in spec.sweep.axes:
+        return (
+            f" must name keys that the sweep does not vary, but `{name}` is an axis of the sweep;"
+            " remove one of them."
+        )
+    if names.count(name) > 1:
+        return f" must name `{name}` once, but does so twice."
+    if _start(spec, name) is None:
+        return (
+            f" names `{name}`, but the scenario has no start for it: write its value, because the"
+            " gap of a map has no number of its own."
+        )
+    return ""
+
+
+def _start(spec: ScenarioSpec, name: str) -> Any:
+    """Return the value of a key in the scenario, or None; a gap in [map] starts at the true one."""
+    table, _, field = name.rpartition(".")
+    value = getattr(getattr(spec, table), field)
+    if value is None and believed_map(spec) == ECCENTRICITIES:
+        value = getattr(spec.eccentricities, field)
+    return value
+
+
+def _free(key: Key, start: float, limits: tuple[float, float] | None) -> FreeKey:
+    # A key without a default is a union with None, inside of which the annotation stands.
+    parts = [part for kind in (key.kind, *get_args(key.kind)) for part in get_args(kind)]
+    meta = next(part for part in parts if isinstance(part, Meta))
+    positive = meta.gt is not None and meta.gt >= 0
+    low, high = float(meta.gt if meta.ge is None else meta.ge), float(meta.le)  # type: ignore[arg-type]
+    if limits is not None:
+        first, last = limits
+        inside = (low < first if positive else low <= first) and last <= high
+        if not (inside and first <= start <= last and first < last):
+            raise ValueError(
+                f"Argument `limits` of `{key.name}` must be a range around its value {start:g}"
+                f" within {low:g} … {high:g}, but is {first:g} … {last:g}."
+            )
+        low, high = float(first), float(last)
+    elif positive:
+        low, high = max(low, start / REACH), min(high, start * REACH)
+    return FreeKey(name=key.name, unit=key.unit, start=start, low=low, high=high, positive=positive)
+
+
 def _tuned(judge: "_Judge", progress: Callable[[int, int], None] | None) -> Tuned:
-    spec, best = judge.cases.spec, judge.start
-    before = judge.score(best)
-    searched = judge.sampled(SEARCHED)
-    stages: list[Stage] = []
+    best, searched, stages = judge.start, judge.sampled(SEARCHED), list[Stage]()
     if len(judge.keys) > 1:  # the search may begin far away, where several settings fit each other
-        far = _far(judge.sampled(DRAWN), best)
-        best = min(best, far, key=lambda values: searched.score(values).rank)
+        best = searched.better(best, _far(judge.sampled(DRAWN), best))
     for step in STEPS:
         best, stage = _stage(searched, best, step)
         stages.append(stage)
         if progress is not None:
             progress(len(stages), len(STEPS))
-    best = _without_small_gains(judge, best)
-    best = min(judge.start, best, key=lambda values: judge.score(values).rank)
-    values = dict(zip((key.name for key in judge.keys), best, strict=True))
+    best = judge.better(judge.start, _without_small_gains(judge, best))
+    before, after = judge.score(judge.start), judge.score(best)
+    values = {key.name: value for key, value in zip(judge.keys, best, strict=True)}
     return Tuned(
-        spec=with_numbers(spec, values),
+        spec=with_numbers(judge.cases.spec, values),
         pair=judge.cases.pair.name,
         keys=judge.keys,
         values=values,
         before=before,
-        after=judge.score(best),
+        after=after,
         objective=judge.objective,
         interference_weight=judge.weight,
         cases=len(judge.numbers),
         searched=len(searched.numbers),
         stages=tuple(stages),
-        notes=tuple(_notes(judge, values)),
+        notes=tuple(_notes(before, after, judge.keys, values)),
     )
 
 
@@ -182,11 +284,11 @@ def _far(judge: "_Judge", best: Values) -> Values:
 
     All places of a generation are simulated side by side.
     """
-    most, size = judge.score(best).rank[0], len(best)
+    most, size = judge.score(best).bound, len(best)
 
     def costs(steps: Any) -> Any:
         scores = judge.scores([judge.moved(best, place) for place in steps.T])
-        return [score.cost_deg if score.rank[0] <= most else math.inf for score in scores]
+        return [score.cost_deg if score.bound <= most else math.inf for score in scores]
 
     draw = np.random.default_rng(0)
     found: Any = differential_evolution(
@@ -210,7 +312,7 @@ def _stage(judge: "_Judge", best: Values, step: float) -> tuple[Values, Stage]:
 
     def cost(steps: Any) -> float:
         score = judge.score(judge.moved(best, steps))
-        return score.cost_deg if score.rank[0] <= before.rank[0] else math.inf
+        return score.cost_deg if score.bound <= before.bound else math.inf
 
     simplex = step * np.vstack([np.zeros(size), np.eye(size)])
     options = {
@@ -220,10 +322,9 @@ def _stage(judge: "_Judge", best: Values, step: float) -> tuple[Values, Stage]:
         "fatol": _LEAST_GAIN * before.cost_deg,
     }
     found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
-    values = min(best, judge.moved(best, found.x), key=lambda values: judge.score(values).rank)
-    return values, Stage(
-        abs(step), values, before.cost_deg, judge.score(values).cost_deg, found.nfev
-    )
+    values = judge.better(best, judge.moved(best, found.x))
+    after = judge.score(values)
+    return values, Stage(abs(step), values, before.cost_deg, after.cost_deg, found.nfev)
 
 
 def _without_small_gains(judge: "_Judge", best: Values) -> Values:
@@ -239,7 +340,7 @@ def _without_small_gains(judge: "_Judge", best: Values) -> Values:
                 continue
             score = judge.score(reset)
             near = score.cost_deg <= tuned.cost_deg * (1 + _LEAST_GAIN)
-            if near and score.rank[0] <= tuned.rank[0] and score.rank < first.rank:
+            if near and score.bound <= tuned.bound and score.rank < first.rank:
                 best = reset
                 break
         else:
@@ -262,7 +363,6 @@ class _Judge:
         self.objective: Objective = objective
         self.numbers = np.arange(len(work.cases)) if numbers is None else numbers
         self.start = tuple(key.start for key in keys)
-        self.moves = work.cases.spec.controller == "feedforward"
         self._scores: dict[Values, Score] = {}
         self._first = self._rows([self.start])
 
@@ -273,17 +373,15 @@ class _Judge:
     def scores(self, places: Sequence[Values]) -> list[Score]:
         """Return the score of each of the given places, simulated side by side."""
         new = [values for values in dict.fromkeys(places) if values not in self._scores]
-        rows = self._rows(new) if new else {}
+        rows, count = self._rows(new) if new else {}, len(self.numbers)
         for index, values in enumerate(new):
-            part = slice(index * len(self.numbers), (index + 1) * len(self.numbers))
-            self._scores[values] = score_of(
-                {name: column[part] for name, column in rows.items()},
-                self.objective,
-                self.weight,
-                self.cases.closing,
-                self.moves,
-            )
+            part = slice(index * count, (index + 1) * count)
+            self._scores[values] = self._score({name: x[part] for name, x in rows.items()})
         return [self._scores[values] for values in places]
+
+    def better(self, *places: Values) -> Values:
+        """Return the best of some values, the first of equals."""
+        return min(places, key=lambda values: self.score(values).rank)
 
     def moved(self, values: Values, steps: Any) -> Values:
         """Return the values so many steps on; see `FreeKey.moved`.
@@ -304,7 +402,7 @@ class _Judge:
 
         For the objective "worst", half of the sample are the cases with the highest cost at start.
         """
-        costs = costs_of(self._first, self.weight, self.cases.closing, self.moves)
+        costs = self._costs(self._first)
         numbers = np.flatnonzero(~np.isnan(costs))
         if len(numbers) <= most:
             return self
@@ -321,23 +419,77 @@ class _Judge:
         named = dict(zip((key.name for key in self.keys), columns, strict=True))
         return self.work.rows(np.tile(self.numbers, len(places)).tolist(), settings=named)
 
+    def _costs(self, rows: Rows) -> np.ndarray:
+        """Return the cost of every case in degrees of backlash: gap left + weight · interference.
 
-def _notes(judge: _Judge, values: Mapping[str, float]) -> list[str]:
-    before, after = judge.score(judge.start), judge.score(tuple(values.values()))
+        If the controller moves the motor, it is the lost motion. It is infinite for a blocked drive
+        and NaN for a refused case.
+        """
+        if self.cases.spec.controller == "feedforward":
+            costs = np.nan_to_num(rows["lost_motion_deg"])
+        else:
+            over = rows["interference_mm"] * self.cases.closing / DEG
+            costs = np.nan_to_num(rows["residual_gap_deg"]) + self.weight * over
+        costs = np.where(rows["outcome"] == "bound", np.inf, costs)
+        return np.where(rows["outcome"] == REFUSED, np.nan, costs)
+
+    def _score(self, rows: Rows) -> Score:
+        costs = self._costs(rows)
+        costs = costs[np.isfinite(costs)]
+        gap, over, travel, lost, thrown = (_spread(rows[name]) for name in _METRICS)
+        interferes = rows["interference_mm"][~np.isnan(rows["interference_mm"])] > NEAR_MM
+        cost = (np.max if self.objective == "worst" else np.mean)(costs) if len(costs) else np.inf
+        return Score(
+            cost_deg=float(cost),
+            gap_mean_deg=gap[0],
+            gap_high95_deg=gap[1],
+            gap_max_deg=gap[2],
+            interfering_share=float(interferes.mean()) if len(interferes) else np.nan,
+            interference_mean_mm=over[0],
+            interference_max_mm=over[2],
+            travel_mean_mm=travel[0],
+            lost_mean_deg=lost[0],
+            lost_max_deg=lost[2],
+            thrown_max_deg=thrown[2],
+            outcomes=dict(Counter(rows["outcome"].tolist()).most_common()),
+        )
+
+
+def _spread(values: np.ndarray) -> tuple[float, float, float]:
+    """Return the mean, the 95 % quantile and the maximum; NaN without values."""
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return np.nan, np.nan, np.nan
+    return float(known.mean()), float(np.quantile(known, 0.95)), float(known.max())
+
+
+def _notes(
+    before: Score, after: Score, keys: Sequence[FreeKey], values: Mapping[str, float]
+) -> list[str]:
     notes: list[str] = []
     if not after.rank < before.rank:
         notes.append("The full simulation found no better values, so they stay as they were.")
     notes += [
         f"{key.name} ends at its limit, {values[key.name]:.4g}."
-        for key in judge.keys
+        for key in keys
         if key.at_limit(values[key.name])
     ]
-    if after.outcomes.get("bound"):
+    if after.bound:
         notes.append(
-            f"In {after.outcomes['bound']} cases the drive still blocks; the objective does not"
-            " include them."
+            f"In {after.bound} cases the drive still blocks; the objective does not include them."
         )
-    notes += [_note(name, after, before) for name in _ENDINGS if _added(after, name, before) > 0]
+    total = sum(after.outcomes.values())
+    for name, meaning in _ENDINGS.items():
+        cases, earlier = (one.outcomes.get(name, 0) for one in (after, before))
+        if name == "missed" and cases == total > earlier:
+            notes.append(
+                "The best controller never closes, because the interference of closing costs more"
+                " than the gap; choose another controller or a smaller interference weight."
+            )
+        elif cases > earlier:
+            notes.append(
+                f"In {cases} of {total} cases {meaning} ({name}), before tuning in {earlier}."
+            )
     if after.travel_mean_mm > _TRAVEL_RATIO * max(before.travel_mean_mm, NEAR_MM):
         notes.append(
             f"The actuator travels {after.travel_mean_mm:.3g} mm per run, before tuning"
@@ -350,19 +502,3 @@ def _notes(judge: _Judge, values: Mapping[str, float]) -> list[str]:
             " the lost motion hardly contains; choose a longer judgement.jump_s."
         )
     return notes
-
-
-def _added(after: Score, name: str, before: Score) -> int:
-    """Return the increase of the number of cases with an outcome."""
-    return after.outcomes.get(name, 0) - before.outcomes.get(name, 0)
-
-
-def _note(name: str, after: Score, before: Score) -> str:
-    cases, total = after.outcomes[name], sum(after.outcomes.values())
-    if name == "missed" and cases == total:
-        return (
-            "The best controller never closes, because the interference of closing costs more than"
-            " the gap; choose another controller or a smaller interference weight."
-        )
-    earlier = before.outcomes.get(name, 0)
-    return f"In {cases} of {total} cases {_ENDINGS[name]} ({name}), before tuning in {earlier}."
