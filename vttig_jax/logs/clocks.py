@@ -96,13 +96,15 @@ def at_common_times(table: Table, roles: Roles) -> tuple["OneClock", Source]:
         arrays[time.index], told = _seconds(table, time, arrays.get(time.index), size, place)
         notes += told
         _common_size(columns, arrays, place)
-    rows = np.arange(size, dtype=np.int64)
-    values = {role: arrays.pop(column.index, rows) for role, column in columns.items()}
     rate, numbers = roles.statement.layout.sample_rate_hz, table.sample_numbers
+    if rate is not None or ROW_INDEX in (column.index for column in columns.values()):
+        arrays[ROW_INDEX] = np.arange(size, dtype=np.int64)
+    values = {role: arrays[column.index] for role, column in columns.items()}
     if rate is None:
         stamps = np.asarray(values["time"], np.float64)
     else:
-        stamps = (rows if numbers is None else numbers) / rate
+        stamps = (arrays[ROW_INDEX] if numbers is None else numbers) / rate
+    del arrays
     table.close()
     return OneClock(stamps, values, notes), place
 

@@ -330,6 +330,7 @@ class EncoderLog:
                 channels[role], told = make_channel(role, raw, encoder, time, layout.zero, place)
                 notes += told
         driving, driven = channels["driving"], channels.get("driven")
+        _ = [one.resolution for one in channels.values()]  # before the angles take memory
         if driven is not None and statement.ratio is not None:
             clock = "time" in place.columns
             if is_at_standstill(driving.reading, time, clock=clock):

@@ -158,7 +158,8 @@ _RESTS = 0.9
 
 def usual_step(values: Real[np.ndarray, " n"]) -> float:
     """Return the size of the steps that make half of the travel of a channel."""
-    ordered = np.sort(np.abs(np.diff(values.astype(np.float64))))
+    ordered = np.diff(values.astype(np.float64, copy=False))
+    np.abs(ordered, out=ordered).sort()
     travel = np.cumsum(ordered)
     return float(ordered[np.searchsorted(travel, 0.5 * travel[-1])]) if len(travel) else 0.0
 
@@ -173,13 +174,16 @@ def is_at_standstill(
     readings tell it if every place has several, or if unequal times made steps that are alike.
     Small steps that go on in one direction are motion beside the wraps of a large counter.
     """
-    signed, usual = np.diff(values.astype(np.float64)), usual_step(values)
+    usual = usual_step(values)
+    signed = np.diff(values.astype(np.float64, copy=False))
     step = np.abs(signed)
     moved = step > SAME * usual
-    small = np.where(moved, np.nan, np.sign(signed))[signed != 0]
-    goes_on = np.nansum(small[1:] * small[:-1]) > 0  # noise turns back more often than not
-    if len(step) < 3 or goes_on or np.any(moved & (step < _PART * usual)):
+    if len(step) < 3 or np.any(moved & (step < _PART * usual)):
         return False
+    small = np.where(moved, np.int8(0), (signed > 0) - (signed < 0).astype(np.int8))[signed != 0]
+    if np.sum(small[1:] * small[:-1]) > 0:  # noise turns back more often than not
+        return False
+    del signed, small
     took = np.diff(time)
     slow = bool(np.median(took) >= LONG_S)
     if not clock or (moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS):

@@ -12,6 +12,7 @@ Repeated readings of a turning shaft, caused by stalls of the logger or a lower 
 All limits below are chosen.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import final
 
@@ -44,6 +45,9 @@ INTERVAL_SHARE = 0.3
 MAX_SHARE = 0.2
 """If a larger fraction of the samples deviates, the motion itself is rough and has no spikes."""
 
+_AT_ONCE = 4096
+"""Number of samples whose neighbours are compared at a time (chosen)."""
+
 PASSES = 3
 """Number of passes; a spike close to a larger spike is found after the larger one is removed."""
 
@@ -75,7 +79,7 @@ def spikes(
     mask = np.zeros(count, bool)
     if count < 2 * REACH + 2 * LAG + 1:
         return mask
-    cleaned = travel = (angle - angle[0]).astype(np.float64)
+    cleaned = (angle - angle[0]).astype(np.float64, copy=False)
     for _ in range(PASSES):
         new = _detect(cleaned, time, quantum) & ~mask
         if not new.any():
@@ -83,7 +87,7 @@ def spikes(
         mask |= new
         if np.count_nonzero(mask) > MAX_SHARE * count:
             return np.zeros(count, bool)
-        cleaned = without_spikes(travel, time, mask)
+        cleaned = without_spikes(cleaned, time, mask)
     return mask
 
 
@@ -92,38 +96,46 @@ def _detect(
 ) -> Bool[np.ndarray, " n"]:
     """Return the mask of the spikes that one pass detects."""
     count = len(angle)
-    mask = np.zeros(count, bool)
+    mask, rough = np.zeros(count, bool), np.zeros(count, bool)
     bend = bends(angle, time)
     if max(bend.max(), -bend.min()) <= 0.5 * QUANTA * quantum:
         return mask
     floor = QUANTA * quantum + DEVIATIONS * robust_deviation(bend) / np.sqrt(1.5)
-    # The bend at a spike is its deviation, or half of it beside another spike.
-    rough = np.flatnonzero(np.abs(bend, out=bend) > 0.5 * floor)
     del bend  # it is as long as the log
-    if len(rough) == 0:
+    # The bend at a spike is its deviation, or half of it beside another spike.
+    for part, inner in _bends(angle, time):
+        rough[part] = np.abs(inner) > 0.5 * floor
+    rough[0], rough[-1] = rough[1], rough[-2]
+    if not rough.any():
         return mask
-    near = np.zeros(count, bool)
-    for shift in range(-HALF, HALF + 1):
-        near[np.clip(rough + shift, 0, count - 1)] = True
-    slope = _Slope(angle, time, _least_run(time))
-    deviation = np.zeros(count)
-    rows = np.flatnonzero(near)
-    for piece in pieces(len(rows)):
-        part = rows[piece]
-        deviation[part] = _from_local_line(angle, time, slope, part)
-    size = np.abs(deviation, out=deviation)
-    rows = np.flatnonzero(size > floor)
-    if len(rows) == 0:
-        return mask
+    near = np.convolve(rough, np.ones(2 * HALF + 1, bool), mode="same")
+    usual = float(np.median(time[2 * LAG :] - time[: -2 * LAG], overwrite_input=True))
+    slope = _Slope(angle, time, 1e-3 * usual if usual > 0 else 1.0)
     interval = np.median(np.diff(time), overwrite_input=True)
-    around = NEIGHBOUR_FACTOR * np.median(size[_window(rows, HALF, count)], axis=1)
-    moved_by = INTERVAL_SHARE * np.abs(slope.at(rows)) * interval
-    rows = rows[size[rows] > np.maximum(around, moved_by)]
-    # A sample at a change of motion lies on the line of one side; a spike lies off both.
-    for side in (-1, 1):
-        rows = rows[np.abs(_from_side_line(angle, time, slope, rows, side)) > 0.5 * size[rows]]
-    mask[rows] = True
+    size = np.zeros(count)
+    for part in _places(near):
+        ahead = _window(part, HALF, count)
+        ahead = angle[ahead] - slope.at(part)[:, None] * (time[ahead] - time[part, None])
+        size[part] = np.abs(angle[part] - np.median(ahead, axis=1))
+    large = size > floor
+    if not large.any():
+        return mask
+    for rows in _places(large):
+        around = NEIGHBOUR_FACTOR * np.median(size[_window(rows, HALF, count)], axis=1)
+        moved_by = INTERVAL_SHARE * np.abs(slope.at(rows)) * interval
+        rows = rows[size[rows] > np.maximum(around, moved_by)]
+        # A sample at a change of motion lies on the line of one side; a spike lies off both.
+        for side in (-1, 1):
+            rows = rows[np.abs(_from_side_line(angle, time, slope, rows, side)) > 0.5 * size[rows]]
+        mask[rows] = True
     return mask
+
+
+def _places(mask: Bool[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " m"]]:
+    """Yield the places of the true values, some thousands at a time."""
+    for part in pieces(len(mask)):
+        places = np.flatnonzero(mask[part]) + part.start
+        yield from (places[few] for few in pieces(len(places), _AT_ONCE))
 
 
 def without_spikes(
@@ -161,6 +173,16 @@ def bends(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Floa
     The first and the last sample get the deviation of the sample next to them.
     """
     bend = np.empty(len(angle))
+    for part, inner in _bends(angle, time):
+        bend[part] = inner
+    bend[0], bend[-1] = bend[1], bend[-2]
+    return bend
+
+
+def _bends(
+    angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
+) -> Iterator[tuple[slice, Float[np.ndarray, " m"]]]:
+    """Yield the places and the deviations of samples between the first and the last one."""
     for part in pieces(len(angle) - 2):
         around = slice(part.start, part.stop + 2)
         seconds, value = time[around], angle[around]
@@ -168,15 +190,16 @@ def bends(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Floa
         share = np.full_like(span, 0.5)
         np.divide(seconds[1:-1] - seconds[:-2], span, out=share, where=span > 0)
         inner = value[1:-1] - value[:-2] - share * (value[2:] - value[:-2])
-        bend[part.start + 1 : part.stop + 1] = inner
-    bend[0], bend[-1] = bend[1], bend[-2]
-    return bend
+        yield slice(part.start + 1, part.stop + 1), inner
 
 
 def robust_deviation(values: Float[np.ndarray, " n"]) -> float:
-    """Return the standard deviation estimated from the median absolute deviation."""
-    off = values - np.median(values)
-    return float(np.median(np.abs(off, out=off), overwrite_input=True)) / 0.6745
+    """Return the standard deviation from the median absolute deviation; `values` are overwritten.
+
+    It is then computed without a copy of an array that is as long as the log.
+    """
+    values -= np.median(values, overwrite_input=True)
+    return float(np.median(np.abs(values, out=values), overwrite_input=True)) / 0.6745
 
 
 @final
@@ -202,28 +225,10 @@ class _Slope:
         return np.median(rise / np.maximum(run, self.least), axis=1)
 
 
-def _least_run(time: Float[np.ndarray, " n"]) -> float:
-    """Return the least time between the ends of a slope: 0.001 of the median time."""
-    usual = float(np.median(time[2 * LAG :] - time[: -2 * LAG], overwrite_input=True))
-    return 1e-3 * usual if usual > 0 else 1.0
-
-
 def _window(rows: Int[np.ndarray, " m"], half: int, count: int) -> Int[np.ndarray, "m w"]:
     """Return indices of 2 `half` + 1 samples around each row, shifted inwards at the ends."""
     start = np.clip(rows - half, 0, count - 2 * half - 1)
     return start[:, None] + np.arange(2 * half + 1)
-
-
-def _from_local_line(
-    angle: Float[np.ndarray, " n"],
-    time: Float[np.ndarray, " n"],
-    slope: _Slope,
-    rows: Int[np.ndarray, " m"],
-) -> Float[np.ndarray, " m"]:
-    """Return the deviations of the samples `rows` from the local line through their neighbours."""
-    near = _window(rows, HALF, len(angle))
-    ahead = angle[near] - slope.at(rows)[:, None] * (time[near] - time[rows, None])
-    return angle[rows] - np.median(ahead, axis=1)
 
 
 def _from_side_line(

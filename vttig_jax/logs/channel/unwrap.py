@@ -9,8 +9,9 @@ Quantisation step of the readings of a channel, and the digits with which the lo
 """
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Real
+from jaxtyping import Float, Int, Real
 
+from ...base.numerics.counting import pieces
 from ...base.units import ARCSEC, DEG
 
 SMALLEST_COUNTER = 2**8
@@ -28,14 +29,14 @@ def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.
 
     Upwards means past the upper end of the counter to 0. The shape is (n − 1,).
     """
-    step = np.diff(reading)
-    if np.issubdtype(reading.dtype, np.integer):
-        step = step.astype(np.int64, copy=False)
-        step += int(modulus) // 2
-        step //= int(modulus)
-        return np.negative(step, out=step)
-    step /= modulus
-    return -np.rint(step, out=step).astype(np.int64)
+    wraps = np.empty(max(len(reading) - 1, 0), np.int64)
+    for part in pieces(len(wraps)):
+        step = np.diff(reading[part.start : part.stop + 1])
+        if step.dtype.kind in "iu":
+            wraps[part] = -((step.astype(np.int64, copy=False) + int(modulus) // 2) // int(modulus))
+        else:
+            wraps[part] = -np.rint(step / modulus).astype(np.int64)
+    return wraps
 
 
 def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.ndarray, " n"]:
@@ -45,10 +46,13 @@ def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.nda
     - `reading`: counts (int64) or angles (float64) in one unit, shape (n,).
     - `modulus`: M in that unit; the shaft must turn less than M/2 between samples.
     """
-    turns = np.concatenate([[0], np.cumsum(wrap_steps(reading, modulus))])
-    if np.issubdtype(reading.dtype, np.integer):
-        return reading + int(modulus) * turns
-    return reading + float(modulus) * turns
+    wraps = wrap_steps(reading, modulus)
+    np.cumsum(wraps, out=wraps)
+    found = reading.copy()
+    whole = (int if reading.dtype.kind in "iu" else float)(modulus)
+    for part in pieces(len(wraps)):
+        found[part.start + 1 : part.stop + 1] += whole * wraps[part]
+    return found
 
 
 def find_modulus(
@@ -78,7 +82,8 @@ def find_modulus(
         at = np.flatnonzero(wraps)
         if len(at) == 0:
             continue
-        remaining = _roughness(step + candidate * wraps, at) / _roughness(step, at)
+        before = _roughness(step, at)
+        remaining = _roughness(np.multiply(wraps, candidate, dtype=step.dtype) + step, at) / before
         if remaining < lowest:
             best, lowest = candidate, remaining
     return best
@@ -105,6 +110,7 @@ def stray_jump(
     limit *= 8
     limit += 8 * quantum
     isolated = step > limit
+    del limit
     if not isolated.any():
         return None
     others = step[~isolated]
@@ -136,9 +142,12 @@ def _roughness(step: Real[np.ndarray, " steps"], at: Int[np.ndarray, " wraps"]) 
 
     `at` holds the indices of the steps that wrap. 1 is added to the sum against division by 0.
     """
-    change = np.abs(np.diff(step.astype(np.float64)))
-    before, after = at[at > 0] - 1, at[at < len(change)]
-    return 1.0 + float(change[before].sum() + change[after].sum())
+    before, after = at[at > 0] - 1, at[at < len(step) - 1]
+    sums = (
+        np.abs(step[one + 1].astype(np.float64) - step[one].astype(np.float64)).sum()
+        for one in (before, after)
+    )
+    return 1.0 + float(sum(sums))
 
 
 _ROUNDING = 1e-10
@@ -186,10 +195,17 @@ def are_multiples(values: Real[np.ndarray, " n"], step: float) -> bool:
 
     A step that is not larger than the rounding errors of the values gives False.
     """
-    if step <= _ROUNDING * np.abs(values).max():
+    if step <= _ROUNDING * _largest(values):
         return False
-    multiples = (values - values[0]) / step
-    return bool(np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE)
+    for part in pieces(len(values)):
+        multiples = (values[part] - values[0]) / step
+        if not np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE:
+            return False
+    return True
+
+
+def _largest(values: Real[np.ndarray, " n"]) -> float:
+    return max(float(values.max()), -float(values.min()))
 
 
 def common_step(values: Real[np.ndarray, " n"]) -> float:
@@ -198,12 +214,14 @@ def common_step(values: Real[np.ndarray, " n"]) -> float:
     Readings that differ only by rounding count as one reading. A shaft of exactly constant speed
     moves by equal steps, which say nothing about its encoder.
     """
-    steps = np.diff(values)
-    if len(steps) < 2 or np.mean(_differ(steps[1:], steps[:-1], values)) < _LEAST_CHANGES:
+    rounding = _ROUNDING * _largest(values)
+    change = np.diff(values, 2)
+    if not len(change) or np.mean(np.abs(change, out=change) > rounding) < _LEAST_CHANGES:
         return 0.0
+    del change
     ordered = np.unique(values)
     gaps = np.unique(np.diff(ordered))
-    gaps = gaps[gaps > _ROUNDING * np.abs(values).max()]
+    gaps = gaps[gaps > rounding]
     if len(gaps) == 0:
         return 0.0
     step = gaps[0]
@@ -214,12 +232,6 @@ def common_step(values: Real[np.ndarray, " n"]) -> float:
             return float(np.ptp(values) / np.rint(np.diff(ordered) / step).sum())
         step = left.min()
     return 0.0
-
-
-def _differ(
-    first: Real[np.ndarray, " n"], second: Real[np.ndarray, " n"], values: Real[np.ndarray, " m"]
-) -> Bool[np.ndarray, " n"]:
-    return np.abs(first - second) > _ROUNDING * np.abs(values).max()
 
 
 def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> list[str]:
@@ -236,7 +248,9 @@ def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> li
         return []
     values = values[:: -(-len(values) // _SAMPLE)].astype(np.float64)
     top = float(np.abs(values).max())
-    found = _step_of_32_bits(values), _step_of_digits(values)
+    short = values.astype(np.float32)
+    step = float(np.spacing(np.abs(short).max())) if np.array_equal(short, values) else 0.0
+    found = step if step and step_of(values) < step else 0.0, _step_of_digits(values)
     step, reason = max(zip(found, ("numbers of 32 bits", "the printed digits"), strict=True))
     seen = step * radians / ARCSEC
     if seen < _LEAST_ARCSEC:
@@ -245,17 +259,6 @@ def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> li
         f"{role}: this log cannot show less than {seen:.3g}″, the step of {reason} at"
         f" {top * radians / DEG:.5g}°; log from a zero nearby, or with more digits"
     ]
-
-
-def _step_of_32_bits(values: Float[np.ndarray, " n"]) -> float:
-    """Return the distance between neighbouring 32-bit floats at the largest value, or 0.
-
-    It is 0 if the values have more digits than 32-bit floats, or a step at least as coarse.
-    """
-    if not np.array_equal(values.astype(np.float32).astype(np.float64), values):
-        return 0.0
-    step = float(np.spacing(np.float32(np.abs(values).max())))
-    return step if step_of(values) < step else 0.0
 
 
 def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:

@@ -127,11 +127,8 @@ PREAMBLE = 1000
 
 COMMENTS = ("#", "%", "//")
 
-EMPTY = " \t\r\n;,|"
-"""Characters of lines without content, such as empty rows at the end of a spreadsheet."""
-
-BLOCK = 1 << 20
-"""Number of characters that are parsed at a time; several copies of them are in memory (chosen)."""
+EMPTY = b" \t\r\n;,|"
+"""Bytes of lines without content, such as empty rows at the end of a spreadsheet."""
 
 _SEPARATOR = re.compile(r'"?sep=(\\t|.)"?', re.IGNORECASE)
 """Pattern of the first line of a file for Excel that names the delimiter."""
@@ -427,7 +424,7 @@ class TextTable(Table):
             return None
         wanted = [names[k] for k in indices]
         kind = pa.int64() if whole else pa.float64()
-        read = arrow.ReadOptions(use_threads=False, column_names=names, block_size=2 * BLOCK)
+        read = arrow.ReadOptions(use_threads=False, column_names=names, block_size=1 << 21)
         convert = arrow.ConvertOptions(
             column_types=dict.fromkeys(wanted, kind),
             include_columns=wanted,
@@ -437,7 +434,7 @@ class TextTable(Table):
         pool = pa.system_memory_pool()  # the default pool keeps the memory of all blocks
         arrays = [np.empty(last - first + 1, np.int64 if whole else np.float64) for _ in indices]
         size = 0
-        for block in self.lines.before(last).blocks(first, BLOCK) if last > first else ():
+        for block in self.lines.before(last).blocks(first) if last > first else ():
             if "(" in block:
                 return None
             if self.delimiter is None or "#" in block:
@@ -502,7 +499,7 @@ def _value_at(fields: Sequence[str], index: int) -> bool:
 
 
 def find_table(
-    text: str,
+    lines: Lines,
     source: str,
     layout: LogLayout = LogLayout(),
     highest: int = 0,
@@ -517,11 +514,10 @@ def find_table(
     **Raises** `LogError` for text without header or without rows below it, and for a table on its
     side.
     """
-    stop = next((k for k in range(len(text), 0, -1) if text[k - 1] not in EMPTY), len(text))
-    lines = Lines(text, text.find("\n", stop) + 1 or len(text))
+    lines = lines.trimmed(EMPTY)
     stated = _SEPARATOR.fullmatch(lines[0].strip())
-    if stated is not None:
-        lines = Lines(text[len(lines[0]) : lines.stop])
+    if stated is not None:  # an empty line stays, so that the numbers of the lines do
+        lines = Lines(lines.data, lines.start + len(lines[0]), lines.stop)
     candidates = DELIMITERS if stated is None else (stated[1].replace("\\t", "\t"),)
     if layout.delimiter is not None:
         candidates = (NAMED.get(layout.delimiter, layout.delimiter),)

@@ -22,7 +22,7 @@ from .phd2 import read_guide_log
 from .records import read_brackets, read_json, read_pairs, read_side
 from .samples import read_changes, read_frames, read_halsampler, read_long
 from .table import Table, matrix_columns, with_computed
-from .text import NESTED, Lines, printable, read_bytes, read_text
+from .text import NESTED, printable, read_bytes, read_text
 
 LAYOUTS = (
     *(read_json, read_twincat, read_lvm, read_increment, read_frames, read_changes),
@@ -90,12 +90,12 @@ def _table_of(path: str | Path, layout: LogLayout, requested: Sequence[str | Non
         return table
     if Path(path).suffix.lower() in NESTED:
         return _read_nested(path)
-    text, digest, notes = read_text(path, layout.encoding)
-    lines, own = Lines(text), LAYOUTS if layout.delimiter is None else ()
+    lines, digest, notes = read_text(path, layout.encoding)
+    own = LAYOUTS if layout.delimiter is None else ()
     found = next(filter(None, (read(lines, str(path)) for read in own)), None)
     if found is None:
         highest = max([1, *map(number_of, requested)])
-        table = find_table(text, str(path), layout, highest)
+        table = find_table(lines, str(path), layout, highest)
     else:
         table, notes = found[0], (*notes, *found[1])
     table.digest, table.notes = digest, (*notes, *table.notes)

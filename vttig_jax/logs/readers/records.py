@@ -41,7 +41,7 @@ def _loads(text: str) -> Any:
 
 def read_json(lines: Lines, source: str) -> Found | None:
     """Return lists of numbers of a text that begins as objects or rows of JSON do, or None."""
-    if _JSON.match(lines.text) is None:
+    if _JSON.match(next(lines.blocks(0), "")) is None:
         return None
     notes: list[str] = []
     try:

@@ -153,15 +153,6 @@ class DriveRequest:
             driven_scale=self.driven_scale or 1,
         )
 
-    @property
-    def says_which_shaft(self) -> bool:
-        """Whether each number of the ratio belongs to a known shaft.
-
-        It is true for turns such as "64:23", for teeth such as "45/80" and for equal speeds. It is
-        false for other ratios of speeds such as "9/16" or 0.5625.
-        """
-        return self.teeth is not None or ":" in str(self.ratio) or self.speed_ratio == 1
-
     def spec(self) -> PairSpec:
         """Return the pair file equivalent to the statements on the drive, without a log layout.
 
@@ -186,12 +177,14 @@ class DriveRequest:
         """
         self.check()
         named, layout = self.names_a_drive, stated_layout(self.layout, reading)
+        # Turns such as "64:23" and teeth say which number belongs to which shaft.
+        sure = self.teeth is not None or ":" in str(self.ratio) or (named and self.speed_ratio == 1)
         return Statement(
             layout=layout,
             unit=msgspec.structs.replace(UnitTable(), **self.units),
             encoders=self.encoders,
             ratio=self.speed_ratio if named else None,
-            two_readings=str(self.ratio) if named and not self.says_which_shaft else "",
+            two_readings=str(self.ratio) if named and not sure else "",
             drive=msgspec.structs.replace(self.spec(), log=layout) if named else None,
         )
 
@@ -266,11 +259,6 @@ class Statement:
         """
         counts = self.encoders[SHAFTS.index(role)].counts_per_rev
         return radians_of(unit, counts, self.layout.lead_mm)
-
-    @property
-    def is_bare(self) -> bool:
-        """Whether the ratio is a number alone, such as 225, which may be meant as 225:1."""
-        return bool(self.two_readings) and "/" not in self.two_readings
 
 
 class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
