@@ -6,11 +6,13 @@ Rows of a column without a number: empty cells, and readings that are NaN or inf
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import combinations, groupby
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import msgspec
 import numpy as np
 from jaxtyping import Real
 
@@ -19,7 +21,7 @@ from ..base.files.text_tables import key_values, text_table
 from ..base.shown_text import one_line, shown_name
 from ..base.units import ARCSEC, REV, per_turn, radians_of
 from ..pair.schema import PairSpec, as_ratio
-from .channel.unwrap import find_modulus, step_of, unwrap, wrap_steps
+from .channel.unwrap import find_modulus, kept_rows, step_of, unwrap, wrap_steps
 from .checks.sampling import Sampling, sampling_of
 from .readers.column_names import (
     ANGLES,
@@ -35,7 +37,7 @@ from .readers.column_names import (
 from .readers.delimited import TextTable
 from .readers.open_table import open_table
 from .readers.table import Table
-from .readers.times import seconds_of_numbers, seconds_of_stamps
+from .readers.times import read_stamps, seconds_of_numbers
 from .recognition.assign import Roles, Search
 from .recognition.candidates import EQUAL, Candidate, Question, is_copy
 from .recognition.request import (
@@ -45,8 +47,8 @@ from .recognition.request import (
     Statement,
     fit_command,
     in_words,
+    roles_of,
 )
-from .rows import kept_rows
 from .slope import likely_fraction, ratio_option, slope
 from .source import LEAST_RANGE, Source, check_time
 
@@ -64,7 +66,7 @@ def missing_notes(table: Table, arrays: Mapping[int, Real[np.ndarray, " _"]]) ->
         k: np.flatnonzero(~np.isfinite(values)) for k, values in arrays.items()
     }
     size = {k: len(values) for k, values in arrays.items()}
-    others = [k for k in range(len(table.names)) if k not in arrays]
+    others = [k for k in range(table.own) if k not in arrays]
     if isinstance(table, TextTable) and others:
         rows = [row for _, row in table.rows()]
         for k in others:
@@ -180,7 +182,13 @@ class Preview:
             whole = "" if near is None else f" ({near if ratio > 0 else -near})"
             rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving{whole}"))
         parts = [shown_name(self.source), column_table(_grouped(self.columns)), key_values(rows)]
-        parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
+        lengths = sorted({length for _, length in self.others}, reverse=True)
+        outside = [
+            f"arrays of {length} values are no part of this record of {self.rows}: "
+            + listed([name for name, values in self.others if values == length])
+            for length in lengths
+        ]
+        parts.append(bullets("note", (*outside, *self.notes)))
         if self.fit_command and self.ratio is not None:
             turns = in_words(as_ratio(ratio_option(abs(self.ratio[0]), self.ratio[1]), ""))
             parts.append(f"if {turns}:\n  {self.fit_command}")
@@ -355,8 +363,8 @@ def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
         if table.is_dated(k):
             if search.roles.get("time") == k:
                 size = max((len(values) for values in arrays.values()), default=None)
-                where = f"{table.source}: column `{name}`"
-                arrays[k] = seconds_of_stamps(table.texts(k)[:size], where)[0]
+                place = Source(table.source, {"time": name}, table.line_of)
+                arrays[k] = read_stamps(table.texts(k)[:size], partial(place.at, "time"))[0]
         elif k not in arrays:
             try:
                 (arrays[k],) = table.columns([k])
@@ -391,16 +399,6 @@ def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
         name = listed([c.name for c in members])
         shown.append(ColumnReport(None, name, members[0].unit, low, high))
     return shown
-
-
-def _other_arrays(others: Sequence[tuple[str, int]], size: int) -> list[str]:
-    """Return notes on arrays (name, length) outside the record of length `size`, by length."""
-    lengths = sorted({length for _, length in others}, reverse=True)
-    return [
-        f"arrays of {length} values are no part of this record of {size}: "
-        + listed([name for name, values in others if values == length])
-        for length in lengths
-    ]
 
 
 def _report(
@@ -472,7 +470,11 @@ def proposals(
             if any(search.roles.get(role, one.index) != one.index for role, one in chosen.items()):
                 continue  # an option or a name gives the role to another column
             trial = with_ratio(request, seen)
-            named = reading.with_columns({r: search.name_of(c.index) for r, c in chosen.items()})
+            names = roles_of(reading.columns)
+            names |= {role: search.name_of(one.index) for role, one in chosen.items()}
+            named = msgspec.structs.replace(
+                reading, columns=tuple(f"{role}={name}" for role, name in names.items())
+            )
             other = Search(search.table, trial.statement(named))
             other.__dict__["candidates"] = search.candidates  # their values are compared once
             complete = other.result()

@@ -26,7 +26,7 @@ from vttig_jax.control.sweeps.cases import SweepCases
 from vttig_jax.control.sweeps.table import SweepTable
 from vttig_jax.control.sweeps.work import SweepWork, lanes_for
 from vttig_jax.kinematics import closed_model
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities
 
 

@@ -12,8 +12,7 @@ from jaxtyping import Float, Int
 
 from ...base.arrays import Number, Numbers
 from ...kinematics.flank_model import FlankModel
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import Drive, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ..controllers.acceleration import Acceleration
 from ..controllers.controller import Controller
 from ..fields import Part, Quantity, not_negative, number

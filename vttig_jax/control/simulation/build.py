@@ -12,8 +12,7 @@ from msgspec import structs
 
 from ...base.errors import ScenarioError
 from ...kinematics.flank_model import FlankModel
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import Drive, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ..controllers.controller import Controller
 from ..fields import number_fields
 from ..hardware.actuator import Actuator

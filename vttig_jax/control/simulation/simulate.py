@@ -12,8 +12,7 @@ import numpy as np
 
 from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
-from ...pair.gear_pair import Drive, GearPair
-from ...pair.load import load_pair
+from ...pair.gear_pair import Drive, GearPair, load_pair
 from ..controllers.controller import Controller
 from ..motion.motion import Motion
 from ..scenario.axes import SCENARIO_FILE

@@ -20,8 +20,7 @@ from ...base.numerics.counting import pieces
 from ...base.units import DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ...pair.schema import Encoder, as_fraction
 from ..source import LEAST_RANGE, Source
-from .speed import is_at_standstill
-from .spikes import repeats, spikes, stalls, without_spikes
+from .speed import is_at_standstill, repeats, spikes, stalls, without_spikes
 from .unwrap import digits_note, find_modulus, step_of, stray_jump, unwrap, wrap_steps
 
 GAP = 5.001
@@ -279,7 +278,7 @@ class Channel:
     - `per_turn`: counts per revolution if whole turns can be separated exactly, else None.
     - `modulus`: modulus of the wrapped readings in `unit`; None without wraps.
     - `wraps`: number of wraps.
-    - `spikes`: true at readings far from their neighbours (see `spikes.py`); None without spikes.
+    - `spikes`: true at readings far from their neighbours (see `speed.py`); None without spikes.
     - `step`: step (in `unit`) of the readings before they were interpolated in time; 0 for readings
       that were not interpolated.
     """

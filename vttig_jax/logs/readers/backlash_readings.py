@@ -142,7 +142,7 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     lines, digest, _ = read_text(path, None)
     table = _find_table(lines, source, decimal)
     columns = {role: _column(table, role) for role in UNITS}
-    values = table.columns([index for index, _ in columns.values()], keep_last=True)
+    values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     driving, backlash = (np.asarray(column, np.float64) for column in values)
     lines = np.array([number for number, _ in table.rows()], np.int64)
     names = {role: table.names[index] for role, (index, _) in columns.items()}
@@ -337,7 +337,7 @@ def _by_flank(
             )
     places = [table.names.index(name) for name in header]
     words = [table.texts(place) for place in places[:2]]
-    numbers = np.stack(table.columns(places[2:], keep_last=True), axis=-1).astype(float)
+    numbers = np.stack(table.own_columns(places[2:], keep_last=True), axis=-1).astype(float)
     most = _MOST_MODULES * 1e3 * float(pair.module_mm)
     rows: dict[Place, Rows] = {}
     for (line, _), gear, flank, values in zip(table.rows(), *words, numbers, strict=True):

@@ -204,7 +204,7 @@ class TextTable(Table):
             if fields:
                 yield number, fields
 
-    def columns(
+    def own_columns(
         self, indices: Sequence[int], *, keep_last: bool = False
     ) -> list[Real[np.ndarray, " n"]]:
         """Return columns as float64, or as int64 where float64 cannot hold whole numbers.
@@ -219,17 +219,17 @@ class TextTable(Table):
             _ = self._value(self._last[0][0] + 1, self._last[0][2], k, decimal)
         return [self._parsed[k, decimal] for k in indices]
 
-    def numeric(self) -> dict[int, Real[np.ndarray, " n"]]:
-        """Return index → values of all columns that hold only numbers."""
-        indices = list(filter(self.starts_with_a_number, range(len(self.names))))
+    def own_numeric(self) -> dict[int, Real[np.ndarray, " n"]]:
+        """Return index → values of the columns of the file that hold only numbers."""
+        indices = list(filter(self.starts_with_a_number, range(self.own)))
         try:
-            return dict(zip(indices, self.columns(indices), strict=True))
+            return dict(zip(indices, self.own_columns(indices), strict=True))
         except LogError:
             pass
         found: dict[int, np.ndarray] = {}
         for k in indices:
             with suppress(LogError):
-                (found[k],) = self.columns([k])
+                (found[k],) = self.own_columns([k])
         return found
 
     def texts(self, index: int) -> list[str]:
@@ -238,12 +238,12 @@ class TextTable(Table):
 
     def starts_with_a_number(self, index: int) -> bool:
         """Return whether the first field of a column is a number."""
-        first = self._first[index] if index < len(self._first) else ""
-        return looks_like_number(first) or first in self._nulls
+        first = (self._first[k] if k < len(self._first) else "" for k in self.needed([index]))
+        return all(looks_like_number(text) or text in self._nulls for text in first)
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""
-        return index < len(self._first) and looks_like_stamp(self._first[index])
+        return index < min(self.own, len(self._first)) and looks_like_stamp(self._first[index])
 
     @property
     def line_of(self) -> Callable[[int], int]:
@@ -272,6 +272,7 @@ class TextTable(Table):
         It is incomplete if a field of `indices` is missing or unreadable, but readable in the row
         above, or if no line end follows and fields are missing or the last number is cut off.
         """
+        indices = self.needed(indices)
         if len(self._last) < 2:
             return ()
         (row, line, fields), (_, line_above, above) = self._last[:2]
@@ -281,7 +282,7 @@ class TextTable(Table):
                 len(split(self._content(text), self.delimiter, trim=False))
                 for text in (line, line_above)
             ]
-            cut = cut or counts[0] < min(len(self.names), counts[1])
+            cut = cut or counts[0] < min(self.own, counts[1])
             cut = cut or self._ends_in_a_number(indices)
         return (f"the last line ({row + 1}) is cut off and left out",) if cut else ()
 

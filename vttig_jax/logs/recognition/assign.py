@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache, cached_property
-from itertools import combinations, pairwise, permutations
+from itertools import combinations, permutations
 from typing import Any
 
 import msgspec
@@ -15,6 +15,7 @@ from jaxtyping import Float, Real
 from ...base.errors import LogError, VttigError
 from ...base.units import LENGTH_UNITS, REV
 from ...pair.schema import PairSpec, UnitTable, as_fraction
+from ..channel.unwrap import complete
 from ..readers.column_names import (
     ANGLES,
     ROLES,
@@ -32,7 +33,6 @@ from ..readers.column_names import (
 )
 from ..readers.table import Table
 from ..readers.times import epoch_unit
-from ..rows import complete
 from ..slope import MOST_ROWS, ratio_option, slope
 from .candidates import (
     APART,
@@ -279,10 +279,12 @@ class Search:
         named = [one for one in candidates if one.dated or one.says_time]
         rising = [one for one in candidates if one.can_be_time]
         wrong = [one for one in candidates if one.reading.role == "time"]
-        same = len({one.reading.unit for one in named}) == 1 and all(
-            one.values is not None and np.array_equal(one.values, other.values)
-            for one, other in pairwise(named)
-            if other.values is not None
+        first = named[0] if named else None
+        same = first is not None and all(
+            one.reading.unit == first.reading.unit
+            and (first.values is not None and one.values is not None)
+            and np.array_equal(one.values, first.values)
+            for one in named[1:]
         )
         if len(named) > 1 and not same:
             options = [f"--column time='{one.name}'" for one in named[:4]]

@@ -123,7 +123,11 @@ class DriveRequest:
         try:
             if self.ratio is not None:
                 return as_ratio(self.ratio, "")
-            return _teeth_ratio(str(self.teeth))
+            driving, slash, driven = str(self.teeth).replace(" ", "").partition("/")
+            if slash and driving.isdigit() and driven.isdigit() and int(driving) and int(driven):
+                return as_ratio(f"{driving}/{driven}", "")
+            message = "must be the teeth of the driving and driven gear, as in 45/80."
+            raise PairError(f"{str(self.teeth)!r} {message}")
         except PairError as error:
             option = "--teeth" if self.ratio is None else "--ratio"
             raise UsageError(f"{option} {error.message}") from None
@@ -298,11 +302,6 @@ class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         rate = own.pop("sample_rate")
         return own | {"columns": roles_of(self.columns), "sample_rate_hz": rate}
 
-    def with_columns(self, columns: Mapping[str, str]) -> "ReadingOptions":
-        """Return the options with these columns, role → name, beside the stated ones."""
-        named = {**roles_of(self.columns), **columns}
-        return msgspec.structs.replace(self, columns=tuple(f"{r}={n}" for r, n in named.items()))
-
 
 def roles_of(columns: Iterable[str]) -> dict[str, str]:
     """Return role → name of the column from texts ROLE=NAME.
@@ -444,17 +443,5 @@ def in_words(ratio: Fraction) -> str:
     driving, driven = ratio.denominator, ratio.numerator
     if max(driving, driven) > MOST_TURNS:
         return f"the driving shaft turns once while the driven shaft turns {float(ratio):.9g} times"
-    return (
-        f"the driving shaft turns {_times(driving)} while the driven shaft turns {_times(driven)}"
-    )
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
-
-
-def _teeth_ratio(text: str) -> Fraction:
-    driving, slash, driven = text.replace(" ", "").partition("/")
-    if not (slash and driving.isdigit() and driven.isdigit() and int(driving) and int(driven)):
-        raise PairError(f"{text!r} must be the teeth of the driving and driven gear, as in 45/80.")
-    return as_ratio(f"{driving}/{driven}", "")
+    once = ("once" if count == 1 else f"{count} times" for count in (driving, driven))
+    return "the driving shaft turns {} while the driven shaft turns {}".format(*once)
