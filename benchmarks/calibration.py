@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 import vttig_jax
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.posterior import coverage
 from vttig_jax.rig import PassMotion, paper_rig
 from vttig_jax.rig.imperfections import Noise

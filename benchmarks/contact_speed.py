@@ -23,7 +23,7 @@ from vttig_jax.geometry.contact import ContactModel, contact_model, mates_on
 from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.rig.paper import paper_pair
 
 from .environment import write

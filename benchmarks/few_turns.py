@@ -33,8 +33,7 @@ from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
 
 from .environment import write
 

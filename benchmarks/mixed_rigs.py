@@ -32,8 +32,7 @@ from scipy.stats import binomtest
 from vttig_jax.base.runtime import enable_x64
 from vttig_jax.cli.main import main as vttig
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import Eccentricities, spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig

@@ -16,7 +16,7 @@ from vttig_jax.control.simulation.case import Case
 from vttig_jax.control.simulation.prepare import Maps, case_of, motion_of
 from vttig_jax.control.simulation.simulate import periods_of
 from vttig_jax.control.sweeps.sweep import Lanes, compiled_s, mesh_of
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
 
 LANES = 512

@@ -18,7 +18,7 @@ import numpy as np
 from vttig_jax.base.runtime import enable_x64
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 

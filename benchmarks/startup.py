@@ -23,7 +23,7 @@ import numpy as np
 import tomli_w
 
 import vttig_jax
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_rig
 

@@ -25,7 +25,7 @@ import numpy as np
 import vttig_jax
 from vttig_jax.control import Maps, parse_scenario_spec
 from vttig_jax.kinematics import FlankModel, exact_model
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.rig import paper_eccentricities, paper_pair
 from vttig_jax.runs.sweeps import sweep_in_folder
 

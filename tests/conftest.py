@@ -62,8 +62,7 @@ vttig_jax.enable_x64()
 # Broadcasting between arrays of different rank is an error: the code adds axes explicitly.
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
 
 SELECTIONS = ("smoke", "portable")
 

@@ -73,11 +73,9 @@ INNER_FLOORS = {
     "logs": (
         "source",
         "channel",
-        "rows",
         "readers",
         "slope",
         "recognition",
-        "clocks",
         "encoder_log",
         "read",
         "motion",
@@ -255,7 +253,7 @@ def test_what_a_user_reads_imports_from_front_doors_only():
 
 
 def test_a_deep_import_is_seen():
-    assert deep_imports("x\n>>> from vttig_jax.pair.load import load_pair") != []
+    assert deep_imports("x\n>>> from vttig_jax.pair.gear_pair import load_pair") != []
     assert deep_imports("from vttig_jax.pair import load_pair\nimport vttig_jax") == []
 
 

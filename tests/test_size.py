@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (671, 1),  # 560
     "kinematics": (1104, 17),  # 780
     "geometry": (3530, 56),  # 2800
-    "logs": (10208, 274),  # 7400
+    "logs": (10117, 274),  # 7400
     "rig": (326, 1),  # 260
     "model": (2105, 44),
     "identify": (3480, 24),  # 9000 together with posterior

@@ -43,11 +43,11 @@ from .kinematics.turn_location import locate as locate
 from .logs.encoder_log import EncoderLog as EncoderLog
 from .logs.inspection import inspect_log as inspect_log
 from .logs.read import read_log as read_log
-from .pair.eccentricities import Eccentricities as Eccentricities
 from .pair.gear_pair import Drive as Drive
+from .pair.gear_pair import Eccentricities as Eccentricities
 from .pair.gear_pair import Gear as Gear
 from .pair.gear_pair import GearPair as GearPair
-from .pair.load import load_pair as load_pair
+from .pair.gear_pair import load_pair as load_pair
 from .plotting.dispatch import plot as plot
 from .posterior.planning.noise import PlannedNoise as PlannedNoise
 from .posterior.planning.plan import plan as plan

@@ -10,7 +10,7 @@ import tomli_w
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.runtime import enable_x64
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_pair, paper_rig

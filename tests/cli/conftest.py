@@ -10,7 +10,7 @@ import tomli_w
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.main import main
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig

@@ -7,7 +7,7 @@ import pytest
 
 import vttig_jax
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.rig.paper import paper_pair
 from vttig_jax.runs.maps import fitted_rig
 

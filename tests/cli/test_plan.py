@@ -4,7 +4,7 @@ import pytest
 import tomli_w
 
 from vttig_jax.cli.main import VERBS
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 

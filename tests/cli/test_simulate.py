@@ -14,7 +14,7 @@ from vttig_jax.cli.verbs.simulate import _stride
 from vttig_jax.control.scenario.spec import default_toml
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.identify.backlash import contact_map
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 from vttig_jax.runs.run import open_run

@@ -10,7 +10,7 @@ from tests.control.texts import RIG
 from vttig_jax import enable_x64
 from vttig_jax.control.simulation.case import METRICS
 from vttig_jax.identify.archive import read_fit
-from vttig_jax.pair.load import pair_from_spec, spec_of
+from vttig_jax.pair.gear_pair import pair_from_spec, spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.posterior.sampler import read_posterior
 from vttig_jax.rig.paper import paper_pair

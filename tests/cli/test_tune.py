@@ -5,7 +5,7 @@ import tomli_w
 
 from tests.control.texts import RIG
 from vttig_jax.control.scenario.spec import load_sweep_spec
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
 

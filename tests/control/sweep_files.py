@@ -14,7 +14,7 @@ from vttig_jax.control.simulation.case import METRICS
 from vttig_jax.control.sweeps import sweep as sweep_work
 from vttig_jax.control.sweeps.table import SweepTable
 from vttig_jax.kinematics import closed_model
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 
 CONTROLLERS = ("none", "acceleration", "predictive")
 AXES: Mapping[str, Any] = {

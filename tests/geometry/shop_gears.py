@@ -8,8 +8,7 @@ import equinox as eqx
 import numpy as np
 
 from vttig_jax.geometry.tooth import Tooth, tooth_of
-from vttig_jax.pair.gear_pair import GearPair
-from vttig_jax.pair.load import pair_from_spec
+from vttig_jax.pair.gear_pair import GearPair, pair_from_spec
 from vttig_jax.pair.pair_file import parse_pair_spec
 
 T = TypeVar("T")

@@ -9,7 +9,7 @@ import tomli_w
 from tests.cli.drive import write_drive
 from tests.guides.pages import REPOSITORY, fences, text_of
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.load import spec_of
+from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig import PassMotion, paper_rig
 

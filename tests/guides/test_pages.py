@@ -17,7 +17,7 @@ from tests.guides.printed import differences
 from tests.guides.readers import DEMO, DRAWN_SHARE, HAVE, NAMED, SHORTER, files_of, with_demo
 from vttig_jax.base.errors import PairError
 from vttig_jax.cli.main import main
-from vttig_jax.pair.load import load_pair
+from vttig_jax.pair.gear_pair import load_pair
 
 QUICK = ("docs/logs.md",)
 """Pages whose commands take a few seconds; the others are slow."""

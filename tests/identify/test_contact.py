@@ -13,7 +13,7 @@ from vttig_jax.identify.backlash import backlash_map, contact_map
 from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.model.parameter import Parameter
-from vttig_jax.pair.load import pair_from_spec, spec_of
+from vttig_jax.pair.gear_pair import pair_from_spec, spec_of
 
 ANGLES = np.linspace(0.0, 16 * REV, 500)
 GAP_DEG = 0.038

@@ -13,8 +13,7 @@ from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.functions import backlash, exact_backlash
 from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
 
 TURN = 2 * np.pi
 

@@ -10,8 +10,7 @@ import pytest
 from tests.oracles import involute_contact as oracle
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.functions import exact_transmission_error, transmission_error
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])

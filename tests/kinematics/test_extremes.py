@@ -16,8 +16,7 @@ from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.flank_model import FIRST_ORDERS, FlankModel
 from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
 
 RIG = np.array([0.0226, 49.5, 0.0273, 79.3, 0.038, 0.02])
 """Eccentricities in mm and their phases in degrees, backlash in degrees, displacement in mm."""

@@ -25,8 +25,7 @@ from vttig_jax.kinematics import (
     tabulate_flanks,
 )
 from vttig_jax.kinematics.flank_table import nodes_per_turn
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
 from vttig_jax.rig import paper_eccentricities, paper_pair, paper_rig
 
 PAIR, RIG, TURNS = paper_pair(), paper_eccentricities(), 16

@@ -17,8 +17,7 @@ from vttig_jax.kinematics.functions import (
     exact_transmission_error,
     transmission_error,
 )
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.linspace(-3.0, 40.0, 97)

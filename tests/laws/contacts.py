@@ -10,8 +10,7 @@ import numpy as np
 from tests.laws.law import Law
 from vttig_jax.geometry.backlash import geometric_backlash, section_backlash
 from vttig_jax.geometry.contact import contact_model
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
 
 
 class Axes(NamedTuple):

@@ -19,8 +19,7 @@ from vttig_jax.kinematics.exact import ExactModel, exact_model
 from vttig_jax.kinematics.first_order import ClosedModel, closed_model
 from vttig_jax.kinematics.flank_table import first_order_bounds, tabulate_flanks
 from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Gear, GearPair, Rack
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair, Rack
 
 ANGLES = np.array([0.3, -2.0, 41.7])
 PAIR = GearPair(

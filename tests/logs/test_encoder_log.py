@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.logs.profiles import DEG, counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.load import pair_from_spec
+from vttig_jax.pair.gear_pair import pair_from_spec
 
 PAIR = spec()
 TIME = np.arange(2000) / 1000.0

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -30,6 +31,27 @@ def test_a_log_keeps_its_file(path):
     assert log.driving.reading.dtype == np.int64
     again = read_log(path, log.spec or spec(), **log.keywords)
     np.testing.assert_array_equal(again.driven_angle, log.driven_angle)
+
+
+@pytest.mark.parametrize("unit", ["counts", "deg"])
+def test_a_long_log_takes_little_more_memory_than_its_text_and_columns(tmp_path, unit):
+    count = 200_000
+    turned = np.cumsum(np.where(np.arange(count) // 50_000 % 2, -90, 90))
+    rows = zip(turned.tolist(), (turned * 9 // 16).tolist(), strict=True)
+    scale, digits = (1, "d") if unit == "counts" else (0.004, ".3f")
+    path = tmp_path / "long.csv"
+    lines = [
+        f"{k / 500:.3f},{scale * a:{digits}},{scale * b:{digits}}" for k, (a, b) in enumerate(rows)
+    ]
+    path.write_text("\n".join([f"time_s,driving_{unit},driven_{unit}", *lines]) + "\n")
+    options = {"ratio": "16:9", "counts": 90_000 if unit == "counts" else None}
+    read_log(path, **options)  # modules are imported once
+    tracemalloc.start()
+    log = read_log(path, **options)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    columns = 3 * 8 * len(log)
+    assert len(log) == count and peak < max(2.4 * columns, columns + path.stat().st_size) + 2e6
 
 
 def test_a_recognised_log_is_read_again_with_its_spec(path):

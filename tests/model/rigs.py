@@ -12,8 +12,7 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
 from vttig_jax.model import shafts_of
 from vttig_jax.model.mixed_fit import mixed_fit
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
 from vttig_jax.pair.schema import HarmonicOrders
 
 PAIRS = ((45, 80), (60, 35), (19, 61))

@@ -4,7 +4,7 @@ import pytest
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
 from vttig_jax.base.errors import PairError
-from vttig_jax.pair.load import load_pair
+from vttig_jax.pair.gear_pair import load_pair
 from vttig_jax.pair.pair_file import parse_pair_spec
 
 pytestmark = pytest.mark.smoke

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.pair.load import ShaftReading, shaft_reading
+from vttig_jax.pair.gear_pair import ShaftReading, shaft_reading
 from vttig_jax.pair.schema import Encoder
 
 

@@ -13,9 +13,16 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import DEG
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair, Rack, involute
-from vttig_jax.pair.load import load_pair, pair_from_spec
+from vttig_jax.pair.gear_pair import (
+    Drive,
+    Eccentricities,
+    Gear,
+    GearPair,
+    Rack,
+    involute,
+    load_pair,
+    pair_from_spec,
+)
 from vttig_jax.pair.pair_file import parse_pair_spec
 
 
@@ -228,7 +235,7 @@ def test_leaves_are_numpy_doubles_until_compiled(paper_pair, paper_rig):
 def test_numbers_keep_their_digits_while_64_bit_mode_is_off():
     code = """
 import jax, numpy as np
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.pair.gear_pair import Gear, GearPair
 assert not jax.config.read("jax_enable_x64")
 pair = GearPair(Gear(45), Gear(80), module_mm=2.000000001, pressure_angles_deg=20.000000001,

@@ -8,8 +8,7 @@ import pytest
 
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.tooth import tooth_of
-from vttig_jax.pair.gear_pair import GearPair, Rack
-from vttig_jax.pair.load import pair_from_spec, spec_of
+from vttig_jax.pair.gear_pair import GearPair, Rack, pair_from_spec, spec_of
 from vttig_jax.pair.pair_file import parse_pair_spec, spec_table
 from vttig_jax.pair.schema import RackTable
 

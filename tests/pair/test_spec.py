@@ -8,8 +8,7 @@ from fractions import Fraction
 import pytest
 
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL, OTHER_KEYS
-from vttig_jax.pair.gear_pair import Drive, GearPair
-from vttig_jax.pair.load import load_pair
+from vttig_jax.pair.gear_pair import Drive, GearPair, load_pair
 from vttig_jax.pair.pair_file import load_pair_spec, parse_pair_spec, spec_table, stated_table
 from vttig_jax.pair.schema import (
     Encoder,

@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgba
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.plotting.contact import plot_contact
 from vttig_jax.plotting.style import COLOURS, FLANK_COLOURS
 

@@ -16,8 +16,7 @@ from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.harmonic import CombinedModel
 from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.logs.readers.backlash_readings import read_backlash_readings
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, GearPair
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
 from vttig_jax.rig.imperfections import EncoderError
 from vttig_jax.rig.motion import PassMotion

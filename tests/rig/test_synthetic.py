@@ -10,8 +10,7 @@ import pytest
 import vttig_jax
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.logs.motion.segments import find_segments
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, GearPair
 from vttig_jax.pair.schema import Encoder
 from vttig_jax.rig.imperfections import EncoderError, Noise, OrderError
 from vttig_jax.rig.motion import PassMotion

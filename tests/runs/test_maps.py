@@ -14,8 +14,7 @@ from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
 from vttig_jax.kinematics import BacklashMap, closed_model
 from vttig_jax.logs.read import read_log
-from vttig_jax.pair.gear_pair import Gear, GearPair
-from vttig_jax.pair.load import load_pair
+from vttig_jax.pair.gear_pair import Gear, GearPair, load_pair
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.rig import paper_eccentricities, paper_pair
 

@@ -16,8 +16,7 @@ from vttig_jax.cli.main import main
 from vttig_jax.identify.fit_settings import FitSettings
 from vttig_jax.identify.identification import fit
 from vttig_jax.logs.read import read_log
-from vttig_jax.pair.gear_pair import GearPair
-from vttig_jax.pair.load import load_pair, pair_from_spec, spec_of
+from vttig_jax.pair.gear_pair import GearPair, load_pair, pair_from_spec, spec_of
 from vttig_jax.pair.pair_file import parse_pair_spec, spec_table
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.summary.bands import BandedMap

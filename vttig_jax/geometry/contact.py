@@ -25,8 +25,7 @@ from ..base.errors import PairError
 from ..base.numerics.implicit import at_extreme, known_root
 from ..base.units import DEG
 from ..kinematics.flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Flank, GearPair
+from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .checks import check_pointed, check_tooth, section_heights
 from .deviations import Deviations
 from .flanks import Mates, Pose, Reach, concentric_touch, flank_starts, mates_of, pitch_point

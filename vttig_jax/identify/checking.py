@@ -22,8 +22,7 @@ from ..model.mixed_fit import MixedFit, residuals
 from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
 from ..model.rows import BENDS
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Drive, GearPair
+from ..pair.gear_pair import Drive, Eccentricities, GearPair
 from .orders import SIDES, mounted_exact
 from .records import (
     Checks,

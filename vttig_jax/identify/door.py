@@ -8,8 +8,7 @@ from ..logs.encoder_log import EncoderLog
 from ..model.density import LAGS
 from ..model.mixed_fit import row_duration
 from ..model.rows import Shafts, Wave
-from ..pair.gear_pair import Drive, GearPair
-from ..pair.load import pair_from_spec
+from ..pair.gear_pair import Drive, GearPair, pair_from_spec
 from .orders import SIDES
 
 

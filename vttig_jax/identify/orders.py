@@ -19,8 +19,7 @@ from ..model.mixed_fit import CLEAR, MixedFit
 from ..model.parameter import LARGEST
 from ..model.parameters import FULL_TURN, SIGNIFICANT
 from ..model.rows import KNOTS, Wave
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Flank, GearPair
+from ..pair.gear_pair import Eccentricities, Flank, GearPair
 
 SIDES: dict[int, Flank] = {1: "A", -1: "B"}
 """Side of a run in the model → flank."""

@@ -16,7 +16,7 @@ from ..base.errors import UsageError
 from ..base.files.text_tables import key_values, text_table
 from ..base.numerics.polar_spread import polar_spread
 from ..base.units import DEG, REV
-from ..logs.motion.coverage import told_orders
+from ..logs.motion.segments import told_orders
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.mixed_fit import CLEAR, MixedFit, waves_of
 from ..model.parameters import FULL_TURN, gap_row
@@ -160,7 +160,7 @@ def fit_readings(
     >>> from vttig_jax.identify.readings import fit_readings
     >>> from vttig_jax.logs import BacklashReadings
     >>> from vttig_jax.pair import parse_pair_spec
-    >>> from vttig_jax.pair.load import pair_from_spec
+    >>> from vttig_jax.pair.gear_pair import pair_from_spec
     >>> angle = np.arange(0.0, 360.0, 15.0)
     >>> gap = 0.1 + 0.02 * np.sin(np.radians(angle)) + 1e-4 * np.cos(90.0 * angle)
     >>> drive = pair_from_spec(parse_pair_spec({"drive": {"ratio": "1/5"}}))

@@ -21,8 +21,7 @@ from ..kinematics.hunting_coverage import HuntingCoverage
 from ..kinematics.te_curve import TECurve
 from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Drive, Flank, GearPair
+from ..pair.gear_pair import Drive, Eccentricities, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .coverage import covered_errors, log_coverage
 from .findings import Finding

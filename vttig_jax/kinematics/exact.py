@@ -6,8 +6,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.arrays import Numbers
 from ..base.numerics.sincos import sincos
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Flank, GearPair
+from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .first_order import flank_offsets
 from .flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
 

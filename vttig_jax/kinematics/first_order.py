@@ -10,8 +10,7 @@ from jaxtyping import Array, Complex, Float, Real
 from ..base.arrays import Numbers
 from ..base.numerics.sincos import sincos
 from ..base.units import DEG
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Flank, GearPair
+from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .flank_model import FIRST_ORDERS, FlankModel, GridOrders, flank_index
 
 PressureAngle = Literal["working", "reference"]

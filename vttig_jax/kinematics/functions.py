@@ -11,8 +11,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
 from ..base.arrays import compiled
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Flank, GearPair
+from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .exact import exact_model
 from .first_order import PressureAngle, closed_model
 from .flank_model import FlankModel

@@ -29,9 +29,8 @@ from .checks.sampling import (
 from .checks.slip import find_slips, slips_text
 from .encoder_log import EncoderLog
 from .lines.search import Line, blind_lines
-from .motion.coverage import Support, support_of
 from .motion.flank_assignment import assigned_segments
-from .motion.segments import Segments
+from .motion.segments import Segments, Support, support_of
 from .preview import ColumnReport, bullets, column_table, sampling_rows
 from .recognition.request import TwoShafts
 from .slope import computed_text, exact_slope
@@ -119,6 +118,13 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
     """
     segments = assigned_segments(log)
     sampling = sampling_of(log.time)
+    fit = HarmonicOrders() if pair is None else pair.fit
+    orders: dict[str, tuple[float, Sequence[int | float]]] = {
+        "driving": (1.0, fit.driving_orders),
+        "driven": (float(log.ratio), fit.driven_orders),
+    }
+    if pair is not None and pair.driving.teeth is not None:
+        orders["mesh"] = (float(pair.driving.teeth), range(1, fit.mesh_orders + 1))
     plateaus = plateaus_of(segments.segments)
     spectrum, spectrum_notes = order_spectrum(log, segments.segments)
     slips = find_slips(log, segments)
@@ -137,27 +143,13 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
         segments=segments,
         plateaus=plateaus,
         commensurate=commensurate(log, segments.segments),
-        aliased=aliased(plateaus, sampling.rate_hz, _fit_orders(log, pair)),
+        aliased=aliased(plateaus, sampling.rate_hz, orders),
         spectrum=spectrum,
         support=support_of(log, segments.segments),
         notes=(*problems, *segments.notes, *log.notes, *spectrum_notes),
         problems=len(problems),
         lines=blind_lines(log, segments.segments),
     )
-
-
-def _fit_orders(
-    log: EncoderLog, pair: TwoShafts | None
-) -> dict[str, tuple[float, Sequence[int | float]]]:
-    fit = HarmonicOrders() if pair is None else pair.fit
-    teeth = None if pair is None else pair.driving.teeth
-    orders: dict[str, tuple[float, Sequence[int | float]]] = {
-        "driving": (1.0, fit.driving_orders),
-        "driven": (float(log.ratio), fit.driven_orders),
-    }
-    if teeth is not None:
-        orders["mesh"] = (float(teeth), range(1, fit.mesh_orders + 1))
-    return orders
 
 
 def _columns(log: EncoderLog) -> tuple[ColumnReport, ...]:

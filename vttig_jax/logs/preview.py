@@ -6,11 +6,13 @@ Rows of a column without a number: empty cells, and readings that are NaN or inf
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import combinations, groupby
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
+import msgspec
 import numpy as np
 from jaxtyping import Real
 
@@ -19,7 +21,7 @@ from ..base.files.text_tables import key_values, text_table
 from ..base.shown_text import one_line, shown_name
 from ..base.units import ARCSEC, REV, per_turn, radians_of
 from ..pair.schema import PairSpec, as_ratio
-from .channel.unwrap import find_modulus, step_of, unwrap, wrap_steps
+from .channel.unwrap import find_modulus, kept_rows, step_of, unwrap, wrap_steps
 from .checks.sampling import Sampling, sampling_of
 from .readers.column_names import (
     ANGLES,
@@ -28,13 +30,14 @@ from .readers.column_names import (
     SHAFT_UNITS,
     TIME_UNITS,
     listed,
+    matrix_name,
     name_and_unit,
     units_of,
 )
 from .readers.delimited import TextTable
 from .readers.open_table import open_table
 from .readers.table import Table
-from .readers.times import seconds_of_numbers, seconds_of_stamps
+from .readers.times import read_stamps, seconds_of_numbers
 from .recognition.assign import Roles, Search
 from .recognition.candidates import EQUAL, Candidate, Question, is_copy
 from .recognition.request import (
@@ -44,8 +47,8 @@ from .recognition.request import (
     Statement,
     fit_command,
     in_words,
+    roles_of,
 )
-from .rows import kept_rows
 from .slope import likely_fraction, ratio_option, slope
 from .source import LEAST_RANGE, Source, check_time
 
@@ -58,47 +61,24 @@ def missing_notes(table: Table, arrays: Mapping[int, Real[np.ndarray, " _"]]) ->
     `arrays` is index → values of the columns that are read. Of other columns of a text the empty
     cells are counted.
     """
-    notes = [missing_numbers(table.names[k], values) for k, values in arrays.items()]
-    if isinstance(table, TextTable):
-        notes += _empty_cells(table, [k for k in range(len(table.names)) if k not in arrays])
-    return [note for note in notes if note is not None]
-
-
-def missing_numbers(name: str, values: Real[np.ndarray, " n"]) -> str | None:
-    """Return a note that counts the readings of a column that are no finite number, or None.
-
-    **Example**
-    ```python
-    >>> import numpy as np
-    >>> from vttig_jax.logs.preview import missing_numbers
-    >>> missing_numbers("pos", np.array([1.0, np.nan])).partition(";")[0]
-    'column `pos`: 1 of 2 rows holds no number (NaN or infinite), row 2 first'
-
-    ```
-    """
-    rows = np.flatnonzero(~np.isfinite(values)).tolist()
-    return _counted(name, rows, len(values), "NaN or infinite")
-
-
-def _empty_cells(table: TextTable, columns: Sequence[int]) -> list[str | None]:
-    empty: dict[int, list[int]] = {k: [] for k in columns}
-    count = 0
-    for _, row in table.rows() if columns else ():
-        for k, rows in empty.items():
-            if not (k < len(row) and row[k].strip()):
-                rows.append(count)
-        count += 1
-    return [_counted(table.names[k], rows, count, "empty cells") for k, rows in empty.items()]
-
-
-def _counted(name: str, rows: Sequence[int], size: int, what: str) -> str | None:
-    if not rows:
-        return None
-    holds = "holds" if len(rows) == 1 else "hold"
-    return (
-        f"column `{name}`: {len(rows)} of {size} rows {holds} no number ({what}), row"
-        f" {rows[0] + 1} first; {_CURE}"
-    )
+    what = "empty cells", "NaN or infinite"
+    lacking: dict[int, Any] = {
+        k: np.flatnonzero(~np.isfinite(values)) for k, values in arrays.items()
+    }
+    size = {k: len(values) for k, values in arrays.items()}
+    others = [k for k in range(table.own) if k not in arrays]
+    if isinstance(table, TextTable) and others:
+        rows = [row for _, row in table.rows()]
+        for k in others:
+            lacking[k] = [n for n, row in enumerate(rows) if not (k < len(row) and row[k].strip())]
+            size[k] = len(rows)
+    return [
+        f"column `{table.names[k]}`: {len(rows)} of {size[k]} rows"
+        f" {'holds' if len(rows) == 1 else 'hold'} no number ({what[k in arrays]}),"
+        f" row {rows[0] + 1} first; {_CURE}"
+        for k, rows in lacking.items()
+        if len(rows)
+    ]
 
 
 MOST_COLUMNS = 30
@@ -202,11 +182,21 @@ class Preview:
             whole = "" if near is None else f" ({near if ratio > 0 else -near})"
             rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving{whole}"))
         parts = [shown_name(self.source), column_table(_grouped(self.columns)), key_values(rows)]
-        parts.append(bullets("note", (*_other_arrays(self.others, self.rows), *self.notes)))
+        lengths = sorted({length for _, length in self.others}, reverse=True)
+        outside = [
+            f"arrays of {length} values are no part of this record of {self.rows}: "
+            + listed([name for name, values in self.others if values == length])
+            for length in lengths
+        ]
+        parts.append(bullets("note", (*outside, *self.notes)))
         if self.fit_command and self.ratio is not None:
             turns = in_words(as_ratio(ratio_option(abs(self.ratio[0]), self.ratio[1]), ""))
             parts.append(f"if {turns}:\n  {self.fit_command}")
-        parts += _proposed(self.proposals)
+        if self.proposals:
+            parts.append("to fit it, copy the command whose sentence is true:")
+        parts += [f"if {p.condition}:\n  {p.command}" for p in self.proposals[:MOST_PROPOSED]]
+        if (more := len(self.proposals) - MOST_PROPOSED) > 0:
+            parts.append(f"{more} more are in the output of --json")
         return "\n\n".join(part for part in parts if part)
 
 
@@ -273,7 +263,9 @@ def preview_log(
     reports = [report for report, _ in shown]
     angles = {r.role: angle for r, angle in shown if angle is not None and r.role is not None}
     hints += [] if time is None else check_time(time, source)
-    ratio = _ratio(reports, angles)
+    counted = {r.turns is None for r in reports if r.role in SHAFTS}
+    both = {*SHAFTS} <= angles.keys() and len(counted) == 1
+    ratio = slope(angles["driving"], angles["driven"]) if both else None
     command, proposed = "", ()
     if spec is None:
         hints += map(str, found.guesses)
@@ -359,27 +351,6 @@ def bullets(title: str, sentences: Sequence[str]) -> str:
     )
 
 
-def _proposed(found: Sequence[Proposal]) -> list[str]:
-    """Return the commands of which one fits the log, each below its condition."""
-    if not found:
-        return []
-    parts = ["to fit it, copy the command whose sentence is true:"]
-    parts += [f"if {one.condition}:\n  {one.command}" for one in found[:MOST_PROPOSED]]
-    if len(found) > MOST_PROPOSED:
-        parts.append(f"{len(found) - MOST_PROPOSED} more are in the output of --json")
-    return parts
-
-
-def _ratio(
-    reports: Sequence[ColumnReport], angles: Mapping[str, np.ndarray]
-) -> tuple[float, float] | None:
-    """Return the slope of driven over driving angle and its standard error, or None."""
-    counts = {r.turns is None for r in reports if r.role in ("driving", "driven")}
-    if not {"driving", "driven"} <= set(angles) or len(counts) != 1:
-        return None
-    return slope(angles["driving"], angles["driven"])
-
-
 def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
     """Return index → values of all numeric columns, and notes on the columns that are not read.
 
@@ -392,8 +363,8 @@ def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
         if table.is_dated(k):
             if search.roles.get("time") == k:
                 size = max((len(values) for values in arrays.values()), default=None)
-                where = f"{table.source}: column `{name}`"
-                arrays[k] = seconds_of_stamps(table.texts(k)[:size], where)[0]
+                place = Source(table.source, {"time": name}, table.line_of)
+                arrays[k] = read_stamps(table.texts(k)[:size], partial(place.at, "time"))[0]
         elif k not in arrays:
             try:
                 (arrays[k],) = table.columns([k])
@@ -419,7 +390,7 @@ def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
     if len(columns) <= MOST_COLUMNS:
         return list(columns)
     shown = []
-    for (role, _), group in groupby(columns, lambda c: (c.role, _matrix(c.name))):
+    for (role, _), group in groupby(columns, lambda c: (c.role, matrix_name(c.name))):
         members = list(group)
         if role is not None or len(members) == 1 or len({c.unit for c in members}) > 1:
             shown += members
@@ -428,22 +399,6 @@ def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
         name = listed([c.name for c in members])
         shown.append(ColumnReport(None, name, members[0].unit, low, high))
     return shown
-
-
-def _matrix(name: str) -> str:
-    """Return `x` for `x(3,:)` and `x(:,3)`, and any other name unchanged."""
-    matrix, bracket, index = name.rpartition("(")
-    return matrix if bracket and (index.endswith(",:)") or index.startswith(":,")) else name
-
-
-def _other_arrays(others: Sequence[tuple[str, int]], size: int) -> list[str]:
-    """Return notes on arrays (name, length) outside the record of length `size`, by length."""
-    lengths = sorted({length for _, length in others}, reverse=True)
-    return [
-        f"arrays of {length} values are no part of this record of {size}: "
-        + listed([name for name, values in others if values == length])
-        for length in lengths
-    ]
 
 
 def _report(
@@ -515,8 +470,14 @@ def proposals(
             if any(search.roles.get(role, one.index) != one.index for role, one in chosen.items()):
                 continue  # an option or a name gives the role to another column
             trial = with_ratio(request, seen)
-            named = reading.with_columns({r: search.name_of(c.index) for r, c in chosen.items()})
-            complete = search.assuming(trial.statement(named)).result()
+            names = roles_of(reading.columns)
+            names |= {role: search.name_of(one.index) for role, one in chosen.items()}
+            named = msgspec.structs.replace(
+                reading, columns=tuple(f"{role}={name}" for role, name in names.items())
+            )
+            other = Search(search.table, trial.statement(named))
+            other.__dict__["candidates"] = search.candidates  # their values are compared once
+            complete = other.result()
             if complete.questions:
                 continue
             drives = f"`{driving.name}` drives `{driven.name}`"

@@ -174,4 +174,7 @@ def open_log(
     else:
         statement = Statement.of(drive, reading)
     table = open_table(path, statement.layout)
-    return OpenLog(Path(path), table, assign(table, statement).decided(), reading)
+    roles = assign(table, statement)
+    for question in roles.questions:
+        raise question
+    return OpenLog(Path(path), table, roles, reading)

@@ -73,7 +73,20 @@ def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
             f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
             where=source.at("time"),
         )
-    refuse_times(time, source)
+    late = np.flatnonzero(np.abs(time) > LONGEST_S)
+    if late.size:
+        raise LogError(
+            f"{time[late[0]]:g} s is no time stamp of a log; correct the unit of the time column or"
+            " the sample rate.",
+            where=source.at("time", int(late[0])),
+        )
+    duration = float(np.ptp(time))
+    if 0 < duration < SHORTEST_S:
+        raise LogError(
+            f"the log lasts only {duration:.3g} s; correct the unit of the time column or the"
+            " sample rate.",
+            where=source.at("time"),
+        )
     interval = np.diff(time)
     if np.any(interval < 0):
         row = int(np.argmax(interval < 0)) + 1
@@ -98,24 +111,6 @@ def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
     return notes
 
 
-def refuse_times(time: Float[np.ndarray, " n"], source: Source) -> None:
-    """Raise `LogError` for a time stamp or a duration that no log can have."""
-    late = np.flatnonzero(np.abs(time) > LONGEST_S)
-    if late.size:
-        raise LogError(
-            f"{time[late[0]]:g} s is no time stamp of a log; correct the unit of the time column or"
-            " the sample rate.",
-            where=source.at("time", int(late[0])),
-        )
-    duration = float(np.ptp(time))
-    if 0 < duration < SHORTEST_S:
-        raise LogError(
-            f"the log lasts only {duration:.3g} s; correct the unit of the time column or the"
-            " sample rate.",
-            where=source.at("time"),
-        )
-
-
 def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> None:
     """Raise `LogError` at the first value of a column that is not finite or far too large."""
     finite = np.isfinite(values)
@@ -131,17 +126,4 @@ def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> 
         raise LogError(
             f"{values[row]:g} is too large for a reading; correct it, or the unit of its column.",
             where=source.at(role, row),
-        )
-
-
-def refuse_turns(turns: float, samples: int, source: Source) -> None:
-    """Raise `LogError` if the driving shaft makes more than `MOST_TURNS` turns per sample.
-
-    `turns` are the turns in the whole log, `samples` is its number of samples.
-    """
-    if turns > MOST_TURNS * samples:
-        raise LogError(
-            f"the driving shaft makes {turns:.4g} turns in {samples} samples, more than any"
-            " shaft does; correct the unit, the decimal mark or counts_per_rev.",
-            where=source.at("driving"),
         )

@@ -12,8 +12,7 @@ from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
 from ..base.units import REV
-from ..logs.motion.coverage import told_orders
-from ..logs.motion.segments import places
+from ..logs.motion.segments import places, told_orders
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .columns import GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding

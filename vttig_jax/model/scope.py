@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.units import DEG, REV
-from ..logs.motion.coverage import HIGHEST, tells_first_order
+from ..logs.motion.segments import HIGHEST, tells_first_order
 from .rows import SHAFTS, Rows, Shafts, Wave
 
 

@@ -1,10 +1,10 @@
-from .eccentricities import Eccentricities as Eccentricities
 from .gear_pair import Drive as Drive
+from .gear_pair import Eccentricities as Eccentricities
 from .gear_pair import Gear as Gear
 from .gear_pair import GearPair as GearPair
-from .load import ShaftReading as ShaftReading
-from .load import load_pair as load_pair
-from .load import shaft_reading as shaft_reading
+from .gear_pair import ShaftReading as ShaftReading
+from .gear_pair import load_pair as load_pair
+from .gear_pair import shaft_reading as shaft_reading
 from .pair_file import load_pair_spec as load_pair_spec
 from .pair_file import parse_pair_spec as parse_pair_spec
 from .schema import Encoder as Encoder

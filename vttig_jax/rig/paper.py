@@ -3,8 +3,7 @@
 import numpy as np
 
 from ..kinematics.backlash_map import BacklashMap
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Gear, GearPair
+from ..pair.gear_pair import Eccentricities, Gear, GearPair
 from ..pair.schema import Encoder
 from .imperfections import EncoderError, Noise, random_orders
 from .motion import PassMotion

@@ -16,8 +16,7 @@ from ..kinematics.exact import exact_model
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import CombinedModel, OrderModel
 from ..logs.encoder_log import EncoderLog
-from ..pair.eccentricities import Eccentricities
-from ..pair.gear_pair import Flank, GearPair
+from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .imperfections import EncoderError, Noise, OrderError, quantised
 from .motion import PassMotion
 

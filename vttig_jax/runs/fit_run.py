@@ -70,7 +70,7 @@ def readings_alone(
     """
     from ..identify.readings import fit_readings
     from ..logs.readers.backlash_readings import read_backlash_readings
-    from ..pair.load import pair_from_spec
+    from ..pair.gear_pair import pair_from_spec
 
     spec = drive.spec() if pair is None else spec_of_file(pair, drive)
     found = read_backlash_readings(readings, decimal=options.reading.decimal)
@@ -86,7 +86,7 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     from ..identify.identification import fit
     from ..logs.read import read_log
     from ..logs.readers.backlash_readings import read_backlash_readings
-    from ..pair.load import pair_from_spec
+    from ..pair.gear_pair import pair_from_spec
 
     enable_x64()
     pair = pair_from_spec(record.spec)
@@ -106,7 +106,7 @@ def record_of(fit: "Fit") -> RunRecord:
 
     **Raises** `UsageError` for a fit from `read_fit`, which has no settings.
     """
-    from ..pair.load import spec_of
+    from ..pair.gear_pair import spec_of
 
     if fit.request is None:
         raise UsageError(

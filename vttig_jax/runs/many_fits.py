@@ -25,8 +25,7 @@ from ..identify.many.table import Columns, FitTable
 from ..logs.encoder_log import EncoderLog
 from ..logs.read import open_log, read_log
 from ..logs.recognition.request import DriveRequest
-from ..pair.gear_pair import Drive, GearPair
-from ..pair.load import pair_from_spec, spec_of
+from ..pair.gear_pair import Drive, GearPair, pair_from_spec, spec_of
 from ..pair.pair_file import spec_table
 from ..pair.schema import PairSpec
 from .cluster import run_blocks

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from ..control.simulation.prepare import Maps
     from ..kinematics.backlash_map import BacklashMap
     from ..kinematics.flank_model import FlankModel
-    from ..pair.eccentricities import Eccentricities
-    from ..pair.gear_pair import Drive, GearPair
+    from ..pair.gear_pair import Drive, Eccentricities, GearPair
     from ..posterior.summary.bands import Band
     from ..posterior.summary.gap_draws import GapDraws
     from ..posterior.summary.posterior import Posterior
@@ -323,7 +322,7 @@ def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
     **Raises** `InputError` if the gears of the run differ from those in the pair file.
     """
     from ..identify.result import require_rig
-    from ..pair.load import load_pair
+    from ..pair.gear_pair import load_pair
 
     run = Run(folder)
     fit = run.fit

@@ -49,7 +49,7 @@ class Run(TextResult):
     @cached_property
     def pair(self) -> "GearPair | Drive":
         """The gear pair, or the drive."""
-        from ..pair.load import pair_from_spec
+        from ..pair.gear_pair import pair_from_spec
 
         return pair_from_spec(self.record.spec)
 

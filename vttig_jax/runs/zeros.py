@@ -6,7 +6,7 @@ from ..base.errors import InputError, NoAnswerError
 from ..base.files.run_folder import data_sha256
 from ..logs.readers.column_names import name_and_unit, units_of
 from ..logs.recognition.request import Statement, stated_layout
-from ..pair.load import ShaftReading, shaft_reading
+from ..pair.gear_pair import ShaftReading, shaft_reading
 from ..pair.schema import Encoder, as_fraction
 from .run_file import RunRecord
 

@@ -33,8 +33,7 @@ from vttig_jax.control.compensation.compensation import Compensation
 from vttig_jax.control.compensation.map_harmonics import compensation_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.load import ShaftReading
+from vttig_jax.pair.gear_pair import Eccentricities, ShaftReading
 from vttig_jax.rig.paper import paper_pair, paper_rig
 
 ORIGIN = HeaderOrigin("VTTIG rig", "0.1.0", "start")

@@ -20,8 +20,7 @@ from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.harmonic import OrderModel
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
+from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
 
 PAIR = paper_pair()

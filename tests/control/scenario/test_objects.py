@@ -39,8 +39,7 @@ from vttig_jax.control import (
 )
 from vttig_jax.control.scenario.spec import spec_table
 from vttig_jax.kinematics import exact_model
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
 from vttig_jax.rig import paper_eccentricities
 
 RIG = paper_eccentricities()

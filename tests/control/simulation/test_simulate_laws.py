@@ -30,8 +30,7 @@ from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.control.simulation.case import Case, initial_state, run_periods, trace_periods
 from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.control.simulation.simulate import simulate
-from vttig_jax.pair.gear_pair import GearPair
-from vttig_jax.pair.load import load_pair
+from vttig_jax.pair.gear_pair import GearPair, load_pair
 
 Table = Mapping[str, Any]
 

@@ -25,7 +25,7 @@ from vttig_jax.control.sweeps import sweep as sweep_work
 from vttig_jax.control.sweeps.sweep import SweepCases, SweepWork, lanes_for
 from vttig_jax.control.sweeps.table import SweepTable
 from vttig_jax.kinematics import closed_model
-from vttig_jax.pair.eccentricities import Eccentricities
+from vttig_jax.pair.gear_pair import Eccentricities
 from vttig_jax.rig.paper import paper_eccentricities
 
 

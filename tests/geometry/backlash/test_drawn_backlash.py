@@ -13,8 +13,7 @@ from tests.laws import checks
 from vttig_jax.geometry.backlash import backlash_and_contact, geometric_backlash, section_backlash
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.tooth import tooth_of
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
 
 SHIFTS = np.array([-12.0, -3.0, -0.2, 0.0, 0.1, 0.9, 4.0, 15.0])
 DISTANCES = (124.9, 125.12, 125.6)

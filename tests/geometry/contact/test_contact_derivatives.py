@@ -14,8 +14,7 @@ from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair, Rack
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair, Rack
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.array([0.013, 0.094])

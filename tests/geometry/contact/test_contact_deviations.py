@@ -9,8 +9,7 @@ from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 PAIR = GearPair(

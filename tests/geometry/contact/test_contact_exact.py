@@ -10,8 +10,7 @@ import pytest
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 TABLE_2 = (0.0226, 49.5, 0.0273, 79.3)

@@ -13,8 +13,7 @@ from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_model import FlankModel
 from vttig_jax.kinematics.flank_table import tabulate_flanks
 from vttig_jax.kinematics.te_curve import TECurve
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank
+from vttig_jax.pair.gear_pair import Eccentricities, Flank
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 TABLE_2 = (0.0226, 49.5, 0.0273, 79.3)

@@ -14,8 +14,7 @@ from scipy.optimize import root_scalar
 
 from vttig_jax.geometry.contact import Place, contact_model
 from vttig_jax.geometry.contact_report import contact_at
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair, Rack
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair, Rack
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 _POINTS = 8001

@@ -17,8 +17,7 @@ from scipy.spatial.transform import Rotation
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 TEETH = (45, 80)

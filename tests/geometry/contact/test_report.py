@@ -7,8 +7,7 @@ import pytest
 
 from vttig_jax.geometry.contact import Place, contact_model
 from vttig_jax.geometry.contact_report import Contacts, contact_at
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
 PITCH = 2 * math.pi / 45

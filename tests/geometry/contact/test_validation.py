@@ -15,8 +15,7 @@ from vttig_jax.geometry.deviations import Deviations
 from vttig_jax.geometry.form import form_radius
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.geometry.tooth import Tabulated, Tooth, tooth_of
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Gear, GearPair, Rack
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair, Rack
 
 
 def make(teeth=(45, 80), width=20.0, helix=(3.0, 3.0), shift=0.0, **pair):

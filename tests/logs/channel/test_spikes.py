@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.logs.profiles import counts, geared, trapezoid
-from vttig_jax.logs.channel.speed import smooth_speed
-from vttig_jax.logs.channel.spikes import spikes, without_spikes
+from vttig_jax.logs.channel.speed import smooth_speed, spikes, without_spikes
 
 
 def late(time, angle, seed=0, share=0.1):

@@ -20,10 +20,11 @@ from vttig_jax.logs.lines.rows import (
     transposed,
     whitened,
 )
-from vttig_jax.logs.lines.search import Line, find_lines
-from vttig_jax.logs.lines.spectrum import (
+from vttig_jax.logs.lines.search import (
+    Line,
     Spectrum,
     false_alarm_probability,
+    find_lines,
     may_be_highest,
     noise_level,
     relative_height,

@@ -14,7 +14,7 @@ from vttig_jax.logs.motion.flank_assignment import (
     seen_gap,
 )
 from vttig_jax.logs.motion.segments import AFTER_REVERSAL, find_segments
-from vttig_jax.pair.load import pair_from_spec
+from vttig_jax.pair.gear_pair import pair_from_spec
 
 RATIO = 1 / 8
 

@@ -10,8 +10,7 @@ import pytest
 
 from vttig_jax.base.errors import NoAnswerError, UsageError
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.pair.eccentricities import Eccentricities
-from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.pair.gear_pair import Drive, Eccentricities
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.planning.noise import PlannedNoise
 from vttig_jax.posterior.planning.plan import plan

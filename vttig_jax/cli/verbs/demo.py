@@ -182,7 +182,7 @@ def _write_fit(
 
     from ...base.files.run_folder import RunFolder
     from ...identify.fit_settings import FitSettings
-    from ...pair.load import spec_of
+    from ...pair.gear_pair import spec_of
     from ...pair.pair_file import stated_table
     from ...runs.options import RunOptions
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ...identify.result import Fit
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.turn_location import Located
-    from ...pair.load import ShaftReading
+    from ...pair.gear_pair import ShaftReading
 
 
 _LARGEST_DEG, _LARGEST_COUNT = 1e9, 2**53

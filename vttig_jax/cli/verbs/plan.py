@@ -125,7 +125,7 @@ def command(
     """
     import vttig_jax
 
-    from ...pair.load import pair_from_spec
+    from ...pair.gear_pair import pair_from_spec
     from ...runs.stated_drive import spec_of_file
 
     vttig_jax.enable_x64()

@@ -12,7 +12,7 @@ from typing import Literal
 
 from ...base.errors import UsageError
 from ...base.units import ARCSEC, DEG, REV
-from ...pair.load import ShaftReading
+from ...pair.gear_pair import ShaftReading
 from .compensation import Compensation, require_closing
 
 _TEMPLATE = Path(__file__).with_name("compensation.h.in")

@@ -18,8 +18,7 @@ from msgspec import NODEFAULT, Struct, defstruct
 from ...base.arrays import Number, Numbers
 from ...base.files.toml_io import Table, key
 from ...kinematics.flank_model import FlankModel
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import Drive, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ..controllers.controller import Acceleration, Controller, Feedforward, NoController, Predictive
 from ..fields import Part, Quantity, not_negative, number, number_fields
 from ..hardware.actuator import Actuator

@@ -27,8 +27,7 @@ from ...kinematics.flank_table import (
     nodes_per_turn,
     tabulate_flanks,
 )
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import Drive, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ..controllers.controller import Controller, NoController
 from ..controllers.retreat import retreat_of
 from ..controllers.turn_location import LostController, turn_error

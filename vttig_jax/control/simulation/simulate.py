@@ -18,8 +18,7 @@ from jaxtyping import Float, Int
 from ...base.arrays import Numbers, known
 from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
-from ...pair.gear_pair import Drive, GearPair
-from ...pair.load import load_pair
+from ...pair.gear_pair import Drive, GearPair, load_pair
 from ..controllers.controller import Controller, smoothed
 from ..fields import number_fields
 from ..motion.motion import Motion

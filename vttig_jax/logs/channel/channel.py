@@ -10,6 +10,7 @@ Detection of a channel that stands still while the other shaft turns (chosen lim
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
@@ -19,8 +20,7 @@ from ...base.numerics.counting import pieces
 from ...base.units import DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ...pair.schema import Encoder, as_fraction
 from ..source import LEAST_RANGE, Source
-from .speed import is_at_standstill
-from .spikes import repeats, spikes, stalls, without_spikes
+from .speed import is_at_standstill, repeats, spikes, stalls, without_spikes
 from .unwrap import digits_note, find_modulus, step_of, stray_jump, unwrap, wrap_steps
 
 GAP = 5.001
@@ -59,22 +59,6 @@ class Continuous:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """Result of unwrapping with one candidate of the modulus, and its `cost`.
-
-    The cost is the total travel without spikes plus one fast step (95 % quantile of the steps) for
-    each spike. Spikes can hide or imitate a modulus, and a counter that dithers at its wrap looks
-    like spikes. Therefore the candidate with the lowest cost is chosen.
-    """
-
-    modulus: int | float | None
-    readings: Real[np.ndarray, " n"]
-    spikes: Bool[np.ndarray, " n"]
-    wraps: int
-    cost: float
-
-
 def make_continuous(
     values: Real[np.ndarray, " n"], time: Real[np.ndarray, " n"], origin: Origin
 ) -> Continuous:
@@ -88,7 +72,10 @@ def make_continuous(
         # There is no motion that a reading could contradict, and a step tells no wrap.
         return Continuous(values, np.zeros(len(values), bool), None, 0, ())
     raw_spikes = spikes(values, time, quantum)
-    steady = _filled(values, raw_spikes)
+    steady = values
+    if raw_spikes.any():  # the last value before each spike replaces it
+        last = np.maximum.accumulate(np.where(raw_spikes, -1, np.arange(len(values))))
+        steady = values[np.where(last < 0, int(np.argmin(raw_spikes)), last)]
     given = origin.modulus
     if given is not None and np.ptp(steady) >= given:
         raise LogError(
@@ -96,23 +83,23 @@ def make_continuous(
             " file; correct or remove `modulus`.",
             where=origin.source.at(origin.role),
         )
-    candidates = [given] if given is not None else _moduli(values, steady, origin.per_turn)
-    attempts = [
-        _unwrapped(
-            values, base=base, time=time, modulus=modulus, quantum=quantum, raw_spikes=raw_spikes
-        )
-        for modulus in candidates
-        for base in ([steady] if steady is values else [steady, values])
-    ]
-    best = min(attempts, key=lambda attempt: attempt.cost)
-    readings, outliers, wraps = best.readings, best.spikes, best.wraps
-    modulus = best.modulus if wraps else None
+    bases = [steady] if steady is values else [steady, values]
+    moduli = [given] if given is not None else [find_modulus(b, origin.per_turn) for b in bases]
+    # Spikes can hide or imitate a modulus, and a counter that dithers at its wrap looks like them.
+    best, wraps, outliers, modulus, chosen, base = np.inf, 0, raw_spikes, None, values, values
+    for tried, base in product(dict.fromkeys(moduli), bases):
+        cost, wraps_of, spikes_of = _attempt(values, base, time, tried, quantum, raw_spikes)
+        if cost < best:
+            best, wraps, outliers, chosen, modulus = cost, wraps_of, spikes_of, base, tried
+    candidate, modulus = modulus, modulus if wraps else None
+    readings = _unwrapped(values, chosen, modulus)
+    del steady, bases, base, chosen  # before other arrays take memory
     repetition = repeats(readings, quantum)
     stalled = stalls(readings, time, quantum, 2 * repetition)
     if stalled.any():
         outliers = stalled | spikes(without_spikes(readings, time, stalled), time, quantum)
     smooth = without_spikes(readings, time, outliers)
-    _refuse_step(smooth, time, quantum, best.modulus, origin)
+    _refuse_step(smooth, time, quantum, candidate, origin)
     notes = []
     if repetition > 1:
         delay = 0.5 * (repetition - 1)
@@ -150,56 +137,55 @@ def make_continuous(
     return Continuous(readings, outliers, modulus, wraps, tuple(notes))
 
 
-def _filled(values: Real[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
-    """Return `values` with each masked value replaced by the last unmasked value before it."""
-    if not mask.any():
-        return values
-    last = np.maximum.accumulate(np.where(mask, -1, np.arange(len(values))))
-    return values[np.where(last < 0, int(np.argmin(mask)), last)]
-
-
-def _moduli(
-    values: Real[np.ndarray, " n"], steady: Real[np.ndarray, " n"], per_turn: int | float | None
-) -> list[int | float | None]:
-    """Return one or two candidates of the modulus.
-
-    The first is found in `steady` (readings without spikes), the second in `values` if it differs.
-    """
-    modulus = find_modulus(steady, per_turn)
-    with_spikes = modulus if steady is values else find_modulus(values, per_turn)
-    return [modulus] if modulus == with_spikes else [modulus, with_spikes]
-
-
 def _unwrapped(
+    values: Real[np.ndarray, " n"], base: Real[np.ndarray, " n"], modulus: int | float | None
+) -> Real[np.ndarray, " n"]:
+    """Return `values` unwrapped at the rows where `base` wraps.
+
+    `base` is either `values` itself or `values` with filled spikes. In the second case each spike
+    of `values` is placed within half a modulus of `base`, so that it does not shift the later
+    readings.
+    """
+    if modulus is None:
+        return values
+    readings = unwrap(base, modulus)
+    rows = np.flatnonzero(values != base)
+    offset = values[rows] - base[rows]
+    if np.issubdtype(values.dtype, np.integer):
+        whole = int(modulus)
+        readings[rows] += (offset + whole // 2) % whole - whole // 2
+    else:
+        readings[rows] = readings[rows] + offset - modulus * np.rint(offset / modulus)
+    return readings
+
+
+def _attempt(
     values: Real[np.ndarray, " n"],
     base: Real[np.ndarray, " n"],
     time: Real[np.ndarray, " n"],
     modulus: int | float | None,
     quantum: float,
     raw_spikes: Bool[np.ndarray, " n"],
-) -> _Attempt:
-    """Unwrap `values` at the rows where `base` wraps, and return the result with its cost.
+) -> tuple[float, int, Bool[np.ndarray, " n"]]:
+    """Return the cost, the wraps and the spikes if `values` are unwrapped where `base` wraps.
 
-    `base` is either `values` itself or `values` with filled spikes (`raw_spikes`). In the second
-    case each spike of `values` is placed within half a modulus of `base`, so that it does not shift
-    the later readings. `quantum` is the step of the readings, 0 if they have none.
+    The cost is the total travel without spikes plus one fast step (95 % quantile of the steps) for
+    each spike. `quantum` is the step of the readings, 0 if they have none.
     """
     wraps = 0 if modulus is None else int(np.count_nonzero(wrap_steps(base, modulus)))
-    if modulus is None or not wraps:
-        readings, outliers = values, raw_spikes
-    else:
-        offset = values - base
-        if np.issubdtype(values.dtype, np.integer):
-            whole = int(modulus)
-            readings = unwrap(base, modulus) + (offset + whole // 2) % whole - whole // 2
-        else:
-            readings = unwrap(base, modulus) + offset - modulus * np.rint(offset / modulus)
+    readings, outliers, cost = values, raw_spikes, 0.0
+    if wraps:
+        readings = _unwrapped(values, base, modulus)
         outliers = spikes(readings, time, quantum)
-    cost = 0.0
     if base is not values or raw_spikes.any():
-        travel = np.abs(np.diff(without_spikes(readings, time, outliers)).astype(np.float64))
-        cost = float(travel.sum() + (quantum + np.quantile(travel, 0.95)) * outliers.sum())
-    return _Attempt(modulus, readings, outliers, wraps, cost)
+        readings = without_spikes(readings, time, outliers)
+        travel = np.diff(readings).astype(np.float64, copy=False)
+        del readings
+        np.abs(travel, out=travel)
+        cost = float(travel.sum())
+        fast = np.quantile(travel, 0.95, overwrite_input=True)
+        cost = float(cost + (quantum + fast) * outliers.sum())
+    return cost, wraps, outliers
 
 
 def _refuse_step(
@@ -292,7 +278,7 @@ class Channel:
     - `per_turn`: counts per revolution if whole turns can be separated exactly, else None.
     - `modulus`: modulus of the wrapped readings in `unit`; None without wraps.
     - `wraps`: number of wraps.
-    - `spikes`: true at readings far from their neighbours (see `spikes.py`); None without spikes.
+    - `spikes`: true at readings far from their neighbours (see `speed.py`); None without spikes.
     - `step`: step (in `unit`) of the readings before they were interpolated in time; 0 for readings
       that were not interpolated.
     """
@@ -454,7 +440,7 @@ def _exact_values(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarra
     """Return the values (whole counts as int64, all other values as float64) and notes."""
     values = raw.values
     if raw.unit != "counts":
-        return values.astype(np.float64), []
+        return values.astype(np.float64, copy=False), []
     if np.issubdtype(values.dtype, np.integer):
         values = values.astype(np.int64, copy=False)
         too_large = (values >= WIDEST) | (values <= -WIDEST)

@@ -3,16 +3,30 @@
 Speed of a shaft from its angle, smoothed over many encoder steps, and runs of equal state.
 
 Readings at standstill: a channel that was read once or several times at each of its places.
+
+Readings that are no motion: spikes, and stalls of the logger.
+
+Spikes: readings far from their neighbours, caused by late polls, glitches or wrong readings.
+
+A *spike* lies off the local line of motion while the readings around it lie on that line. A *step*
+(a reset, a lost wrap) does not return and is refused (`channel.py`). The local line has the
+median slope of 21 samples and passes through the median of 11 samples, so that up to five of eleven
+readings may be wrong, even all on the same side. All limits below are chosen values.
+
+Repeated readings of a turning shaft, caused by stalls of the logger or a lower sampling rate.
+
+All limits below are chosen.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float, Real, Shaped
+from jaxtyping import Bool, Float, Int, Real, Shaped
 
 from ...base.numerics.counting import pieces
-from .spikes import bends, robust_deviation, spikes, without_spikes
 
 TRAVEL = 199.9
 """Travel, in quanta (encoder steps), of one speed difference at top speed; a quantum is then 0.5 %
@@ -158,7 +172,8 @@ _RESTS = 0.9
 
 def usual_step(values: Real[np.ndarray, " n"]) -> float:
     """Return the size of the steps that make half of the travel of a channel."""
-    ordered = np.sort(np.abs(np.diff(values.astype(np.float64))))
+    ordered = np.diff(values.astype(np.float64, copy=False))
+    np.abs(ordered, out=ordered).sort()
     travel = np.cumsum(ordered)
     return float(ordered[np.searchsorted(travel, 0.5 * travel[-1])]) if len(travel) else 0.0
 
@@ -173,13 +188,16 @@ def is_at_standstill(
     readings tell it if every place has several, or if unequal times made steps that are alike.
     Small steps that go on in one direction are motion beside the wraps of a large counter.
     """
-    signed, usual = np.diff(values.astype(np.float64)), usual_step(values)
+    usual = usual_step(values)
+    signed = np.diff(values.astype(np.float64, copy=False))
     step = np.abs(signed)
     moved = step > SAME * usual
-    small = np.where(moved, np.nan, np.sign(signed))[signed != 0]
-    goes_on = np.nansum(small[1:] * small[:-1]) > 0  # noise turns back more often than not
-    if len(step) < 3 or goes_on or np.any(moved & (step < _PART * usual)):
+    if len(step) < 3 or np.any(moved & (step < _PART * usual)):
         return False
+    small = np.where(moved, np.int8(0), (signed > 0) - (signed < 0).astype(np.int8))[signed != 0]
+    if np.sum(small[1:] * small[:-1]) > 0:  # noise turns back more often than not
+        return False
+    del signed, small
     took = np.diff(time)
     slow = bool(np.median(took) >= LONG_S)
     if not clock or (moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS):
@@ -190,3 +208,341 @@ def is_at_standstill(
         for one in (took, step, step / np.maximum(took, 1e-300))
     )
     return slow and uneven > _UNEVEN and speeds**2 > 2 * steps**2
+
+
+HALF = 5
+"""Number of samples on either side that define the local line."""
+
+REACH = 10
+"""Number of samples on either side for the median of the slopes."""
+
+LAG = 2
+"""Number of samples before and after between which a slope is taken."""
+
+QUANTA = 8.01
+DEVIATIONS = 10.0
+"""A spike deviates from the local line by more than `QUANTA` encoder steps plus `DEVIATIONS`
+standard deviations. `QUANTA` lies between whole steps, so that rounding does not decide."""
+
+NEIGHBOUR_FACTOR = 8.0
+"""A spike deviates by more than this factor times the median deviation of its neighbours; at a kink
+of the motion the neighbours deviate too."""
+
+INTERVAL_SHARE = 0.3
+"""A spike deviates by more than the travel of the shaft in this fraction of a sampling interval."""
+
+MAX_SHARE = 0.2
+"""If a larger fraction of the samples deviates, the motion itself is rough and has no spikes."""
+
+_AT_ONCE = 4096
+"""Number of samples whose neighbours are compared at a time (chosen)."""
+
+PASSES = 3
+"""Number of passes; a spike close to a larger spike is found after the larger one is removed."""
+
+
+def spikes(
+    angle: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float
+) -> Bool[np.ndarray, " n"]:
+    """Find samples that deviate from the motion of their neighbours.
+
+    **Arguments**
+    - `angle`: unwrapped readings or angles, shape (n,). `time`: time in s.
+    - `quantum`: step of the readings in the unit of `angle`; 0 if they have no step.
+
+    **Returns** true at every spike; all false if more than a fifth of the samples would be spikes.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.channel.speed import spikes
+    >>> time = np.arange(100) / 500.0
+    >>> angle = 360.0 * time
+    >>> angle[[30, 31, 70]] -= 2.0
+    >>> np.flatnonzero(spikes(angle, time, 0.004)).tolist()
+    [30, 31, 70]
+
+    ```
+    """
+    count = len(angle)
+    mask = np.zeros(count, bool)
+    if count < 2 * REACH + 2 * LAG + 1:
+        return mask
+    cleaned = (angle - angle[0]).astype(np.float64, copy=False)
+    for _ in range(PASSES):
+        new = _detect(cleaned, time, quantum) & ~mask
+        if not new.any():
+            break
+        mask |= new
+        if np.count_nonzero(mask) > MAX_SHARE * count:
+            return np.zeros(count, bool)
+        cleaned = without_spikes(cleaned, time, mask)
+    return mask
+
+
+def _detect(
+    angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float
+) -> Bool[np.ndarray, " n"]:
+    """Return the mask of the spikes that one pass detects."""
+    count = len(angle)
+    mask, rough = np.zeros(count, bool), np.zeros(count, bool)
+    bend = bends(angle, time)
+    if max(bend.max(), -bend.min()) <= 0.5 * QUANTA * quantum:
+        return mask
+    floor = QUANTA * quantum + DEVIATIONS * robust_deviation(bend) / np.sqrt(1.5)
+    del bend  # it is as long as the log
+    # The bend at a spike is its deviation, or half of it beside another spike.
+    for part, inner in _bends(angle, time):
+        rough[part] = np.abs(inner) > 0.5 * floor
+    rough[0], rough[-1] = rough[1], rough[-2]
+    if not rough.any():
+        return mask
+    near = np.convolve(rough, np.ones(2 * HALF + 1, bool), mode="same")
+    usual = float(np.median(time[2 * LAG :] - time[: -2 * LAG], overwrite_input=True))
+    slope = _Slope(angle, time, 1e-3 * usual if usual > 0 else 1.0)
+    interval = np.median(np.diff(time), overwrite_input=True)
+    size = np.zeros(count)
+    for part in _places(near):
+        ahead = _window(part, HALF, count)
+        ahead = angle[ahead] - slope.at(part)[:, None] * (time[ahead] - time[part, None])
+        size[part] = np.abs(angle[part] - np.median(ahead, axis=1))
+    large = size > floor
+    if not large.any():
+        return mask
+    for rows in _places(large):
+        around = NEIGHBOUR_FACTOR * np.median(size[_window(rows, HALF, count)], axis=1)
+        moved_by = INTERVAL_SHARE * np.abs(slope.at(rows)) * interval
+        rows = rows[size[rows] > np.maximum(around, moved_by)]
+        # A sample at a change of motion lies on the line of one side; a spike lies off both.
+        for side in (-1, 1):
+            rows = rows[np.abs(_from_side_line(angle, time, slope, rows, side)) > 0.5 * size[rows]]
+        mask[rows] = True
+    return mask
+
+
+def _places(mask: Bool[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " m"]]:
+    """Yield the places of the true values, some thousands at a time."""
+    for part in pieces(len(mask)):
+        places = np.flatnonzero(mask[part]) + part.start
+        yield from (places[few] for few in pieces(len(places), _AT_ONCE))
+
+
+def without_spikes(
+    values: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " n"]
+) -> Real[np.ndarray, " n"]:
+    """Return `values` in which the masked values are interpolated in time; integers stay integers.
+
+    **Arguments**
+    - `values`: unwrapped readings or angles. `time`: time in s. `mask`: true at every spike.
+    """
+    if not mask.any() or mask.all():
+        return values
+    good = np.flatnonzero(~mask)
+    index = np.flatnonzero(mask)
+    after = np.clip(np.searchsorted(good, index), 0, len(good) - 1)
+    before = good[np.maximum(np.searchsorted(good, index) - 1, 0)]
+    after = good[after]
+    span = time[after] - time[before]
+    weight = np.divide(
+        time[index] - time[before], span, out=np.full(len(index), 0.5), where=span > 0
+    )
+    weight = np.clip(weight, 0.0, 1.0)
+    cleaned = values.copy()
+    # Only the small difference is computed in floating point, so large integers stay exact.
+    step = weight * (values[after] - values[before])
+    if np.issubdtype(values.dtype, np.integer):
+        step = np.rint(step).astype(values.dtype)
+    cleaned[index] = values[before] + step
+    return cleaned
+
+
+def bends(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return the deviation of each sample from the line through its two neighbours.
+
+    The first and the last sample get the deviation of the sample next to them.
+    """
+    bend = np.empty(len(angle))
+    for part, inner in _bends(angle, time):
+        bend[part] = inner
+    bend[0], bend[-1] = bend[1], bend[-2]
+    return bend
+
+
+def _bends(
+    angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
+) -> Iterator[tuple[slice, Float[np.ndarray, " m"]]]:
+    """Yield the places and the deviations of samples between the first and the last one."""
+    for part in pieces(len(angle) - 2):
+        around = slice(part.start, part.stop + 2)
+        seconds, value = time[around], angle[around]
+        span = seconds[2:] - seconds[:-2]
+        share = np.full_like(span, 0.5)
+        np.divide(seconds[1:-1] - seconds[:-2], span, out=share, where=span > 0)
+        inner = value[1:-1] - value[:-2] - share * (value[2:] - value[:-2])
+        yield slice(part.start + 1, part.stop + 1), inner
+
+
+def robust_deviation(values: Float[np.ndarray, " n"]) -> float:
+    """Return the standard deviation from the median absolute deviation; `values` are overwritten.
+
+    It is then computed without a copy of an array that is as long as the log.
+    """
+    values -= np.median(values, overwrite_input=True)
+    return float(np.median(np.abs(values, out=values), overwrite_input=True)) / 0.6745
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Slope:
+    """Local slope of `angle` over `time`; `least` is the least time that counts."""
+
+    angle: Float[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"]
+    least: float
+
+    def at(self, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Return the slope at the samples `rows`.
+
+        It is the median, within ±`REACH` samples, of the slopes from `LAG` before to `LAG` after.
+        At the ends of the log the slopes are mirrored.
+        """
+        last = len(self.angle) - 2 * LAG - 1
+        first = np.clip(rows - LAG, 0, last)[:, None] + np.arange(-REACH, REACH + 1)
+        first = last - np.abs(last - np.abs(first))
+        rise = self.angle[first + 2 * LAG] - self.angle[first]
+        run = self.time[first + 2 * LAG] - self.time[first]
+        return np.median(rise / np.maximum(run, self.least), axis=1)
+
+
+def _window(rows: Int[np.ndarray, " m"], half: int, count: int) -> Int[np.ndarray, "m w"]:
+    """Return indices of 2 `half` + 1 samples around each row, shifted inwards at the ends."""
+    start = np.clip(rows - half, 0, count - 2 * half - 1)
+    return start[:, None] + np.arange(2 * half + 1)
+
+
+def _from_side_line(
+    angle: Float[np.ndarray, " n"],
+    time: Float[np.ndarray, " n"],
+    slope: _Slope,
+    rows: Int[np.ndarray, " m"],
+    side: int,
+) -> Float[np.ndarray, " m"]:
+    """Return the deviations of the samples `rows` from the line before (−1) or after (+1) them.
+
+    At the ends of the log, without enough samples for a line, the deviation is infinite.
+    """
+    count = len(angle)
+    near = rows[:, None] + side * np.arange(1, 2 * HALF)
+    inside = (near[:, -1] >= 0) & (near[:, -1] < count)
+    near = np.clip(near, 0, count - 1)
+    side_slope = slope.at(np.clip(rows + side * (REACH + 1), 0, count - 1))
+    ahead = angle[near] - side_slope[:, None] * (time[near] - time[rows, None])
+    return np.where(inside, angle[rows] - np.median(ahead, axis=1), np.inf)
+
+
+SHORTEST = 4
+"""Least number of equal successive readings of a stall."""
+
+MARGIN = 8
+"""Number of samples on either side of a stall from which its speed is taken."""
+
+JUMP_TOLERANCE = 0.3
+"""Relative tolerance between the jump after a stall and the turn of the shaft during it."""
+
+LEAST_STALL = 8.0
+"""Least turn of the shaft during a stall, in encoder steps. To detect repeated readings, the shaft
+must move at least a third of this number of steps per sample."""
+
+REGULAR = 0.9
+"""Readings repeat regularly if at least this fraction of the changes of a moving channel has the
+same spacing in samples."""
+
+
+def stalls(
+    readings: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], quantum: float, usual: int = 1
+) -> Bool[np.ndarray, " n"]:
+    """Find stalls: equal readings during motion, followed by a jump that corrects the angle.
+
+    **Arguments**
+    - `readings`: unwrapped readings, shape (n,). `time`: time in s. `quantum`: step of `readings`.
+    - `usual`: number of equal successive readings that is normal; up to 3 are always normal.
+
+    **Returns** true at every repeated reading of a stall, without its first reading.
+    """
+    stalled = np.zeros(len(readings), bool)
+    change = np.flatnonzero(np.diff(readings)) + 1
+    start, stop = change[:-1], change[1:]
+    inside = (
+        (stop - start >= max(SHORTEST, usual + 1))
+        & (start >= MARGIN)
+        & (stop < len(readings) - MARGIN)
+    )
+    start, stop = start[inside], stop[inside]
+    if len(start) == 0:
+        return stalled
+    before = _slope(readings, time, start - MARGIN, start)
+    after = _slope(readings, time, stop, stop + MARGIN)
+    turned = 0.5 * (before + after) * (time[stop] - time[start])
+    jump = (readings[stop] - readings[start]).astype(np.float64)
+    matching = np.abs(jump - turned) <= JUMP_TOLERANCE * np.abs(turned)
+    steady = np.abs(before - after) <= np.minimum(np.abs(before), np.abs(after))
+    stalls = matching & steady & (np.abs(turned) > LEAST_STALL * quantum)
+    for a, b in zip(start[stalls], stop[stalls], strict=True):
+        stalled[a + 1 : b] = True
+    return stalled
+
+
+def _slope(
+    readings: Real[np.ndarray, " n"],
+    time: Float[np.ndarray, " n"],
+    first: Int[np.ndarray, " m"],
+    last: Int[np.ndarray, " m"],
+) -> Float[np.ndarray, " m"]:
+    elapsed = time[last] - time[first]
+    rise = (readings[last] - readings[first]).astype(np.float64)
+    return np.divide(rise, elapsed, out=np.zeros(len(rise)), where=elapsed > 0)
+
+
+def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
+    """Return how many samples hold the same reading during motion; 1 if every sample is new.
+
+    Only motion of several encoder steps (`quantum`) per sample is used, and the number must be the
+    same at nearly all changes of the reading.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.logs.channel.speed import repeats
+    >>> repeats(np.repeat(np.arange(0, 50_000, 90), 2), 1.0)
+    2
+
+    ```
+    """
+    span = 2 * MARGIN
+    if len(readings) <= 2 * span:
+        return 1
+    travel = readings[span:] - readings[:-span]
+    np.abs(travel, out=travel)
+    fast = travel > max(LEAST_STALL / 3 * quantum * span, 0.1 * float(travel.max()))
+    moving = np.zeros(len(readings), bool)
+    moving[span // 2 : -span // 2] = fast
+    spacing = _spacing(readings, moving)
+    if len(spacing) < span:
+        return 1
+    usual = int(np.median(spacing))
+    regular = np.count_nonzero(spacing == usual) >= REGULAR * len(spacing)
+    return usual if usual > 1 and regular else 1
+
+
+def _spacing(
+    readings: Real[np.ndarray, " n"], moving: Bool[np.ndarray, " n"]
+) -> Int[np.ndarray, " m"]:
+    """Return the number of samples from each change of the reading to the next, in motion."""
+    found, last = [np.zeros(0, np.int32)], np.zeros(0, np.int64)
+    for part in pieces(len(readings) - 1):
+        change = np.flatnonzero(np.diff(readings[part.start : part.stop + 1])) + part.start + 1
+        change = np.append(last, change)
+        both = moving[change[:-1]] & moving[change[1:]]
+        found.append(np.diff(change)[both].astype(np.int32))
+        last = change[-1:]
+    return np.concatenate(found)

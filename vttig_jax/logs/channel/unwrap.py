@@ -6,12 +6,21 @@ A reading r of a counter with modulus M represents r + kM. If the shaft turns le
 two samples, the true step is the smallest possible one, and k decreases by ⌊(Δr + ⌊M/2⌋)/M⌋.
 
 Quantisation step of the readings of a channel, and the digits with which the log stores them.
+
+Rows of a log that a user leaves out (without a number, outside a window, or in cuts), and the
+unwrapping of shafts through them.
 """
 
-import numpy as np
-from jaxtyping import Bool, Float, Int, Real
+from collections.abc import Callable, Mapping
 
+import numpy as np
+from jaxtyping import Float, Int, Real
+
+from ...base.errors import LogError
+from ...base.numerics.counting import pieces
 from ...base.units import ARCSEC, DEG
+from ...pair.schema import LogLayout, as_cut, as_edge
+from ..source import FEWEST_SAMPLES, Source
 
 SMALLEST_COUNTER = 2**8
 LARGEST_COUNTER = 2**53
@@ -28,14 +37,14 @@ def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.
 
     Upwards means past the upper end of the counter to 0. The shape is (n − 1,).
     """
-    step = np.diff(reading)
-    if np.issubdtype(reading.dtype, np.integer):
-        step = step.astype(np.int64, copy=False)
-        step += int(modulus) // 2
-        step //= int(modulus)
-        return np.negative(step, out=step)
-    step /= modulus
-    return -np.rint(step, out=step).astype(np.int64)
+    wraps = np.empty(max(len(reading) - 1, 0), np.int64)
+    for part in pieces(len(wraps)):
+        step = np.diff(reading[part.start : part.stop + 1])
+        if step.dtype.kind in "iu":
+            wraps[part] = -((step.astype(np.int64, copy=False) + int(modulus) // 2) // int(modulus))
+        else:
+            wraps[part] = -np.rint(step / modulus).astype(np.int64)
+    return wraps
 
 
 def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.ndarray, " n"]:
@@ -45,10 +54,13 @@ def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.nda
     - `reading`: counts (int64) or angles (float64) in one unit, shape (n,).
     - `modulus`: M in that unit; the shaft must turn less than M/2 between samples.
     """
-    turns = np.concatenate([[0], np.cumsum(wrap_steps(reading, modulus))])
-    if np.issubdtype(reading.dtype, np.integer):
-        return reading + int(modulus) * turns
-    return reading + float(modulus) * turns
+    wraps = wrap_steps(reading, modulus)
+    np.cumsum(wraps, out=wraps)
+    found = reading.copy()
+    whole = (int if reading.dtype.kind in "iu" else float)(modulus)
+    for part in pieces(len(wraps)):
+        found[part.start + 1 : part.stop + 1] += whole * wraps[part]
+    return found
 
 
 def find_modulus(
@@ -78,7 +90,8 @@ def find_modulus(
         at = np.flatnonzero(wraps)
         if len(at) == 0:
             continue
-        remaining = _roughness(step + candidate * wraps, at) / _roughness(step, at)
+        before = _roughness(step, at)
+        remaining = _roughness(np.multiply(wraps, candidate, dtype=step.dtype) + step, at) / before
         if remaining < lowest:
             best, lowest = candidate, remaining
     return best
@@ -105,6 +118,7 @@ def stray_jump(
     limit *= 8
     limit += 8 * quantum
     isolated = step > limit
+    del limit
     if not isolated.any():
         return None
     others = step[~isolated]
@@ -136,9 +150,131 @@ def _roughness(step: Real[np.ndarray, " steps"], at: Int[np.ndarray, " wraps"]) 
 
     `at` holds the indices of the steps that wrap. 1 is added to the sum against division by 0.
     """
-    change = np.abs(np.diff(step.astype(np.float64)))
-    before, after = at[at > 0] - 1, at[at < len(change)]
-    return 1.0 + float(change[before].sum() + change[after].sum())
+    before, after = at[at > 0] - 1, at[at < len(step) - 1]
+    sums = (
+        np.abs(step[one + 1].astype(np.float64) - step[one].astype(np.float64)).sum()
+        for one in (before, after)
+    )
+    return 1.0 + float(sum(sums))
+
+
+def kept_rows(
+    layout: LogLayout,
+    columns: Mapping[str, Real[np.ndarray, " n"]],
+    turns: Callable[[], Float[np.ndarray, " n"]],
+    place: Source,
+) -> tuple[Int[np.ndarray, " m"] | None, tuple[str, ...]]:
+    """Return the rows that a table [log] keeps, and notes; None for all rows.
+
+    `columns` is role → values of the columns that are used, with the time in s, and `turns` returns
+    the driving angle in turns. Places in a log count from its first sample with numbers.
+
+    **Raises** `LogError` if fewer than `FEWEST_SAMPLES` rows are left.
+    """
+    stated = ((layout.start, 1), (layout.stop, -1))
+    edges = [(as_edge(edge, "log"), sign) for edge, sign in stated if edge is not None]
+    if not layout.leaves_out_rows:
+        return None, ()
+    numbers = np.logical_and.reduce([np.isfinite(one) for one in columns.values()])
+    keep, notes = np.ones(len(numbers), bool), []
+    if layout.missing == "skip" and not numbers.all():
+        keep, first = numbers.copy(), int(np.argmin(numbers))
+        lacking = [r for r, one in columns.items() if not np.isfinite(one).all()]
+        names = " and ".join(f"`{place.columns.get(role, role)}`" for role in lacking)
+        where = f"line {place.line_of(first)}" if place.line_of else f"sample {first}"
+        count = len(numbers) - np.count_nonzero(numbers)
+        notes.append(
+            f"{count} of {len(numbers)} rows have no number in {names} and are left out, {where}"
+            " first"
+        )
+    start = int(np.argmax(numbers))
+    axes = {"s": lambda: columns["time"], "rev": turns}
+    for (value, unit), sign in edges:
+        keep &= sign * (_since(axes[unit](), start) - value) >= 0
+    for text in layout.cut:
+        low, high, unit = as_cut(text, "log.cut")
+        along = _since(axes[unit](), start)
+        keep &= ~((along >= low) & (along <= high))
+    given = [("--from", layout.start), ("--to", layout.stop), *(("--cut", c) for c in layout.cut)]
+    words = " ".join(f"{option} {value}" for option, value in given if value is not None)
+    rows = np.flatnonzero(keep)
+    if len(rows) < FEWEST_SAMPLES:
+        lasts = float(np.nanmax(_since(columns["time"], start)))
+        raise LogError(
+            f"{words or '--missing skip'} leaves {len(rows)} of {len(keep)} samples, and a log has"
+            f" at least {FEWEST_SAMPLES}; it lasts {lasts:.6g} s, and places count from its first"
+            " sample.",
+            where=place.name,
+        )
+    if words:
+        notes.append(f"{len(rows)} of {len(keep)} samples are read, with {words}")
+    return rows, tuple(notes)
+
+
+def _since(values: Real[np.ndarray, " n"], start: int) -> Real[np.ndarray, " n"]:
+    return values - values[start]
+
+
+def unwrapped(
+    values: Real[np.ndarray, " n"], modulus: int | float | None
+) -> Real[np.ndarray, " n"]:
+    """Return readings with whole turns added in the rows with numbers."""
+    if modulus is None:
+        return values
+    found, numbers = values.copy(), np.isfinite(values)
+    found[numbers] = unwrap(values[numbers], modulus)
+    return found
+
+
+def joined(
+    readings: Mapping[str, Real[np.ndarray, " n"]],
+    rows: Int[np.ndarray, " m"],
+    moduli: Mapping[str, int | float | None],
+    sizes: Mapping[str, float],
+) -> dict[str, Real[np.ndarray, " m"]]:
+    """Return the readings of the shafts in the kept rows, unwrapped through the rows left out.
+
+    A gap may hold whole turns, which the readings in it count, or damaged readings, which do not.
+    Of both ways through a gap, that over its readings and that of the smallest step, each shaft
+    takes the one with which both shafts turn alike.
+
+    `moduli` is role → readings at which they wrap, or None; `sizes` is role → radians of the driven
+    shaft per reading.
+    """
+    gaps = np.flatnonzero(np.diff(rows) > 1)
+    found, steps = {}, {}
+    for role, values in readings.items():
+        found[role] = near = unwrapped(values[rows], moduli[role])
+        through = unwrapped(values, moduli[role])[rows]
+        steps[role] = np.array([np.diff(through)[gaps], np.diff(near)[gaps]])
+    ways = dict.fromkeys(readings, np.zeros(len(gaps), np.int64))
+    if len(readings) == 2:
+        x, y = (sizes[role] * steps[role] for role in ("driving", "driven"))
+        best = np.abs(y - x[:, None]).reshape(4, -1).argmin(axis=0)
+        ways = {"driving": best // 2, "driven": best % 2}
+    for role, near in found.items():
+        chosen = steps[role][ways[role], np.arange(len(gaps))]
+        turns = np.zeros(len(rows), near.dtype)
+        turns[gaps + 1] = chosen - steps[role][1]
+        found[role] = near + np.cumsum(turns)
+    return found
+
+
+def complete(columns: Mapping[int, Real[np.ndarray, " _"]]) -> dict[int, Real[np.ndarray, " _"]]:
+    """Return the columns in rows in which each of them has a number, to compare them.
+
+    A column that leaves fewer than three times `FEWEST_SAMPLES` of these rows is left out.
+    """
+    found: dict[int, np.ndarray] = {}
+    for size in {len(one) for one in columns.values()}:
+        numbers = {k: np.isfinite(one) for k, one in columns.items() if len(one) == size}
+        rows, kept = np.ones(size, bool), []
+        for k in sorted(numbers, key=lambda k: -np.count_nonzero(numbers[k])):
+            both = rows & numbers[k]
+            if np.count_nonzero(both) >= min(3 * FEWEST_SAMPLES, size):
+                rows, kept = both, [*kept, k]
+        found |= {k: columns[k][rows] for k in kept}
+    return dict(sorted(found.items()))
 
 
 _ROUNDING = 1e-10
@@ -186,10 +322,17 @@ def are_multiples(values: Real[np.ndarray, " n"], step: float) -> bool:
 
     A step that is not larger than the rounding errors of the values gives False.
     """
-    if step <= _ROUNDING * np.abs(values).max():
+    if step <= _ROUNDING * _largest(values):
         return False
-    multiples = (values - values[0]) / step
-    return bool(np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE)
+    for part in pieces(len(values)):
+        multiples = (values[part] - values[0]) / step
+        if not np.abs(multiples - np.rint(multiples)).max() < _STEP_TOLERANCE:
+            return False
+    return True
+
+
+def _largest(values: Real[np.ndarray, " n"]) -> float:
+    return max(float(values.max()), -float(values.min()))
 
 
 def common_step(values: Real[np.ndarray, " n"]) -> float:
@@ -198,12 +341,14 @@ def common_step(values: Real[np.ndarray, " n"]) -> float:
     Readings that differ only by rounding count as one reading. A shaft of exactly constant speed
     moves by equal steps, which say nothing about its encoder.
     """
-    steps = np.diff(values)
-    if len(steps) < 2 or np.mean(_differ(steps[1:], steps[:-1], values)) < _LEAST_CHANGES:
+    rounding = _ROUNDING * _largest(values)
+    change = np.diff(values, 2)
+    if not len(change) or np.mean(np.abs(change, out=change) > rounding) < _LEAST_CHANGES:
         return 0.0
+    del change
     ordered = np.unique(values)
     gaps = np.unique(np.diff(ordered))
-    gaps = gaps[gaps > _ROUNDING * np.abs(values).max()]
+    gaps = gaps[gaps > rounding]
     if len(gaps) == 0:
         return 0.0
     step = gaps[0]
@@ -214,12 +359,6 @@ def common_step(values: Real[np.ndarray, " n"]) -> float:
             return float(np.ptp(values) / np.rint(np.diff(ordered) / step).sum())
         step = left.min()
     return 0.0
-
-
-def _differ(
-    first: Real[np.ndarray, " n"], second: Real[np.ndarray, " n"], values: Real[np.ndarray, " m"]
-) -> Bool[np.ndarray, " n"]:
-    return np.abs(first - second) > _ROUNDING * np.abs(values).max()
 
 
 def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> list[str]:
@@ -236,7 +375,9 @@ def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> li
         return []
     values = values[:: -(-len(values) // _SAMPLE)].astype(np.float64)
     top = float(np.abs(values).max())
-    found = _step_of_32_bits(values), _step_of_digits(values)
+    short = values.astype(np.float32)
+    step = float(np.spacing(np.abs(short).max())) if np.array_equal(short, values) else 0.0
+    found = step if step and step_of(values) < step else 0.0, _step_of_digits(values)
     step, reason = max(zip(found, ("numbers of 32 bits", "the printed digits"), strict=True))
     seen = step * radians / ARCSEC
     if seen < _LEAST_ARCSEC:
@@ -245,17 +386,6 @@ def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> li
         f"{role}: this log cannot show less than {seen:.3g}″, the step of {reason} at"
         f" {top * radians / DEG:.5g}°; log from a zero nearby, or with more digits"
     ]
-
-
-def _step_of_32_bits(values: Float[np.ndarray, " n"]) -> float:
-    """Return the distance between neighbouring 32-bit floats at the largest value, or 0.
-
-    It is 0 if the values have more digits than 32-bit floats, or a step at least as coarse.
-    """
-    if not np.array_equal(values.astype(np.float32).astype(np.float64), values):
-        return 0.0
-    step = float(np.spacing(np.float32(np.abs(values).max())))
-    return step if step_of(values) < step else 0.0
 
 
 def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:

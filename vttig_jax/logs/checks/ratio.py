@@ -265,7 +265,13 @@ class SeenRatio:
         seen = f"the log shows a ratio of {self.seen:.6g} ± {self.std:.1g}"
         if self.verdict == "agrees":
             if self.better is None or self.cause in ("delay", "drift"):
-                return self._doubt(seen) if self.is_doubtful else f"{seen}, as given ({given})."
+                if not self.is_doubtful:
+                    return f"{seen}, as given ({given})."
+                off, share = self.deviations, self.seen / float(self.given) - 1
+                return (
+                    f"{seen}, {abs(off):.1f} standard errors {'above' if off > 0 else 'below'} the"
+                    f" given {self.given} ({1e6 * share:+.3g} ppm){self._astray}{self._why}"
+                )
             fits = f"{self.better} fits, so write that if these are the teeth: {self._option}."
             biases = "which biases gap, delay and orders"
             return f"{seen}, {given} given{self._astray}, {biases}; {fits}"
@@ -330,15 +336,6 @@ class SeenRatio:
         degrees = abs(self.seen - float(self.given)) * self.travel / DEG
         return f", off by {degrees:.3g}° of the driven shaft over this log"
 
-    def _doubt(self, seen: str) -> str:
-        assert self.seen is not None  # checked by `is_doubtful`
-        off = self.deviations
-        return (
-            f"{seen}, {abs(off):.1f} standard errors {'above' if off > 0 else 'below'} the given"
-            f" {self.given} ({1e6 * (self.seen / float(self.given) - 1):+.3g} ppm)"
-            f"{self._astray}{self._why}"
-        )
-
     @property
     def _why(self) -> str:
         """Text on what explains a ratio of the log that is a little off, and what to do."""
@@ -395,17 +392,13 @@ def _seen(log: EncoderLog, followed: FollowedMotion | None) -> SeenRatio:
     if followed is None:
         return SeenRatio(None, None, log.ratio, "none")
     seen, std = slope(*followed)
-    tolerance = _tolerance(float(np.ptp(log.driven_angle)) / REV)
+    turns = max(float(np.ptp(log.driven_angle)) / REV, 1e-9)
+    tolerance = max(TOLERANCE, min(MOST_TOLERANCE, SHIFT_TURNS / turns))
     verdict = _verdict(seen, std, float(log.ratio), tolerance)
     found = SeenRatio(seen, std, log.ratio, verdict, travel=float(np.ptp(log.driving_angle)))
     if not found.is_doubtful:
         return found
     return replace(found, cause=slope_gains(log).cause)
-
-
-def _tolerance(turns: float) -> float:
-    """Return the largest relative deviation of a correct ratio over `turns` of the driven shaft."""
-    return max(TOLERANCE, min(MOST_TOLERANCE, SHIFT_TURNS / max(turns, 1e-9)))
 
 
 def check_ratio(log: EncoderLog) -> SeenRatio:

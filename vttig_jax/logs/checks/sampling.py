@@ -14,8 +14,7 @@ from jaxtyping import Complex, Float
 from ...base.units import ARCSEC, REV
 from ..channel.channel import GAP
 from ..encoder_log import EncoderLog
-from ..motion.coverage import HIGHEST, turns_of
-from ..motion.segments import Segment
+from ..motion.segments import HIGHEST, Segment, turns_of
 
 COMMENSURATE = 1e-3
 """If the counts per sample are this close to a whole number, the quantisation error is constant

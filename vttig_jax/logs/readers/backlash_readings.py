@@ -24,7 +24,7 @@ from ...pair.gear_pair import GearPair
 from ...pair.schema import LogLayout
 from .column_names import name_and_unit
 from .delimited import TextTable, find_table
-from .text import read_text
+from .text import Lines, read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
 """Columns of a file of readings, and the units with which their names may end."""
@@ -139,10 +139,10 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     ```
     """
     source = str(path)
-    text, digest, _ = read_text(path, None)
-    table = _find_table(text, source, decimal)
+    lines, digest, _ = read_text(path, None)
+    table = _find_table(lines, source, decimal)
     columns = {role: _column(table, role) for role in UNITS}
-    values = table.columns([index for index, _ in columns.values()], keep_last=True)
+    values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     driving, backlash = (np.asarray(column, np.float64) for column in values)
     lines = np.array([number for number, _ in table.rows()], np.int64)
     names = {role: table.names[index] for role, (index, _) in columns.items()}
@@ -153,9 +153,9 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     return BacklashReadings(driving, backlash, source, digest, lines)
 
 
-def _find_table(text: str, source: str, decimal: Any) -> TextTable:
+def _find_table(lines: Lines, source: str, decimal: Any) -> TextTable:
     try:
-        return find_table(text, source, LogLayout(decimal=decimal))
+        return find_table(lines, source, LogLayout(decimal=decimal))
     except LogError as error:
         # The messages of `find_table` are about encoder logs.
         raise LogError(
@@ -337,7 +337,7 @@ def _by_flank(
             )
     places = [table.names.index(name) for name in header]
     words = [table.texts(place) for place in places[:2]]
-    numbers = np.stack(table.columns(places[2:], keep_last=True), axis=-1).astype(float)
+    numbers = np.stack(table.own_columns(places[2:], keep_last=True), axis=-1).astype(float)
     most = _MOST_MODULES * 1e3 * float(pair.module_mm)
     rows: dict[Place, Rows] = {}
     for (line, _), gear, flank, values in zip(table.rows(), *words, numbers, strict=True):

@@ -220,7 +220,7 @@ def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
         lambda column: _normalised(column) == wanted,
         lambda column: _normalised(name_and_unit(column, units_of(role), source)[0]) == wanted,
         lambda column: re.search(rf"[/\\.]{end}", _normalised(column)),
-        lambda column: re.search(rf"(^|[/\\.]){end}", _normalised(_matrix_name(column))),
+        lambda column: re.search(rf"(^|[/\\.]){end}", _normalised(matrix_name(column))),
     )
     for test in tests:
         matches = [k for k, column in enumerate(names) if test(column)]
@@ -284,7 +284,7 @@ def listed(names: Iterable[str]) -> str:
     """Return the first twelve names as text; columns of one matrix are joined as `x(1…6,:)`."""
     groups: dict[str, list[str]] = {}
     for name in names:
-        groups.setdefault(_matrix_name(name), []).append(name)
+        groups.setdefault(matrix_name(name), []).append(name)
     shown = []
     for matrix, members in groups.items():
         first, last = _INDEX.search(members[0]), _INDEX.search(members[-1])
@@ -298,7 +298,7 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(shown[:12]) + more
 
 
-def _matrix_name(name: str) -> str:
+def matrix_name(name: str) -> str:
     """Return the name of the matrix of a column: `x` for `x(3,:)`."""
     return _INDEX.sub("", name)
 

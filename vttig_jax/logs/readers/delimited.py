@@ -127,11 +127,8 @@ PREAMBLE = 1000
 
 COMMENTS = ("#", "%", "//")
 
-EMPTY = " \t\r\n;,|"
-"""Characters of lines without content, such as empty rows at the end of a spreadsheet."""
-
-BLOCK = 1 << 20
-"""Number of characters that are parsed at a time; several copies of them are in memory (chosen)."""
+EMPTY = b" \t\r\n;,|"
+"""Bytes of lines without content, such as empty rows at the end of a spreadsheet."""
 
 _SEPARATOR = re.compile(r'"?sep=(\\t|.)"?', re.IGNORECASE)
 """Pattern of the first line of a file for Excel that names the delimiter."""
@@ -207,7 +204,7 @@ class TextTable(Table):
             if fields:
                 yield number, fields
 
-    def columns(
+    def own_columns(
         self, indices: Sequence[int], *, keep_last: bool = False
     ) -> list[Real[np.ndarray, " n"]]:
         """Return columns as float64, or as int64 where float64 cannot hold whole numbers.
@@ -222,17 +219,17 @@ class TextTable(Table):
             _ = self._value(self._last[0][0] + 1, self._last[0][2], k, decimal)
         return [self._parsed[k, decimal] for k in indices]
 
-    def numeric(self) -> dict[int, Real[np.ndarray, " n"]]:
-        """Return index → values of all columns that hold only numbers."""
-        indices = list(filter(self.starts_with_a_number, range(len(self.names))))
+    def own_numeric(self) -> dict[int, Real[np.ndarray, " n"]]:
+        """Return index → values of the columns of the file that hold only numbers."""
+        indices = list(filter(self.starts_with_a_number, range(self.own)))
         try:
-            return dict(zip(indices, self.columns(indices), strict=True))
+            return dict(zip(indices, self.own_columns(indices), strict=True))
         except LogError:
             pass
         found: dict[int, np.ndarray] = {}
         for k in indices:
             with suppress(LogError):
-                (found[k],) = self.columns([k])
+                (found[k],) = self.own_columns([k])
         return found
 
     def texts(self, index: int) -> list[str]:
@@ -241,12 +238,12 @@ class TextTable(Table):
 
     def starts_with_a_number(self, index: int) -> bool:
         """Return whether the first field of a column is a number."""
-        first = self._first[index] if index < len(self._first) else ""
-        return looks_like_number(first) or first in self._nulls
+        first = (self._first[k] if k < len(self._first) else "" for k in self.needed([index]))
+        return all(looks_like_number(text) or text in self._nulls for text in first)
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""
-        return index < len(self._first) and looks_like_stamp(self._first[index])
+        return index < min(self.own, len(self._first)) and looks_like_stamp(self._first[index])
 
     @property
     def line_of(self) -> Callable[[int], int]:
@@ -275,6 +272,7 @@ class TextTable(Table):
         It is incomplete if a field of `indices` is missing or unreadable, but readable in the row
         above, or if no line end follows and fields are missing or the last number is cut off.
         """
+        indices = self.needed(indices)
         if len(self._last) < 2:
             return ()
         (row, line, fields), (_, line_above, above) = self._last[:2]
@@ -284,7 +282,7 @@ class TextTable(Table):
                 len(split(self._content(text), self.delimiter, trim=False))
                 for text in (line, line_above)
             ]
-            cut = cut or counts[0] < min(len(self.names), counts[1])
+            cut = cut or counts[0] < min(self.own, counts[1])
             cut = cut or self._ends_in_a_number(indices)
         return (f"the last line ({row + 1}) is cut off and left out",) if cut else ()
 
@@ -427,7 +425,7 @@ class TextTable(Table):
             return None
         wanted = [names[k] for k in indices]
         kind = pa.int64() if whole else pa.float64()
-        read = arrow.ReadOptions(use_threads=False, column_names=names, block_size=2 * BLOCK)
+        read = arrow.ReadOptions(use_threads=False, column_names=names, block_size=1 << 21)
         convert = arrow.ConvertOptions(
             column_types=dict.fromkeys(wanted, kind),
             include_columns=wanted,
@@ -437,7 +435,7 @@ class TextTable(Table):
         pool = pa.system_memory_pool()  # the default pool keeps the memory of all blocks
         arrays = [np.empty(last - first + 1, np.int64 if whole else np.float64) for _ in indices]
         size = 0
-        for block in self.lines.before(last).blocks(first, BLOCK) if last > first else ():
+        for block in self.lines.before(last).blocks(first) if last > first else ():
             if "(" in block:
                 return None
             if self.delimiter is None or "#" in block:
@@ -502,7 +500,7 @@ def _value_at(fields: Sequence[str], index: int) -> bool:
 
 
 def find_table(
-    text: str,
+    lines: Lines,
     source: str,
     layout: LogLayout = LogLayout(),
     highest: int = 0,
@@ -517,11 +515,10 @@ def find_table(
     **Raises** `LogError` for text without header or without rows below it, and for a table on its
     side.
     """
-    stop = next((k for k in range(len(text), 0, -1) if text[k - 1] not in EMPTY), len(text))
-    lines = Lines(text, text.find("\n", stop) + 1 or len(text))
+    lines = lines.trimmed(EMPTY)
     stated = _SEPARATOR.fullmatch(lines[0].strip())
-    if stated is not None:
-        lines = Lines(text[len(lines[0]) : lines.stop])
+    if stated is not None:  # an empty line stays, so that the numbers of the lines do
+        lines = Lines(lines.data, lines.start + len(lines[0]), lines.stop)
     candidates = DELIMITERS if stated is None else (stated[1].replace("\\t", "\t"),)
     if layout.delimiter is not None:
         candidates = (NAMED.get(layout.delimiter, layout.delimiter),)

@@ -105,7 +105,8 @@ def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real
     """
     texts = [text for _, text in cells]
     if texts and looks_like_stamp(texts[0]):
-        return read_stamps(texts, f"{source}: {what}")[0] / 1e9
+        lines = [f"line {line}, " for line, _ in cells]
+        return read_stamps(texts, lambda r: f"{source}: {'' if r is None else lines[r]}{what}")[0]
     if texts and all(text.lstrip("+-").isdigit() and len(text) < 19 for text in texts):
         return np.array([int(text) for text in texts], np.int64)
     values = [to_number(text, decimal) for text in texts]

@@ -22,12 +22,13 @@ from collections.abc import Callable, Iterable, Iterator
 from inspect import signature
 from math import prod
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from ...base.errors import UsageError
-from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget
+from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget, kept_bytes
 from .times import since_first
 
 MATRIX, COMPRESSED = 14, 15
@@ -438,10 +439,21 @@ def object_leaves(path: Path) -> Iterator[tuple[str, np.ndarray]]:
         ) from None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        variables = load_from_mat(str(path), add_table_attrs=True)
+        variables = _load(load_from_mat, path)
         for name, value in variables.items():
             if not name.startswith("__"):
                 yield from leaves(name, value, _objects, lone_cells=False)
+
+
+def _load(read: Callable[..., dict[str, Any]], path: Path) -> dict[str, Any]:
+    """Return the variables of a file; the library opens only files, and no kept bytes."""
+    data = kept_bytes(path)
+    if data is None:
+        return read(str(path), add_table_attrs=True)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "log.mat"
+        file.write_bytes(data)
+        return read(str(file), add_table_attrs=True)
 
 
 def _objects(path: str, value: Any) -> Leaves:

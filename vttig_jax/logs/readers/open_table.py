@@ -18,11 +18,10 @@ from .column_names import ROLES, number_of
 from .delimited import find_table
 from .layouts import read_increment, read_lvm, read_sections, read_twincat
 from .matlab import HDF5_SIGNATURE, check_objects, hdf5_leaves, matlab_leaves, object_leaves
-from .phd2 import read_guide_log
 from .records import read_brackets, read_json, read_pairs, read_side
-from .samples import read_changes, read_frames, read_halsampler, read_long
+from .samples import read_changes, read_frames, read_guide_log, read_halsampler, read_long
 from .table import Table, matrix_columns, with_computed
-from .text import NESTED, Lines, printable, read_bytes, read_text
+from .text import NESTED, printable, read_bytes, read_text
 
 LAYOUTS = (
     *(read_json, read_twincat, read_lvm, read_increment, read_frames, read_changes),
@@ -79,27 +78,21 @@ def open_table(
     ```
     """
     requested = [getattr(layout, role) for role in ROLES]
-    return with_computed(_table_of(path, layout, requested), requested)
-
-
-def _table_of(path: str | Path, layout: LogLayout, requested: Sequence[str | None]) -> Table:
-    """Return the table of a file without computed columns."""
-    binary = format_of(Path(path))
-    if binary is not None:
+    if (binary := format_of(Path(path))) is not None:
         table, table.digest, table.notes = read_binary(Path(path), binary)
-        return table
-    if Path(path).suffix.lower() in NESTED:
-        return _read_nested(path)
-    text, digest, notes = read_text(path, layout.encoding)
-    lines, own = Lines(text), LAYOUTS if layout.delimiter is None else ()
-    found = next(filter(None, (read(lines, str(path)) for read in own)), None)
-    if found is None:
-        highest = max([1, *map(number_of, requested)])
-        table = find_table(text, str(path), layout, highest)
+    elif Path(path).suffix.lower() in NESTED:
+        table = _read_nested(path)
     else:
-        table, notes = found[0], (*notes, *found[1])
-    table.digest, table.notes = digest, (*notes, *table.notes)
-    return table
+        lines, digest, notes = read_text(path, layout.encoding)
+        own = LAYOUTS if layout.delimiter is None else ()
+        found = next(filter(None, (read(lines, str(path)) for read in own)), None)
+        if found is None:
+            highest = max([1, *map(number_of, requested)])
+            table = find_table(lines, str(path), layout, highest)
+        else:
+            table, notes = found[0], (*notes, *found[1])
+        table.digest, table.notes = digest, (*notes, *table.notes)
+    return with_computed(table, requested)
 
 
 def _read_nested(path: str | Path) -> Table:
@@ -120,7 +113,13 @@ def _read_nested(path: str | Path) -> Table:
         for name, array in leaves(data, budget):
             columns.update(matrix_columns(name, array))
         if check_objects(data, hdf5=hdf5, budget=budget):
-            columns.update(_columns_of_objects(Path(path), needed=not columns))
+            try:
+                for name, array in object_leaves(Path(path)):
+                    columns.update(matrix_columns(name, array))
+            except UsageError as error:  # tables need a package
+                if not columns:
+                    raise
+                LOGGER.warning("%s: they are left out: %s", path, error.message)
     except (UsageError, InputError, MemoryError):
         raise
     except Exception:  # damaged bytes raise various exceptions
@@ -138,24 +137,6 @@ def _read_nested(path: str | Path) -> Table:
     names = tuple(map(printable, columns))
     digest = hashlib.sha256(data).hexdigest()
     return Table(names, tuple(columns.values()), source, digest=digest)
-
-
-def _columns_of_objects(path: Path, *, needed: bool) -> dict[str, np.ndarray]:
-    """Return name → values of the columns of MATLAB tables.
-
-    Without the package mat-io they are omitted with a warning.
-    **Raises** `UsageError` without the package if the columns are `needed`, because the file has no
-    other columns.
-    """
-    columns: dict[str, np.ndarray] = {}
-    try:
-        for name, array in object_leaves(path):
-            columns.update(matrix_columns(name, array))
-    except UsageError as error:
-        if needed:
-            raise
-        LOGGER.warning("%s: they are left out: %s", path, error.message)
-    return columns
 
 
 def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:

@@ -10,12 +10,14 @@ which begins with its name.
 import json
 import re
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from ...base.errors import LogError
+from ..source import Source
 from .column_names import unit_in, with_units
 from .delimited import TextTable, is_value, looks_like_number, split, to_number
 from .layouts import Found, Row, content, cut_at, numbers
@@ -41,7 +43,7 @@ def _loads(text: str) -> Any:
 
 def read_json(lines: Lines, source: str) -> Found | None:
     """Return lists of numbers of a text that begins as objects or rows of JSON do, or None."""
-    if _JSON.match(lines.text) is None:
+    if _JSON.match(next(lines.blocks(0), "")) is None:
         return None
     notes: list[str] = []
     try:
@@ -110,7 +112,8 @@ def _json_columns(
             name = f"{path}({k},:)" if wide else f"{path}(:,{k})"
             yield from _json_columns(name if path else f"#{k}", column, source, depth + 1)
     elif kinds == {str} and looks_like_stamp(value[0] or ""):
-        yield f"{path} [s]", read_stamps([one or "" for one in value], source)[0] / 1e9
+        fields = [one or "" for one in value]
+        yield f"{path} [s]", read_stamps(fields, partial(Source(f"{source}: {path}").at, ""))[0]
     elif kinds & {int, float} or (kinds == {str} and looks_like_number(value[0] or "")):
         # A text among numbers is no number, which a fit refuses with its place.
         array = np.array([_number(one) for one in value])

@@ -38,6 +38,7 @@ class Table:
       separate time stamps. - `held`: indices of columns of which only changes are logged.
     - `sample_numbers`: numbers of the rows in the full record if samples are missing.
     - `notes`: sentences on assumptions and on what is left out.
+    - `computed`: the last columns, which are computed from others when they are read.
     - `units`: name of a computed column → unit of the columns from which it is computed.
     """
 
@@ -50,6 +51,17 @@ class Table:
     digest: str = ""
     notes: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    computed: "tuple[Computed, ...]" = ()
+
+    @property
+    def own(self) -> int:
+        """Number of the columns of the file; computed ones follow them."""
+        return len(self.names) - len(self.computed)
+
+    def needed(self, indices: Iterable[int]) -> list[int]:
+        """Return the columns of the file from which these columns follow."""
+        of = ((k,) if k < self.own else self.computed[k - self.own].of for k in indices)
+        return list(dict.fromkeys(k for one in of for k in one))
 
     def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
         """Return the columns with these indices, without an incomplete last row.
@@ -58,6 +70,14 @@ class Table:
 
         **Raises** `LogError` naming the line and column of a field that is not a number.
         """
+        read = self.needed(indices)
+        found = dict(zip(read, self.own_columns(read), strict=True))
+        return [
+            found[k] if k < self.own else self.computed[k - self.own].value(found) for k in indices
+        ]
+
+    def own_columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
+        """Return columns of the file as `columns` does."""
         found = []
         for values in (self.arrays[k] for k in indices):
             floats = values.dtype.kind == "f" or values.max() > np.iinfo(np.int64).max
@@ -66,7 +86,16 @@ class Table:
 
     def numeric(self) -> dict[int, Real[np.ndarray, " _"]]:
         """Return index → values of all columns that hold only numbers."""
-        return dict(enumerate(self.columns(range(len(self.names)))))
+        found = self.own_numeric()
+        return found | {
+            k: one.value(found)
+            for k, one in enumerate(self.computed, self.own)
+            if found.keys() >= {*one.of}
+        }
+
+    def own_numeric(self) -> dict[int, Real[np.ndarray, " _"]]:
+        """Return index → values of the columns of the file that hold only numbers."""
+        return dict(enumerate(self.own_columns(range(self.own))))
 
     def left_out(self, indices: Sequence[int]) -> tuple[str, ...]:
         """Return a note if the last row is incomplete in `indices`, and is not read."""
@@ -132,81 +161,8 @@ class Computed:
     value: Callable[[Columns], Real[np.ndarray, " n"]]
 
 
-class ComputedTable(Table):
-    """A table with computed columns behind its own; they are computed when they are read."""
-
-    def __init__(self, table: Table, computed: Sequence[Computed], units: Mapping[str, str]):
-        clocks = dict(table.clocks)
-        for k, one in enumerate(computed, len(table.names)):
-            stamps = {clocks.get(index) for index in one.of}
-            if len(stamps) > 1:
-                raise LogError(
-                    "its columns have time stamps of their own; export them at common times.",
-                    where=f"{table.source}: `{one.name}`",
-                )
-            clocks.update((k, stamp) for stamp in stamps if stamp is not None)
-        super().__init__(
-            names=(*table.names, *(one.name for one in computed)),
-            arrays=(),
-            source=table.source,
-            clocks=clocks,
-            held=table.held,
-            sample_numbers=table.sample_numbers,
-            digest=table.digest,
-            notes=table.notes,
-            units=units,
-        )
-        self.table, self.computed = table, computed
-
-    def _read(self, indices: Sequence[int]) -> list[int]:
-        """Return the columns of the table that columns of this one need."""
-        own = len(self.table.names)
-        needed = ((k,) if k < own else self.computed[k - own].of for k in indices)
-        return sorted({k for one in needed for k in one})
-
-    def columns(self, indices: Sequence[int]) -> list[Real[np.ndarray, " _"]]:
-        """Return columns as the table does; a computed one has the rows that its columns have."""
-        own, read = len(self.table.names), self._read(indices)
-        found = dict(zip(read, self.table.columns(read), strict=True))
-        return [found[k] if k < own else self.computed[k - own].value(found) for k in indices]
-
-    def numeric(self) -> dict[int, Real[np.ndarray, " _"]]:
-        """Return index → values of all columns that hold only numbers."""
-        found = self.table.numeric()
-        return found | {
-            k: one.value(found)
-            for k, one in enumerate(self.computed, len(self.table.names))
-            if found.keys() >= {*one.of}
-        }
-
-    def left_out(self, indices: Sequence[int]) -> tuple[str, ...]:
-        """Return the note of the table on its last row."""
-        return self.table.left_out(self._read(indices))
-
-    def texts(self, index: int) -> list[str]:
-        """Return the fields of a column of a text as they are written."""
-        return self.table.texts(index)
-
-    def starts_with_a_number(self, index: int) -> bool:
-        """Return whether the first field of a column is a number."""
-        return all(self.table.starts_with_a_number(k) for k in self._read([index]))
-
-    def is_dated(self, index: int) -> bool:
-        """Return whether the first field of a column is a date with time, or a time of day."""
-        return index < len(self.table.names) and self.table.is_dated(index)
-
-    @property
-    def line_of(self) -> Callable[[int], int] | None:
-        """Function from row to its line number in the file, from 1; None without lines."""
-        return self.table.line_of
-
-    def close(self) -> None:
-        """Free the memory of the columns."""
-        self.table.close()
-
-
 def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
-    """Return the table with a column for each requested name that says how it is computed.
+    """Add a column to a table for each requested name that says how it is computed; return it.
 
     A name that a column has is that column.
 
@@ -220,8 +176,12 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
             one, note = _counts(table, counted[1], counted[2])
             notes.append(note)
             units[one.name] = "counts"
-        elif re.search(r"[-+*]", name) and not _is_column(name, table.names):
-            one = _formula(name, table)
+        elif re.search(r"[-+*]", name):
+            try:  # a name such as `motor-pos` may mean a column of the table
+                index_of(name, "driving", table.names, "")
+                continue
+            except LogError:
+                one = _formula(name, table)
             found = {name_and_unit(table.names[k], SHAFT_UNITS, name)[1] for k in one.of}
             if len(found) > 1:
                 said = ", ".join(f"`{table.names[k]}`" for k in one.of)
@@ -234,20 +194,19 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
         else:
             continue
         computed.append(one)
-    if not computed:
-        return table
-    made = ComputedTable(table, computed, units)
-    made.notes = (*made.notes, *notes)
-    return made
-
-
-def _is_column(name: str, names: Sequence[str]) -> bool:
-    """Return whether a name such as `motor-pos` means a column of the table."""
-    try:
-        index_of(name, "driving", names, "")
-    except LogError:
-        return False
-    return True
+    clocks = dict(table.clocks)
+    for k, one in enumerate(computed, table.own):
+        stamps = {table.clocks.get(index) for index in one.of}
+        if len(stamps) > 1:
+            raise LogError(
+                "its columns have time stamps of their own; export them at common times.",
+                where=f"{table.source}: `{one.name}`",
+            )
+        clocks.update((k, stamp) for stamp in stamps if stamp is not None)
+    table.names = (*table.names, *(one.name for one in computed))
+    table.computed, table.units, table.clocks = tuple(computed), units, clocks
+    table.notes = (*table.notes, *notes)
+    return table
 
 
 def _formula(text: str, table: Table) -> Computed:

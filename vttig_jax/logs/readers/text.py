@@ -27,6 +27,7 @@ import numpy as np
 
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import PART, MemoryBudget, kept_bytes, read_regular
+from ...base.numerics.counting import pieces
 
 _CELL = 64  # bytes of a cell of a sheet as a Python object; chosen value
 
@@ -54,12 +55,6 @@ _OPENERS: dict[bytes, Callable[[io.BytesIO], Any]] = {
 
 PACKED_ENDINGS = (".gz", ".bz2", ".xz", ".zst")
 """File endings that follow the ending of the packed text, as in `log.csv.gz`."""
-
-
-def ending_of(path: Path) -> str:
-    """Return the file ending in lower case, without that of a packed file: .csv for log.csv.gz."""
-    packed = path.suffix.lower() in PACKED_ENDINGS
-    return Path(path.stem).suffix.lower() if packed else path.suffix.lower()
 
 
 def unpacked(data: bytes, where: str) -> bytes:
@@ -191,8 +186,8 @@ _PLAIN = b"\t\n\r" + bytes(range(0x20, 0x7F))
 """Bytes of an ASCII text without control codes; a test with them is faster than the pattern."""
 
 
-def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[str, ...]]:
-    """Return the text, the SHA-256 of its bytes, and notes on an assumed encoding.
+def read_text(path: str | Path, encoding: str | None) -> tuple["Lines", str, tuple[str, ...]]:
+    """Return the lines, the SHA-256 of the bytes, and notes on an assumed encoding.
 
     A byte-order mark defines the encoding. Without one it is UTF-16 if every second byte is zero,
     else UTF-8, or Windows-1252 if UTF-8 fails.
@@ -205,6 +200,8 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
     where = str(path)
     data = unpacked(data, where)
     codec = encoding or next((name for bom, name in BOMS if data.startswith(bom)), None)
+    if codec is None and data.isascii() and is_plain(data):
+        return Lines(data), digest, ()
     notes: tuple[str, ...] = ()
     if codec is None and b"\0" in data[:65536]:
         codec = _utf16_without_mark(data)
@@ -237,11 +234,16 @@ def read_text(path: str | Path, encoding: str | None) -> tuple[str, str, tuple[s
     except (LookupError, ValueError):  # a null character in the name, a codec that always fails
         cure = f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252."
         raise LogError(cure, where="log.encoding") from None
-    is_plain = text.isascii() and not data.translate(None, _PLAIN)
     del data  # before a changed copy of the text takes memory too
-    text = text.removeprefix("\ufeff")  # some codecs keep the byte-order mark
-    text = text.replace("\r\n", "\n").replace("\r", "\n")
-    return text if is_plain else printable(text), digest, notes
+    return Lines(printable(text.removeprefix("\ufeff"))), digest, notes
+
+
+def is_plain(data: bytes) -> bool:
+    """Return whether bytes are ASCII without control codes, and each CR is part of a CR LF."""
+    for part in pieces(len(data), _BLOCK):
+        if data[part].translate(None, _PLAIN):
+            return False
+    return data.count(b"\r") == data.count(b"\r\n")
 
 
 def printable(text: str) -> str:
@@ -270,8 +272,15 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
     try:
         if path.is_dir():
             raise LogError("this is a folder; name the log file in it.", where=where)
-        if ending_of(path) not in endings and path.exists():
-            raise _unknown_ending(path)
+        packed = path.suffix.lower() in PACKED_ENDINGS
+        ending = Path(path.stem).suffix if packed else path.suffix  # .csv for log.csv.gz
+        if ending.lower() not in endings and path.exists():
+            raise LogError(
+                f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT, JSON, also"
+                " packed), workbooks (.xlsx, .ods), MATLAB (.mat), HDF5 (.h5, .hdf5), NumPy,"
+                " Parquet, Feather, Arrow, TDMS, MDF and ROS files; export the log as CSV.",
+                where=where,
+            )
         kept = kept_bytes(path)
         data = read_regular(path) if kept is None else kept
     except FileNotFoundError:
@@ -289,44 +298,40 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
     return data
 
 
-def _unknown_ending(path: Path) -> LogError:
-    return LogError(
-        f"`{path.suffix}` files are not read, only text logs (CSV, TSV, TXT, JSON, also packed),"
-        " workbooks (.xlsx, .ods), MATLAB (.mat), HDF5 (.h5, .hdf5), NumPy, Parquet, Feather,"
-        " Arrow, TDMS, MDF and ROS files; export the log as CSV.",
-        where=str(path),
-    )
-
-
 _HEAD = 1024
 """Number of first lines that are stored as a list, because the search for headers and layouts reads
 them often (chosen)."""
 
-_BLOCK = 1 << 20
-"""Number of characters that are split into lines at a time (chosen)."""
+_BLOCK = 1 << 18
+"""Number of bytes that are split into lines at a time (chosen)."""
+
+_IN_NUMBERS = b" \t\r\n0123456789.,;+-"
 
 
 class Lines(Sequence[str]):
-    """The lines of `text[:stop]`, as `text[:stop].split("\\n")` returns them.
+    """The lines of a text, as `text.split("\\n")` returns them; a line may end in CR LF.
 
-    They stay one string, because a list of lines would take three times the memory.
+    `data` is the text, or its bytes in UTF-8, which are not copied, from `start` to `stop`. They
+    stay one object, because a list of lines would take three times the memory.
     """
 
-    def __init__(self, text: str, stop: int | None = None):
-        self.text, self.stop = text, len(text) if stop is None else stop
-        self._length = text.count("\n", 0, self.stop) + 1
+    def __init__(self, data: str | bytes, start: int = 0, stop: int | None = None):
+        if isinstance(data, str):
+            data = data.replace("\r\n", "\n").replace("\r", "\n").encode("utf-8", "surrogatepass")
+        self.data, self.start, self.stop = data, start, len(data) if stop is None else stop
+        self._length = data.count(b"\n", start, self.stop) + 1
         self._head = list(islice(self, _HEAD))
 
     def __len__(self) -> int:
         return self._length
 
     def __iter__(self) -> Iterator[str]:
-        for block in self.blocks(0, _BLOCK):
+        for block in self.blocks(0):
             lines = block.split("\n")
             yield from lines[:-1]
             if not block.endswith("\n"):
                 yield lines[-1]
-        if not self.stop or self.text[self.stop - 1] == "\n":
+        if self.stop == self.start or self.data[self.stop - 1] == 10:
             yield ""
 
     @overload
@@ -346,6 +351,16 @@ class Lines(Sequence[str]):
             raise IndexError("this text has no such line")
         return next(self.starting_at(index % len(self)))
 
+    @property
+    def text(self) -> str:
+        """The whole text."""
+        return "".join(self.blocks(0))
+
+    def _decoded(self, start: int, stop: int) -> str:
+        """Return the text of whole lines, whose line ends are LF."""
+        text = self.data[start:stop].decode("utf-8", "surrogatepass")
+        return text.replace("\r\n", "\n") if "\r" in text else text
+
     def starting_at(self, index: int) -> Iterator[str]:
         """Yield the lines from the line with index `index` (from 0) to the end."""
         return islice(self, index, None)
@@ -353,46 +368,59 @@ class Lines(Sequence[str]):
     def backwards(self) -> Iterator[str]:
         """Yield the lines from the last one to the first one."""
         stop = self.stop
-        while stop >= 0:
-            start = self.text.rfind("\n", 0, stop) + 1
-            yield self.text[start:stop]
+        while stop >= self.start:
+            start = self.data.rfind(b"\n", self.start, stop) + 1 or self.start
+            yield self._decoded(start, stop).removesuffix("\r")
             stop = start - 1
 
     def before(self, index: int) -> "Lines":
         """Return the lines before the line with index `index` ≥ 1."""
         stop = self.stop
         for _ in range(len(self) - index):
-            stop = self.text.rfind("\n", 0, stop)
-        return Lines(self.text, stop)
+            stop = self.data.rfind(b"\n", self.start, stop)
+        return Lines(self.data, self.start, stop - (self.data[stop - 1 : stop] == b"\r"))
+
+    def trimmed(self, empty: bytes) -> "Lines":
+        """Return the lines without those at the end that hold only bytes of `empty`."""
+        places = range(self.stop, self.start, -1)
+        end = next((k for k in places if self.data[k - 1] not in empty), self.stop)
+        stop = self.data.find(b"\n", end, self.stop) + 1 or self.stop
+        return self if stop == self.stop else Lines(self.data, self.start, stop)
 
     def start_of(self, index: int) -> int:
-        """Return the character position in the text at which the line with index `index` starts."""
-        place = 0
+        """Return the position in the bytes at which the line with index `index` starts."""
+        place = self.start
         for _ in range(index):
-            place = self.text.index("\n", place, self.stop) + 1
+            place = self.data.index(b"\n", place, self.stop) + 1
         return place
 
     def have(self, mark: str, first: int = 0) -> bool:
         """Return whether `mark` occurs in the line with index `first` or a later line."""
-        return len(self) > first and self.text.find(mark, self.start_of(first), self.stop) >= 0
-
-    def match(self, pattern: re.Pattern[str], first: int) -> bool:
-        """Return whether a pattern (flag MULTILINE) matches from the line with index `first` on."""
         if len(self) <= first:
             return False
-        return pattern.search(self.text, self.start_of(first), self.stop) is not None
+        return self.data.find(mark.encode(), self.start_of(first), self.stop) >= 0
 
-    def blocks(self, first: int, size: int) -> Iterator[str]:
+    def match(self, pattern: re.Pattern[str], first: int) -> bool:
+        """Return whether a pattern matches at or in a line from the line with index `first` on.
+
+        The pattern has the flag MULTILINE, and matches only what is no number in ASCII.
+        """
+        return any(
+            block.encode().translate(None, _IN_NUMBERS) and pattern.search(block)
+            for block in self.blocks(first)
+        )
+
+    def blocks(self, first: int, size: int = _BLOCK) -> Iterator[str]:
         """Yield blocks of whole lines from the line with index `first` on.
 
-        A block has about `size` characters.
+        A block has about `size` bytes.
         """
         place = self.start_of(first) if len(self) > first else self.stop
         while place < self.stop:
-            end = self.text.rfind("\n", place, min(place + size, self.stop)) + 1
+            end = self.data.rfind(b"\n", place, min(place + size, self.stop)) + 1
             if not end:
-                end = self.text.find("\n", place, self.stop) + 1
+                end = self.data.find(b"\n", place, self.stop) + 1
             if not end or self.stop - place <= size:
                 end = self.stop
-            yield self.text[place:end]
+            yield self._decoded(place, end)
             place = end

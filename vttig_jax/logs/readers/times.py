@@ -12,12 +12,12 @@ Units of numeric time stamps that count from an epoch, recognised from their mag
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
-from jaxtyping import Float, Int64, Real
+from jaxtyping import Float, Real
 
 from ...base.errors import LogError
 from .column_names import TIME_UNITS
@@ -67,8 +67,12 @@ def looks_like_stamp(field: str) -> bool:
     return (":" in text or _BASIC.fullmatch(text) is not None) and _split(text) is not None
 
 
-def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " n"], str]:
-    """Return stamps as nanoseconds since the first stamp, and a note on the first stamp.
+def read_stamps(
+    fields: Sequence[str], at: Callable[[int | None], str]
+) -> tuple[Float[np.ndarray, " n"], str]:
+    """Return stamps in seconds since the first stamp, and a note on the first stamp.
+
+    `at` returns the place of a row, or that of the whole column for None.
 
     **Raises** `LogError` for a field of another form, a zone name that changes, and dates such as
     01/02/2026 that change and have two orders of day and month.
@@ -78,13 +82,13 @@ def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " 
         stamp = _split(field.strip())
         if stamp is None:
             raise LogError(
-                f"`{field}` in row {row + 1} is no time like that of the first row, `{fields[0]}`;"
-                " correct it or remove the line.",
-                where=where,
+                f"`{field}` is no time like that of the first row, `{fields[0]}`; correct it or"
+                " remove the line.",
+                where=at(row),
             )
         parsed.append(stamp)
-    days = _days({stamp.day for stamp in parsed}, where)
-    shifts = _shifts_ns({stamp.zone for stamp in parsed}, where)
+    days = _days({stamp.day for stamp in parsed}, at(None))
+    shifts = _shifts_ns({stamp.zone for stamp in parsed}, at(None))
     first_day = days[parsed[0].day]
     nanoseconds = np.array(
         [
@@ -97,7 +101,7 @@ def read_stamps(fields: Sequence[str], where: str) -> tuple[Int64[np.ndarray, " 
         period = parsed[0].period_ns
         falls = np.diff(nanoseconds) < -period // 2  # the clock has passed midnight or the hour
         nanoseconds[1:] += period * np.cumsum(falls)
-    return nanoseconds - nanoseconds[0], f"time: starts at {fields[0].strip()}"
+    return (nanoseconds - nanoseconds[0]) / 1e9, f"time: starts at {fields[0].strip()}"
 
 
 def _split(text: str) -> Stamp | None:
@@ -212,12 +216,6 @@ _LONGEST = 40  # most characters of a stamp (chosen); nanoseconds since 1970 hav
 
 FINE_ENOUGH = 0.1
 """Largest step of the printed stamps as a fraction of the sampling interval (chosen)."""
-
-
-def seconds_of_stamps(fields: Sequence[str], where: str) -> tuple[Float[np.ndarray, " n"], str]:
-    """Return the seconds since the first stamp from written dates or times, and a note on it."""
-    nanoseconds, note = read_stamps(fields, where)
-    return nanoseconds / 1e9, note
 
 
 def since_first(stamps: np.ndarray) -> Float[np.ndarray, " n"]:

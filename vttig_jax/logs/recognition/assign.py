@@ -15,6 +15,7 @@ from jaxtyping import Float, Real
 from ...base.errors import LogError, VttigError
 from ...base.units import LENGTH_UNITS, REV
 from ...pair.schema import PairSpec, UnitTable, as_fraction
+from ..channel.unwrap import complete
 from ..readers.column_names import (
     ANGLES,
     ROLES,
@@ -32,7 +33,6 @@ from ..readers.column_names import (
 )
 from ..readers.table import Table
 from ..readers.times import epoch_unit
-from ..rows import complete
 from ..slope import MOST_ROWS, ratio_option, slope
 from .candidates import (
     APART,
@@ -81,12 +81,6 @@ class Roles:
     questions: tuple[VttigError, ...]
     names: Mapping[str, str]
     units: Mapping[str, str]
-
-    def decided(self) -> "Roles":
-        """Return the roles, or raise the first question."""
-        for question in self.questions:
-            raise question
-        return self
 
     @property
     def spec(self) -> PairSpec | None:
@@ -175,9 +169,13 @@ class Search:
         if self.timed and "time" in self.roles:
             with self._asking():
                 self._find_time_unit()
-        for check in (self._check_names, self._check_units, self._check_ratio):
+        for check in (self._check_names, self._check_units):
             with self._asking():
                 check()
+        text, ratio = self.statement.two_readings, self.statement.ratio
+        if ratio is not None and text and "/" not in text and "transmission_error" in self.roles:
+            # A curve with a ratio such as 225 does not show which shaft turns faster.
+            self.asked.append(self._two_readings("bare-ratio", ratio))
         return Roles(
             self.statement,
             {} if self.asked else self._columns(),
@@ -194,12 +192,6 @@ class Search:
             yield
         except VttigError as error:
             self.asked.append(error)
-
-    def assuming(self, statement: Statement) -> "Search":
-        """Return a new search of the same table with another statement."""
-        trial = Search(self.table, statement)
-        trial.__dict__["candidates"] = self.candidates  # the values of a table are compared once
-        return trial
 
     def _take_stated(self) -> None:
         """Assign roles to the columns that the statement names."""
@@ -287,7 +279,14 @@ class Search:
         named = [one for one in candidates if one.dated or one.says_time]
         rising = [one for one in candidates if one.can_be_time]
         wrong = [one for one in candidates if one.reading.role == "time"]
-        if len(named) > 1 and not _are_the_same(named):
+        first = named[0] if named else None
+        same = first is not None and all(
+            one.reading.unit == first.reading.unit
+            and (first.values is not None and one.values is not None)
+            and np.array_equal(one.values, first.values)
+            for one in named[1:]
+        )
+        if len(named) > 1 and not same:
             options = [f"--column time='{one.name}'" for one in named[:4]]
             asked = self._ask("several-columns", role="time", columns=named, options=options)
             raise self._with_units(asked)
@@ -325,7 +324,10 @@ class Search:
         # A second column with the name of a known shaft, such as `Input 2` beside `Input 1`.
         possible += [o for o in turning if o.reading.role in fixed and not o.reading.setpoint]
         if len(possible) < len(missing):
-            self._refuse_unread(free)
+            for one in free:  # raises for a field without number in a column that may be a shaft
+                angle = one.values is None and one.reading.is_angle and not one.dated
+                if angle and self.table.starts_with_a_number(one.index):
+                    self.table.columns([one.index])
             raise self._shafts_open(missing, listed, given=True)
         pairs, signs, unknown = self.fitting_pairs(fixed, possible, ratio)
         if unknown:
@@ -354,13 +356,6 @@ class Search:
         for role, one in zip(SHAFTS, pairs[0], strict=True):
             if role in missing:
                 self._take(role, one, "by-name" if one.reading.output_side else "by-ratio")
-
-    def _refuse_unread(self, columns: Sequence[Candidate]) -> None:
-        """Raise the `LogError` of a column that may be a shaft and holds a field without number."""
-        for one in columns:
-            angle = one.values is None and one.reading.is_angle and not one.dated
-            if angle and self.table.starts_with_a_number(one.index):
-                self.table.columns([one.index])
 
     def _two_readings(self, slug: str, ratio: Fraction) -> Question:
         text = self.statement.two_readings
@@ -403,7 +398,13 @@ class Search:
         options = " ".join(f"--column {role}=NAME" for role in missing)
         still = [one for one in candidates if one.is_constant and one.reading.is_angle]
         moving = [one for one in candidates if not one.is_constant]
-        moving.sort(key=_unlikely)
+        moving.sort(
+            key=lambda one: (
+                not one.reading.is_angle,
+                one.reading.unit is None,
+                bool(one.reading.setpoint),
+            )
+        )
         others = [one for one in self.free() if one.turns and one.reading.other]
         lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
         if not given:
@@ -508,7 +509,8 @@ class Search:
             about = {"role": "time", "columns": [one], "options": [option]}
             if np.all(one.values == np.rint(one.values)):
                 raise self._ask("no-time-unit", **about)
-            if _may_be_days(one):
+            short = one.rows > 1 and float(np.median(np.abs(one.steps))) < SHORT_S
+            if short and any(first <= one.values[0] <= last for first, last in DAYS):
                 raise self._ask("days-or-seconds", **about)
         self.units["time"] = "s"
         self.guesses.append(Guess.of("seconds", "time", option, name=one.name))
@@ -609,15 +611,9 @@ class Search:
                 raise self._no_unit(role, one)
             counted |= unit == "counts"
             if unit == "counts" and not self.statement.in_file and not self.statement.counted:
-                raise self._no_counts(role, one)
+                raise self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
         if self.statement.counted and not counted and not self.asked:
             raise ask("unused-counts", "")
-
-    def _check_ratio(self) -> None:
-        """Ask which shaft turns faster if a curve with a ratio such as 225 does not show it."""
-        ratio = self.statement.ratio
-        if ratio is not None and self.statement.is_bare and "transmission_error" in self.roles:
-            raise self._two_readings("bare-ratio", ratio)
 
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
@@ -638,9 +634,6 @@ class Search:
         if in_file:
             told = f'end the name with _deg, _rad, … or write `{role} = "deg"` in [unit]'
         return self._ask("no-unit", options=[told], **about)
-
-    def _no_counts(self, role: str, one: Candidate) -> Question:
-        return self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
 
     def _no_lead(self, role: str, one: Candidate) -> Question:
         told = "give --lead-mm with its travel in mm in one turn of the shaft"
@@ -759,7 +752,9 @@ class Search:
         scale = float(as_fraction(getattr(self.statement.layout, f"{role}_scale"), ""))
         radians = self.statement.radians(role, unit)
         if radians is None:
-            raise self._no_counts(role, one) if unit == "counts" else self._no_lead(role, one)
+            if unit != "counts":
+                raise self._no_lead(role, one)
+            raise self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
         turn = encoder.counts_per_rev if unit == "counts" else REV / radians
         assert turn is not None  # `radians` is known
         return encoder.sign * turn / scale
@@ -830,27 +825,3 @@ class Search:
             if found:
                 break
         return [pair for pair, _ in found], [sign for _, sign in found], unknown
-
-
-def _are_the_same(candidates: Sequence[Candidate]) -> bool:
-    """Return whether all columns hold the same numbers in the same unit."""
-    first, *others = candidates
-    return first.values is not None and all(
-        one.reading.unit == first.reading.unit
-        and one.values is not None
-        and np.array_equal(one.values, first.values)
-        for one in others
-    )
-
-
-def _may_be_days(one: Candidate) -> bool:
-    """Return whether stamps may be days: day numbers of 2000 to 2100 with very small steps."""
-    assert one.values is not None  # the column holds numbers
-    short = one.rows > 1 and float(np.median(np.abs(one.steps))) < SHORT_S
-    return short and any(first <= one.values[0] <= last for first, last in DAYS)
-
-
-def _unlikely(one: Candidate) -> tuple[bool, bool, bool]:
-    """Return a key that sorts columns by how little their names look like a measured angle."""
-    reading = one.reading
-    return not reading.is_angle, reading.unit is None, bool(reading.setpoint)

@@ -123,7 +123,11 @@ class DriveRequest:
         try:
             if self.ratio is not None:
                 return as_ratio(self.ratio, "")
-            return _teeth_ratio(str(self.teeth))
+            driving, slash, driven = str(self.teeth).replace(" ", "").partition("/")
+            if slash and driving.isdigit() and driven.isdigit() and int(driving) and int(driven):
+                return as_ratio(f"{driving}/{driven}", "")
+            message = "must be the teeth of the driving and driven gear, as in 45/80."
+            raise PairError(f"{str(self.teeth)!r} {message}")
         except PairError as error:
             option = "--teeth" if self.ratio is None else "--ratio"
             raise UsageError(f"{option} {error.message}") from None
@@ -153,15 +157,6 @@ class DriveRequest:
             driven_scale=self.driven_scale or 1,
         )
 
-    @property
-    def says_which_shaft(self) -> bool:
-        """Whether each number of the ratio belongs to a known shaft.
-
-        It is true for turns such as "64:23", for teeth such as "45/80" and for equal speeds. It is
-        false for other ratios of speeds such as "9/16" or 0.5625.
-        """
-        return self.teeth is not None or ":" in str(self.ratio) or self.speed_ratio == 1
-
     def spec(self) -> PairSpec:
         """Return the pair file equivalent to the statements on the drive, without a log layout.
 
@@ -186,12 +181,14 @@ class DriveRequest:
         """
         self.check()
         named, layout = self.names_a_drive, stated_layout(self.layout, reading)
+        # Turns such as "64:23" and teeth say which number belongs to which shaft.
+        sure = self.teeth is not None or ":" in str(self.ratio) or (named and self.speed_ratio == 1)
         return Statement(
             layout=layout,
             unit=msgspec.structs.replace(UnitTable(), **self.units),
             encoders=self.encoders,
             ratio=self.speed_ratio if named else None,
-            two_readings=str(self.ratio) if named and not self.says_which_shaft else "",
+            two_readings=str(self.ratio) if named and not sure else "",
             drive=msgspec.structs.replace(self.spec(), log=layout) if named else None,
         )
 
@@ -267,11 +264,6 @@ class Statement:
         counts = self.encoders[SHAFTS.index(role)].counts_per_rev
         return radians_of(unit, counts, self.layout.lead_mm)
 
-    @property
-    def is_bare(self) -> bool:
-        """Whether the ratio is a number alone, such as 225, which may be meant as 225:1."""
-        return bool(self.two_readings) and "/" not in self.two_readings
-
 
 class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Options for reading a log, with the names that `run.toml` uses; they win over `[log]`.
@@ -309,11 +301,6 @@ class ReadingOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         own = msgspec.structs.asdict(self)
         rate = own.pop("sample_rate")
         return own | {"columns": roles_of(self.columns), "sample_rate_hz": rate}
-
-    def with_columns(self, columns: Mapping[str, str]) -> "ReadingOptions":
-        """Return the options with these columns, role → name, beside the stated ones."""
-        named = {**roles_of(self.columns), **columns}
-        return msgspec.structs.replace(self, columns=tuple(f"{r}={n}" for r, n in named.items()))
 
 
 def roles_of(columns: Iterable[str]) -> dict[str, str]:
@@ -456,17 +443,5 @@ def in_words(ratio: Fraction) -> str:
     driving, driven = ratio.denominator, ratio.numerator
     if max(driving, driven) > MOST_TURNS:
         return f"the driving shaft turns once while the driven shaft turns {float(ratio):.9g} times"
-    return (
-        f"the driving shaft turns {_times(driving)} while the driven shaft turns {_times(driven)}"
-    )
-
-
-def _times(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
-
-
-def _teeth_ratio(text: str) -> Fraction:
-    driving, slash, driven = text.replace(" ", "").partition("/")
-    if not (slash and driving.isdigit() and driven.isdigit() and int(driving) and int(driven)):
-        raise PairError(f"{text!r} must be the teeth of the driving and driven gear, as in 45/80.")
-    return as_ratio(f"{driving}/{driven}", "")
+    once = ("once" if count == 1 else f"{count} times" for count in (driving, driven))
+    return "the driving shaft turns {} while the driven shaft turns {}".format(*once)

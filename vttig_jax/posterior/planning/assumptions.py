@@ -8,8 +8,7 @@ from jaxtyping import Float
 
 from ...base.units import ARCSEC, DEG
 from ...identify.fit_settings import LONGEST_DELAY_S
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import Drive, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair
 
 ECCENTRICITY_MM = 0.02  # default eccentricity of a gear (chosen)
 ENCODER_ARCSEC = 10.0  # default encoder error (chosen)

@@ -13,8 +13,7 @@ from ...identify.fit_settings import FitSettings
 from ...identify.identification import conditions_of, told_by
 from ...identify.orders import SIDES
 from ...model.parameters import FULL_TURN
-from ...pair.eccentricities import Eccentricities
-from ...pair.gear_pair import Drive, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ...pair.schema import HarmonicOrders
 from .assumptions import DELAY, assumed_values
 from .expected import expected_fit

@@ -22,7 +22,7 @@ from ...identify.result import Fit, doubt
 from ...kinematics.harmonic import OrderModel
 from ...model.columns import FLAT, KNOWN
 from ...model.rows import SHAFTS
-from ...pair.eccentricities import Eccentricities
+from ...pair.gear_pair import Eccentricities
 from ..chains import Chains
 from .arviz_export import arviz_data
 from .draws import (

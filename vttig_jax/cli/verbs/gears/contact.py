@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from ....geometry.contact_report import Contacts
     from ....geometry.deviations import Deviations
     from ....geometry.mounting import Misalignment
-    from ....pair.eccentricities import Eccentricities
-    from ....pair.gear_pair import GearPair
+    from ....pair.gear_pair import Eccentricities, GearPair
 
 
 _MOST_ROWS = 200_000
@@ -142,8 +141,7 @@ def command(
 
 
 def _gears(path: Path) -> "GearPair":
-    from ....pair.gear_pair import GearPair
-    from ....pair.load import load_pair
+    from ....pair.gear_pair import GearPair, load_pair
 
     pair = load_pair(path)
     if not isinstance(pair, GearPair):
@@ -168,7 +166,7 @@ def _mounted(rig: Path | None, pair: Path, axial_mm: float) -> "Eccentricities":
     import equinox as eqx
     import numpy as np
 
-    from ....pair.eccentricities import Eccentricities
+    from ....pair.gear_pair import Eccentricities
 
     found = Eccentricities() if rig is None else fitted_rig(rig, pair)
     return eqx.tree_at(lambda one: one.axial_mm, found, np.float64(axial_mm))

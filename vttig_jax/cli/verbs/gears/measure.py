@@ -103,8 +103,7 @@ def command(
 
 
 def _gears(spec: "PairSpec", path: Path) -> "GearPair":
-    from ....pair.gear_pair import GearPair
-    from ....pair.load import pair_from_spec
+    from ....pair.gear_pair import GearPair, pair_from_spec
 
     pair = pair_from_spec(spec)
     if not isinstance(pair, GearPair):

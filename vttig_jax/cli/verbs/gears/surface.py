@@ -167,8 +167,7 @@ def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
 
 def _tooth(spec: Any, path: Path, gear: "Shaft") -> "Tooth":
     from ....geometry.tooth import tooth_of
-    from ....pair.gear_pair import GearPair
-    from ....pair.load import pair_from_spec
+    from ....pair.gear_pair import GearPair, pair_from_spec
 
     pair = pair_from_spec(spec)
     if not isinstance(pair, GearPair):
