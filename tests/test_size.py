@@ -21,7 +21,7 @@ PACKAGE = Path(vttig_jax.__file__).parent
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
     "base": (1268, 19),  # 950
-    "pair": (671, 1),  # 560
+    "pair": (669, 1),  # 560
     "kinematics": (1104, 17),  # 780
     "geometry": (3530, 56),  # 2800
     "logs": (10208, 274),  # 7400
@@ -29,10 +29,10 @@ BOUNDS = {
     "model": (2105, 44),
     "identify": (3480, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
-    "control": (5960, 71),  # 3600
+    "control": (6080, 75),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
-    "runs": (2447, 9),  # 900
-    "cli": (3940, 19),  # 2600
+    "runs": (2580, 11),  # 900
+    "cli": (3993, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

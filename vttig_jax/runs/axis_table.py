@@ -37,7 +37,7 @@ AxisName = Literal["driven", "driving"]
 INTERVALS = 255
 """Intervals of a table by default: what LinuxCNC holds."""
 
-_MOST_POINTS, MOST_DRAWS = 2**15, 200
+_MOST_POINTS, _MOST_DRAWS = 2**15, 200
 """Positions of a travel at which a prediction is made, and draws of its band (chosen)."""
 
 _FOLLOWED = 0.25
@@ -205,7 +205,7 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
     turns = 1 if alike else max(1, round(abs(gain) * fit.pair.hunting_turns))
     flanks, zero_mean, model, draws = measured_error(fit, posterior)
     draws = normal_draws(fit) if draws is None else draws
-    every = slice(None, None, max(1, len(draws.offset) // MOST_DRAWS))
+    every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
     parts = {name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")}
     few = replace(draws, **parts)
     period = np.arange(2**12) * (fit.pair.hunting_turns * REV / 2**12)
@@ -232,10 +232,10 @@ def normal_draws(fit: Fit) -> GapDraws:
     whole = np.eye(len(posterior.problem.columns))
     mean, covariance, _ = posterior.told(whole, moved=True)
     values, axes = np.linalg.eigh(covariance)
-    normals = np.random.default_rng(0).standard_normal((MOST_DRAWS, len(mean)))
+    normals = np.random.default_rng(0).standard_normal((_MOST_DRAWS, len(mean)))
     drawn = (normals - normals.mean(axis=0)) @ (axes * np.sqrt(np.maximum(values, 0))).T
     series = flanks_of(fit, mean + drawn)
-    return GapDraws(fit.pair, tuple(fit.model.terms), *series, np.arange(MOST_DRAWS))
+    return GapDraws(fit.pair, tuple(fit.model.terms), *series, np.arange(_MOST_DRAWS))
 
 
 def axis_table(

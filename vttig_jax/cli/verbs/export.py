@@ -164,13 +164,12 @@ def command(
     opened.refuse_own([out])
     _check_options(out, control, suffix, quantity, overwrite=overwrite)
     vttig_jax.enable_x64()
-    step_deg = 1.0 if step_deg is None and control is None else step_deg
-    fit = opened.fit
+    step, fit = step_deg or 1.0, opened.fit
     if control is not None:
         rate = acceleration_deg_s2, servo_period_ms
         text, record, shown = _axis_table(opened, out, control, axis, step_deg, rate, name)
     elif quantity == "error":
-        text, record, shown = _error(opened, out, step_deg or 1.0)
+        text, record, shown = _error(opened, out, step)
     else:
         shift = quantity == "shift"
         grid, contact = _maps(opened, constant_backlash_deg, header=suffix == ".h", shift=shift)
@@ -179,7 +178,7 @@ def command(
             grid, distance = lowered_map(opened, gap)
             lowered = gap, distance / DEG
         if suffix == ".csv":
-            text, record, shown = _table(fit, grid, step_deg, out, quantity)
+            text, record, shown = _table(fit, grid, step, out, quantity)
         else:
             from ...control.compensation.map_harmonics import compensation_of
 
@@ -203,7 +202,7 @@ def command(
             run_folder,
         )
     opened.write_beside({out: text}, overwrite=overwrite)
-    rows = f": {resolution(fit, step_deg)}" if suffix == ".csv" and step_deg else ""
+    rows = f": {resolution(fit, step)}" if suffix == ".csv" and control is None else ""
     output.emit(record, f"{shown}\nwritten to {out}{rows}")
 
 
