@@ -154,6 +154,7 @@ INNER_FLOORS = {
         "program_cache",
         "completion",
         "options",
+        "axis_options",
         "fit_options",
         "drive_options",
         "verbs",

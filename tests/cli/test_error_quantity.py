@@ -8,10 +8,12 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
 from vttig_jax import open_run
+from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.main import main
 
 GAP_ARCSEC = 90.0
@@ -194,23 +196,20 @@ def test_one_flank_of_a_gear_pair(vttig, vttig_json, rig_folder, run_folder, tmp
     assert abs(one.mean()) < 1e-9 < 0.01 < both.mean()
 
 
-@pytest.mark.parametrize("name", ["both", "worm"])
-def test_the_harmonics_are_the_table(request, vttig_json, name, tmp_path):
-    run, path = request.getfixturevalue(name), tmp_path / "harmonics.json"
-    code, record = vttig_json("export", run, "--quantity", "error", "--out", path)
+@pytest.mark.parametrize("name", ["both", "worm", "sampled"])
+def test_the_json_file_holds_the_table_and_where_it_comes_from(request, vttig_json, name, tmp_path):
+    run, path = request.getfixturevalue(name), tmp_path / "table.json"
+    code, record = vttig_json("export", run, "--quantity", "error", "--out", path, "--step-deg", 2)
     assert code == 0 and json.loads(path.read_text()) == record
-    vttig_json("map", run, "--quantity", "error", "--out", tmp_path / "te.csv")
+    jsonschema.validate(record, load_schema("vttig.map/1"))
+    options = ("--quantity", "error", "--step-deg", "2", "--out", tmp_path / "te.csv")
+    assert vttig_json("map", run, *options)[0] == 0
     table = table_of(tmp_path / "te.csv")
-    driving = np.radians(table["driving_deg"])
-    for flank, one in record["flanks"].items():
-        total = np.full(len(driving), one["constant_rad"])
-        for wave in one["harmonics"]:
-            order = wave["driving_order"] + wave["driven_order"] * record["ratio_value"]
-            total += wave["cos_rad"] * np.cos(order * driving)
-            total += wave["sin_rad"] * np.sin(order * driving)
-        # The mean over the rows of the table is that over the hunting period to 1e-8°.
-        expected = table[f"te_{flank.lower()}_deg"]
-        np.testing.assert_allclose(np.degrees(total), expected, atol=1e-7)
+    assert tuple(record["table"]) == table.dtype.names
+    for column, values in record["table"].items():
+        np.testing.assert_allclose(values, table[column], rtol=1e-8, atol=1e-12)
+    fit = json.loads((run / "fit.json").read_text())
+    assert all(record[key] == fit[key] for key in ("sha256", "zero", "zero_readings", "source"))
 
 
 def test_perfect_gears_have_a_table_that_is_not_above_its_noise(vttig_json, both, tmp_path):
@@ -303,6 +302,7 @@ def test_what_the_error_has_no_use_for_is_refused(vttig, both, monkeypatch):
         ("map", "run", "--quantity", "errors"),
         ("export", "run", "--quantity", "error", "--out", "x.h"),
         ("export", "run", "--quantity", "error", "--out", "x.json", "--tolerance-arcsec", "9"),
+        ("export", "run", "--quantity", "error", "--out", "x.json", "--accuracy-arcsec", "1"),
         ("export", "run", "--quantity", "error", "--out", "x.csv", "--constant-backlash-deg", "1"),
         ("export", "run", "--quantity", "error", "--out", "x.csv", "--step-deg", "0.001"),
     ):

@@ -131,7 +131,6 @@ def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
     for arguments, words in (
         (["export", "run"], "Missing option '--out'"),
         (["export", "run", "--out", "x.txt"], "writes .csv, .json or .h"),
-        (["export", "run", "--out", "run/fit.json"], "already exists"),
         (["export", "run", "--out", "x.csv", "--name", "a"], "a .csv file takes no --name"),
         (
             ["export", "run", "--out", "x.json", "--name", "a", "--step-deg", "2"],
@@ -148,6 +147,28 @@ def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
         assert (code, out) == (2, "")
         assert words in err and err.count("\n") == 1
         assert not list(run_folder.parent.glob("x.*"))
+
+
+@pytest.mark.parametrize("verb", ["map", "export"])
+@pytest.mark.parametrize("name", ["fit.json", "summary.npz", "run.toml"])
+def test_no_file_of_the_run_is_written_over(vttig, run_folder, tmp_path, monkeypatch, verb, name):
+    run = shutil.copytree(run_folder, tmp_path / "run")
+    monkeypatch.chdir(run)
+    before = (run / name).read_bytes()
+    options = () if name.endswith(".json") else ("--for", "csv", "--travel", "0", "360")
+    for out in (name, run / name):
+        asked = options if verb == "export" else ()
+        code, shown, err = vttig(verb, run, "--out", out, "--overwrite", *asked)
+        assert (code, shown) == (3, "") and err.count("\n") == 1 and "of the run itself" in err
+    assert (run / name).read_bytes() == before
+
+
+def test_the_log_and_what_stands_beside_a_table_are_kept_too(vttig, run_folder, tmp_path):
+    (log,) = open_run(run_folder).logs
+    assert vttig("export", run_folder, "--out", log)[0] == 3
+    run = shutil.copytree(run_folder, tmp_path / "run")
+    assert vttig("map", run, "--out", run / "fit.csv", "--overwrite")[0] == 3  # fit.json beside it
+    assert vttig("map", run, "--out", run / "map.csv")[0] == 0
 
 
 @pytest.mark.portable

@@ -147,7 +147,7 @@ def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
         (["map", "run", "--step-deg", "nan"], 2, "not a finite number"),
         (["map", "run", "--span-rev", "inf"], 2, "not a finite number"),
         (["map", "run", "--constant-backlash-deg", "nan"], 2, "not a finite number"),
-        (["map", "run", "--out", "run/fit.json"], 2, "already exists"),
+        (["map", "run", "--out", "run/fit.json"], 3, "of the run itself"),
     ):
         monkeypatch.chdir(run_folder.parent)
         found, out, err = vttig(*arguments)

@@ -62,6 +62,10 @@ VERBS = {
         "vttig_jax.cli.verbs.tune:command",
         "Tune the settings of a controller over all cases of a sweep.",
     ),
+    "verify": (
+        "vttig_jax.cli.verbs.verify:command",
+        "Say by a log of an axis whether its error table works.",
+    ),
     "locate": (
         "vttig_jax.cli.verbs.locate:command",
         "Find the turn in the hunting period from two readings.",
@@ -94,7 +98,17 @@ VERBS = {
 """Verb → ("module:command", short help)."""
 
 GROUPS = {
-    "From a log": ("inspect", "fit", "fit-many", "map", "sample", "locate", "export", "explain"),
+    "From a log": (
+        "inspect",
+        "fit",
+        "fit-many",
+        "map",
+        "sample",
+        "locate",
+        "export",
+        "verify",
+        "explain",
+    ),
     "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
     "The gear": ("measure", "surface", "contact"),
 }

@@ -215,16 +215,12 @@ def _check_tables(spec: PairSpec) -> None:
             where="pair",
         )
     check_rows(spec.log)
-    if spec.log.time is not None and spec.log.sample_rate_hz is not None:
-        raise PairError(
-            "`time` and `sample_rate_hz` are both given; keep only one of them.",
-            where="log.sample_rate_hz",
-        )
-    if spec.log.driven is not None and spec.log.transmission_error is not None:
-        raise PairError(
-            "`driven` and `transmission_error` are both given; keep only the one that the log has.",
-            where="log.transmission_error",
-        )
+    for one, other in (("time", "sample_rate_hz"), ("driven", "transmission_error")):
+        if None not in (getattr(spec.log, one), getattr(spec.log, other)):
+            raise PairError(
+                f"`{one}` and `{other}` are both given; keep only one of them.",
+                where=f"log.{other}",
+            )
     if spec.drive is not None:
         as_ratio(spec.drive.ratio, "drive.ratio")
         if spec.rack != RackTable():

@@ -139,6 +139,7 @@ class LogLayout(Table, frozen=True):
     torque: str | None = None
     speed: str | None = None
     acceleration: str | None = None
+    command: str | None = None
     decimal: Literal[".", ","] | None = None
     delimiter: str | None = None
     encoding: str | None = None
@@ -165,6 +166,7 @@ class UnitTable(Table, frozen=True):
     driven: AngleUnit | None = None
     transmission_error: AngleUnit | None = None
     time: TimeUnit | None = None
+    command: AngleUnit | None = None
 
 
 class HarmonicOrders(Table, frozen=True):

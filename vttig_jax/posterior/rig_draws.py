@@ -125,10 +125,10 @@ def rig_draws(
             constants = _constants(tie.relation, parameters) - told.gears.constants[-1]
             values[:, told.at("constant_backlash")[0]] -= constants
     units = tuple(unit_of(fit, name) for name in told.names)
-    return RigDraws(told.names, units, values, *_flanks(fit, coefficients))
+    return RigDraws(told.names, units, values, *flanks_of(fit, coefficients))
 
 
-def _flanks(
+def flanks_of(
     fit: Fit, coefficients: Float[np.ndarray, "m columns"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return offsets, cosines and sines of the terms of `fit.model` on both flanks, of all draws.

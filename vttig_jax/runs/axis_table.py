@@ -1,7 +1,7 @@
 """Error table of the axis of a run: the correction, what it leaves over a travel, and its file."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -15,6 +15,7 @@ from ..base.units import ARCSEC, DEG, REV
 from ..control.compensation.correction import (
     AxisError,
     CorrectionTable,
+    Curve,
     Left,
     correction_table,
     left_over,
@@ -26,8 +27,10 @@ from ..kinematics.flank_error import POINTS_PER_PERIOD, errors_at
 from ..model.parameters import FULL_TURN
 from ..model.rows import SHAFTS
 from ..pair.gear_pair import Flank
-from ..posterior.summary.posterior import Posterior, flank_draws, gap_draws
-from .error_table import compensation_head, measured_flanks
+from ..posterior.rig_draws import flanks_of
+from ..posterior.summary.gap_draws import GapDraws
+from ..posterior.summary.posterior import Posterior
+from .error_table import measured_error, origin
 
 AxisName = Literal["driven", "driving"]
 
@@ -68,8 +71,7 @@ class AxisTable(TextResult):
     **Arguments**
     - `fit`: fit of the run. - `axis`: the axis. - `table`: corrections, in single precision.
     - `before`, `after`: direction → what the axis shows over the travel without and with the table.
-    - `after95`: direction → rms with the table at 2.5 and 97.5 % of the draws, rad; empty without
-      draws.
+    - `after95`: direction → rms with the table at 2.5 and 97.5 % of the draws, rad.
     - `lost`: rms of the difference between both directions without and with the table, rad; None
       for one direction, or if the log does not determine the gap.
     - `turns`: turns of the axis that the travel is repeated in.
@@ -111,9 +113,10 @@ class AxisTable(TextResult):
         """Return the object of schema `vttig.correction/1`; `out` is the path of the file."""
         arcsec = lambda left: {"rms": left.rms / ARCSEC, "peak": left.peak / ARCSEC}  # noqa: E731
         return {
-            **compensation_head(self.fit, out),
             "schema": "vttig.correction/1",
+            **origin(self.fit),
             "quantity": "error",
+            "file": out.name,
             "meaning": "corrections, degrees of the axis, to add to its command at these positions;"
             " linear between them, and held beyond the ends",
             "axis": self.axis.shaft,
@@ -129,8 +132,7 @@ class AxisTable(TextResult):
             },
             "before_arcsec": {name: arcsec(one) for name, one in self.before.items()},
             "after_arcsec": {
-                name: arcsec(one)
-                | {"rms95": [end / ARCSEC for end in self.after95[name]] if self.after95 else None}
+                name: arcsec(one) | {"rms95": [end / ARCSEC for end in self.after95[name]]}
                 for name, one in self.after.items()
             },
             "lost_motion_arcsec": None
@@ -152,12 +154,9 @@ class AxisTable(TextResult):
         ]
         shown = lambda one: f"{one.rms / ARCSEC:.3g}″ rms, {one.peak / ARCSEC:.3g}″ at most"  # noqa: E731
         for name, before in self.before.items():
-            text = f"{shown(before)}; with the table "
-            if name in self.after95:
-                low, high = (end / ARCSEC for end in self.after95[name])
-                text += f"{low:.3g}″ … {high:.3g}″ rms in 95 % of the draws, without noise "
-            text += shown(self.after[name])
-            rows.append((name, text))
+            low, high = (end / ARCSEC for end in self.after95[name])
+            left = f"{low:.3g}″ … {high:.3g}″ rms (95 %), without noise {shown(self.after[name])}"
+            rows.append((name, f"{shown(before)}; with the table {left}"))
         if self.lost is not None:
             before, after = (f"{one / ARCSEC:.3g}″ rms" for one in self.lost)
             rows.append(("lost motion", f"{before}; with the table {after}"))
@@ -172,10 +171,6 @@ class AxisTable(TextResult):
         elif self.lost is None:
             lacking = "the log does not determine the gap; each flank has the mean zero"
             rows.append(("lost motion", f"{lacking}, so that the table does not take it out"))
-        if not self.after95:
-            rows.append(
-                ("noise", "what the fit leaves open is not in these numbers: `vttig sample`")
-            )
         left = sorted(
             {f"{one.shaft} order {one.order:g}" for one in self.fit.orders if is_fractional(one)}
         )
@@ -183,6 +178,64 @@ class AxisTable(TextResult):
             rows.append(("left out", f"{', '.join(left)}: no fixed position on the gears"))
         rows.append(("contains", "also what the encoder of the driven shaft adds once per turn"))
         return key_values(rows, title="error table of the axis")
+
+
+class AxisCurves(NamedTuple):
+    """Error of the axis of a run.
+
+    **Arguments**
+    - `error`: that of the fit. - `drawn`: that of its draws, or of the normal of the fit.
+    - `turns`: turns of the axis after which it repeats. - `has_gap`: whether the log determines the
+      gap, so that both directions have one zero.
+    """
+
+    error: AxisError
+    drawn: AxisError
+    turns: int
+    has_gap: bool
+
+
+def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> AxisCurves:
+    """Return the error of the axis, as far as its control can tell where it is."""
+    ratio = float(fit.pair.ratio)
+    gain = (ratio if axis.shaft == "driven" else 1.0) * (-1 if axis.reversed else 1)
+    driven = [place for place, (_, count) in enumerate(fit.model.terms) if count]
+    own = np.abs(np.asarray(fit.model.cosine)) + np.abs(np.asarray(fit.model.sine))
+    alike = axis.shaft == "driving" and not np.any(own[:, driven])
+    turns = 1 if alike else max(1, round(abs(gain) * fit.pair.hunting_turns))
+    flanks, zero_mean, model, draws = measured_error(fit, posterior)
+    draws = normal_draws(fit) if draws is None else draws
+    every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
+    parts = {name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")}
+    few = replace(draws, **parts)
+    period = np.arange(2**12) * (fit.pair.hunting_turns * REV / 2**12)
+
+    known = (0,) if axis.place_known else tuple(range(turns))
+
+    def error_of(curve: Callable[[np.ndarray, Flank], np.ndarray], period: np.ndarray):
+        levels = {flank: curve(period, flank).mean(axis=0) for flank in zero_mean}
+
+        def less(flank: Flank) -> Curve:
+            level = levels[flank if flank in levels else flanks[0]]
+            return lambda angle: curve(angle, flank) - level
+
+        curves: dict[Flank, Curve] = {flank: less(flank) for flank in flanks}
+        return AxisError(curves, ratio, gain, axis.zero_deg * DEG, known)
+
+    error = error_of(lambda angle, flank: errors_at(model, flank, angle), period)
+    return AxisCurves(error, error_of(few.errors, period[::8]), turns, zero_mean != flanks)
+
+
+def normal_draws(fit: Fit) -> GapDraws:
+    """Return draws of the orders of both flanks from the normal of a fit."""
+    posterior = fit.core.posterior
+    whole = np.eye(len(posterior.problem.columns))
+    mean, covariance, _ = posterior.told(whole, moved=True)
+    values, axes = np.linalg.eigh(covariance)
+    normals = np.random.default_rng(0).standard_normal((_MOST_DRAWS, len(mean)))
+    drawn = (normals - normals.mean(axis=0)) @ (axes * np.sqrt(np.maximum(values, 0))).T
+    series = flanks_of(fit, mean + drawn)
+    return GapDraws(fit.pair, tuple(fit.model.terms), *series, np.arange(_MOST_DRAWS))
 
 
 def axis_table(
@@ -194,18 +247,13 @@ def axis_table(
     """Return the error table of the axis of a fit, with what it leaves over its travel.
 
     **Arguments**
-    - `posterior`: draws, which give the band of what is left, or None.
+    - `posterior`: draws, which give the band of what is left; by default the normal of the fit.
     - `step_deg`: distance of the nodes; the 255th part of the travel by default.
 
     **Raises** `UsageError` for a travel that the control cannot place or the log does not cover, or
     a step that does not divide it; `NoAnswerError` for a table that would leave more than none.
     """
-    pair, ratio = fit.pair, float(fit.pair.ratio)
-    gain = (ratio if axis.shaft == "driven" else 1.0) * (-1 if axis.reversed else 1)
-    driven = [place for place, (_, count) in enumerate(fit.model.terms) if count]
-    own = np.abs(np.asarray(fit.model.cosine)) + np.abs(np.asarray(fit.model.sine))
-    alike = axis.shaft == "driving" and not np.any(own[:, driven])
-    turns = 1 if alike else max(1, round(abs(gain) * pair.hunting_turns))
+    error, drawn, turns, has_gap = axis_curves(fit, posterior, axis)
     travel = axis.travel_deg
     if travel is None:
         if turns > 1 and axis.place_known:
@@ -225,28 +273,15 @@ def axis_table(
         raise UsageError(
             "where the turn is unknown, a travel is one turn at most; give --travel FROM TO."
         )
-    places = (0,) if axis.place_known else tuple(range(turns))
-    flanks, zero_mean = measured_flanks(fit)
-    model, draws = fit.model, None
-    if posterior is not None:
-        draws = flank_draws(posterior) if zero_mean == flanks else gap_draws(posterior)
-        model = draws.mean_model
-    period = np.arange(2**12) * (pair.hunting_turns * REV / 2**12)
-    levels = {flank: float(errors_at(model, flank, period).mean()) for flank in flanks}
-    levels = {flank: levels[flank if flank in zero_mean else flanks[0]] for flank in flanks}
-
-    def curve(flank: Flank):
-        return lambda angle: errors_at(model, flank, angle) - levels[flank]
-
-    zero = axis.zero_deg * DEG
-    error = AxisError({flank: curve(flank) for flank in flanks}, ratio, gain, zero, places)
     step = (stop - start) / INTERVALS if step_deg is None else step_deg * DEG
     table = correction_table(error, start, stop, step).in_float32()
-    order = max(model.highest_order, 1.0) / abs(gain)
+    order = max(fit.model.highest_order, 1.0) / abs(error.gain)
     first, last = (DEG * end for end in over)
     count = max(POINTS_PER_PERIOD * order / REV, 8 / step) * (last - first)
     position = np.linspace(first, last, min(math.ceil(count) + 1, _MOST_POINTS))
-    _require_covered(fit, flanks, (position - zero) / gain, every_turn=alike)
+    alike = axis.shaft == "driving" and turns == 1
+    driving = (position - error.zero) / error.gain
+    _require_covered(fit, tuple(error.errors), driving, every_turn=alike)
     shown = {name: left_over(error, None, name, position) for name in error.directions}
     left = {name: left_over(error, table, name, position) for name in error.directions}
     before = {name: size(one) for name, one in shown.items()}
@@ -262,31 +297,16 @@ def axis_table(
                 where=fit.source,
             )
     lost = None
-    if len(left) == 2 and zero_mean != flanks:
+    if has_gap:
         lost = (
             size(shown["forward"] - shown["reverse"]).rms,
             size(left["forward"] - left["reverse"]).rms,
         )
-    after95 = {}
-    if draws is not None:
-        every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
-        parts = {
-            name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")
-        }
-        few = replace(draws, **parts)
-        own = {flank: few.errors(period[::8], flank).mean(axis=0) for flank in zero_mean}
-
-        def drawn_curve(flank: Flank):
-            return lambda angle: (
-                few.errors(angle, flank) - own[flank if flank in own else flanks[0]]
-            )
-
-        drawn = AxisError({f: drawn_curve(f) for f in flanks}, ratio, gain, zero, places)
-        some = position[:: max(1, len(position) // 2048)]
-        for name in drawn.directions:
-            rms = np.sqrt(np.mean(left_over(drawn, table, name, some) ** 2, axis=(0, 1)))
-            after95[name] = tuple(np.quantile(rms, [0.025, 0.975]).tolist())
-    return AxisTable(fit, axis, travel, over, table, before, after, after95, lost, len(places))
+    after95, some = {}, position[:: max(1, len(position) // 2048)]
+    for name in drawn.directions:
+        rms = np.sqrt(np.mean(left_over(drawn, table, name, some) ** 2, axis=(0, 1)))
+        after95[name] = tuple(np.quantile(rms, [0.025, 0.975]).tolist())
+    return AxisTable(fit, axis, travel, over, table, before, after, after95, lost, len(error.turns))
 
 
 def _require_covered(

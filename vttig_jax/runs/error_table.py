@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -16,9 +15,7 @@ from ..identify.backlash import no_period, shift_of_delay
 from ..identify.given import StoredModel
 from ..identify.orders import exceeds_noise, is_fractional
 from ..identify.result import Fit
-from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_error import POINTS_PER_PERIOD, FlankError, errors_at, size_of
-from ..kinematics.flank_model import flank_index
 from ..kinematics.harmonic import OrderModel
 from ..model.parameters import FULL_TURN
 from ..model.rows import SHAFTS
@@ -105,10 +102,7 @@ class ErrorTable(TextResult):
         return {
             "schema": "vttig.map/1",
             "quantity": "error",
-            "pair": fit.pair.name,
-            "source": fit.source,
-            "conditional_on": list(fit.conditional_on),
-            "zero": fit.zero,
+            **origin(fit),
             "hunting_turns": fit.pair.hunting_turns,
             "span_turns": self.turns,
             "step_deg": self.step_deg,
@@ -188,11 +182,7 @@ def error_table(
 
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
     """
-    measured, zero_mean = measured_flanks(fit)
-    draws, model = None, fit.model
-    if posterior is not None:
-        draws = flank_draws(posterior) if zero_mean == measured else gap_draws(posterior)
-        model = draws.mean_model
+    measured, zero_mean, model, draws = measured_error(fit, posterior)
     angle = _angles(step_deg, turns)
     # Between the rows there are further points where the rows do not resolve the highest order.
     split = math.ceil(step_deg / 360.0 * POINTS_PER_PERIOD * max(model.highest_order, 1.0))
@@ -217,61 +207,35 @@ def error_table(
     return ErrorTable(fit, step_deg, turns, flanks, zero_mean)
 
 
-def error_harmonics(fit: Fit, out: Path, left_out_rad: float = 0.0) -> dict[str, Any]:
-    """Return the transmission error of every measured flank as harmonics of the driving angle.
-
-    The result is an object of schema `vttig.compensation/1`. The error of a flank is the backlash
-    of a model whose other flank has none.
+class MeasuredError(NamedTuple):
+    """Transmission error of a run by flank.
 
     **Arguments**
-    - `out`: path of the file. - `left_out_rad`: see `compensation_of`.
-
-    **Raises** the errors of `error_table` and `compensation_of`.
+    - `flanks`: measured flanks. - `zero_mean`: those whose mean is taken off: A alone if the gap is
+      known, so that TE_B − TE_A is the backlash.
+    - `model`: the fit, or the mean of its draws. - `draws`: drawn coefficients, or None.
     """
-    from ..control.compensation.map_harmonics import compensation_of
 
-    measured, zero_mean = measured_flanks(fit)
-    found: dict[Flank, dict[str, Any]] = {}
-    level = 0.0
-    for flank in measured:
-        side = flank_index(flank)
-        own = [part[side] for part in (fit.model.offset, fit.model.cosine, fit.model.sine)]
-        parts = [jnp.stack([jnp.zeros_like(part), part]) for part in own]
-        alone = OrderModel(fit.model.ratio, fit.model.terms, *parts)
-        grid = BacklashMap(alone, None, fit.pair)
-        record = compensation_of(grid, allowed_rad=0.0, left_out_rad=left_out_rad).to_json()
-        level = record["constant_rad"] if flank in zero_mean else level
-        found[flank] = {
-            "mean_rad": level,
-            "constant_rad": record["constant_rad"] - level,
-            "harmonics": record["harmonics"],
-            "error_rad": record["error_rad"],
-        }
-    return {
-        **compensation_head(fit, out),
-        "quantity": "error",
-        "meaning": "transmission error of a flank, rad of the driven gear = constant_rad + sum of"
-        " cos_rad cos(p) + sin_rad sin(p) with p = (driving_order + driven_order ratio) phi1;"
-        " phi1: driving angle from the zero of the fit, turns counted within the hunting period."
-        " mean_rad was taken off: it is where the encoders read zero.",
-        "ratio": str(fit.pair.ratio),
-        "ratio_value": float(fit.pair.ratio),
-        "hunting_turns": fit.pair.hunting_turns,
-        "zero_mean_flanks": list(zero_mean),
-        "flanks": found,
-    }
+    flanks: tuple[Flank, ...]
+    zero_mean: tuple[Flank, ...]
+    model: OrderModel
+    draws: GapDraws | None
 
 
-def measured_flanks(fit: Fit) -> tuple[tuple[Flank, ...], tuple[Flank, ...]]:
-    """Return the measured flanks, and those whose mean is taken off: A alone if the gap is known.
+def measured_error(fit: Fit, posterior: Posterior | None = None) -> MeasuredError:
+    """Return the transmission error of a fit, or of its draws.
 
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
     """
     if isinstance(fit.given, StoredModel):
         fit.given.refuse(fit.source)
-    measured: tuple[Flank, ...] = tuple(one for one in get_args(Flank) if one in fit.flanks)
-    has_gap = len(measured) == 2 and fit.parameters["constant_backlash_deg"].determined
-    return measured, measured[:1] if has_gap else measured
+    flanks: tuple[Flank, ...] = tuple(one for one in get_args(Flank) if one in fit.flanks)
+    has_gap = len(flanks) == 2 and fit.parameters["constant_backlash_deg"].determined
+    zero_mean = flanks[:1] if has_gap else flanks
+    if posterior is None:
+        return MeasuredError(flanks, zero_mean, fit.model, None)
+    draws = gap_draws(posterior) if has_gap else flank_draws(posterior)
+    return MeasuredError(flanks, zero_mean, draws.mean_model, draws)
 
 
 def _angles(step_deg: float, turns: float) -> Float[np.ndarray, " rows"]:
@@ -308,15 +272,13 @@ def _means_and_peaks(
     return np.asarray(total / len(angle)), np.stack([largest - smallest, high - low])
 
 
-def compensation_head(fit: "Fit", out: Path) -> dict[str, Any]:
-    """Return the keys of schema `vttig.compensation/1` that say where the numbers come from."""
+def origin(fit: Fit) -> dict[str, Any]:
+    """Return the keys of a record that say where its numbers come from."""
     return {
-        "schema": "vttig.compensation/1",
         "pair": fit.pair.name,
         "source": fit.source,
         "sha256": fit.sha256,
         "conditional_on": list(fit.conditional_on),
         "zero": fit.zero,
         "zero_readings": fit.zero_readings,
-        "file": out.name,
     }

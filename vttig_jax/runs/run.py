@@ -1,5 +1,6 @@
 """Access to a run folder from Python: its logs, fit, posterior, map and sweep."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -7,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from ..base.errors import UsageError
+from ..base.errors import InputError, UsageError
+from ..base.files.run_folder import RunFolder
 from ..base.files.text_tables import key_values
 from ..base.results import TextResult
 from .run_file import CHECKPOINT, RunRecord, read_run
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from ..posterior.summary.posterior import Posterior
 
 SWEEP = "sweep.parquet"
+
+_FILES = ("run.toml", "fit.json", "summary.npz", "posterior.json")
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,29 @@ class Run(TextResult):
         from ..identify.backlash import backlash_map
 
         return backlash_map(self.fit)
+
+    def write_beside(self, texts: Mapping[Path, str], *, overwrite: bool) -> None:
+        """Write what was made of the run; the last file is what was asked for.
+
+        **Raises** the errors of `refuse_own` and of `RunFolder`.
+        """
+        self.refuse_own(texts)
+        *_, asked = texts
+        with RunFolder(asked.parent, overwrite=overwrite, results=(asked.name,)) as folder:
+            for path, text in texts.items():
+                folder.write_text(path.name, text)
+
+    def refuse_own(self, paths: Iterable[Path]) -> None:
+        """Raise `InputError` for a path that is a file of the run: its logs, its fit, its draws."""
+        own = {self.folder / name for name in (*_FILES, CHECKPOINT, SWEEP)}
+        own |= {*self.record.logs, *filter(None, [self.record.readings])}
+        for path in paths:
+            if path.resolve() in {one.resolve() for one in own}:
+                raise InputError(
+                    "is a file of the run itself, of which this is made; choose another name for"
+                    " --out.",
+                    where=str(path),
+                )
 
     @cached_property
     def sweep(self) -> "SweepTable":

@@ -1,5 +1,6 @@
 """Error tables in LinuxCNC: it moves axes, and the exact gears say where they stand."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -15,10 +16,16 @@ from vttig_jax.control.compensation.correction import (
     size,
 )
 from vttig_jax.control.compensation.table_formats import linuxcnc
+from vttig_jax.identify.identification import fit
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_error import errors_at
+from vttig_jax.kinematics.flank_model import FlankModel
 from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.rig.imperfections import Noise, random_orders
+from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_eccentricities
+from vttig_jax.rig.synthetic import SyntheticRig
+from vttig_jax.runs.axis_table import AxisSetting, axis_table
 
 pytestmark = [
     pytest.mark.slow,
@@ -26,18 +33,28 @@ pytestmark = [
 ]
 
 
-def gears(driving_teeth: int, driven_teeth: int) -> AxisError:
-    """The axis of the paper's gears with other teeth and the exact relation of two involutes."""
+def paper_like(driving_teeth: int, driven_teeth: int) -> GearPair:
+    """The paper's gears with other teeth."""
     wheels = [Gear(teeth, 3.0, 3.0, 20.0) for teeth in (driving_teeth, driven_teeth)]
     distance = driving_teeth + driven_teeth + 0.12
-    pair = GearPair(*wheels, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=distance)
-    model, ratio = exact_model(pair, paper_eccentricities()), float(pair.ratio)
-    level = errors_at(model, "A", np.linspace(0, REV * driven_teeth, 4096)).mean()
+    return GearPair(*wheels, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=distance)
+
+
+def axis_of(model: FlankModel, pair: GearPair) -> AxisError:
+    """The driven axis of a flank model, whose flank A has the mean zero."""
+    ratio, turns = float(pair.ratio), pair.hunting_turns
+    level = errors_at(model, "A", np.arange(4096 * turns) * (REV / 4096)).mean()
 
     def error_on(flank: Flank) -> Curve:
         return lambda angle: errors_at(model, flank, angle) - level
 
     return AxisError({"A": error_on("A"), "B": error_on("B")}, ratio, ratio)
+
+
+def gears(driving_teeth: int, driven_teeth: int) -> AxisError:
+    """The axis of the paper's gears with other teeth and the exact relation of two involutes."""
+    pair = paper_like(driving_teeth, driven_teeth)
+    return axis_of(exact_model(pair, paper_eccentricities()), pair)
 
 
 def worm() -> AxisError:
@@ -49,6 +66,9 @@ def worm() -> AxisError:
 
     return AxisError({"A": error, "B": lambda angle: error(angle) + 40 * ARCSEC}, ratio, ratio)
 
+
+PACE = 60.0
+"""Speed of an axis over a turn, °/s."""
 
 CASES = {
     "whole number": (gears(40, 80), 0.005, 0.0),
@@ -63,7 +83,7 @@ def run(tmp_path_factory):
     tables = [correction_table(axis, 0.0, REV, REV / 255) for axis, *_ in CASES.values()]
     stops = np.random.default_rng(7).uniform(100, 200, 16).round(3)
     to = lambda where: f"A{where} B{where} C{where}"  # noqa: E731
-    feed = f"F{60 * 30 * 3**0.5:.1f}"  # 30 °/s of each axis
+    feed = f"F{60 * PACE * 3**0.5:.1f}"  # the pace of each axis
     moves = [f"G1 {feed} {to(360)}", f"G1 {feed} {to(0)}", "G4 P0.3"]
     moves += [move for stop in stops for move in (f"G0 {to(stop)}", "G4 P0.3")]
     texts = [linuxcnc(table, ("a test",)) for table in tables]
@@ -76,7 +96,7 @@ def test_the_axis_stands_where_linuxcnc_was_told(run, name):
     place = list(CASES).index(name)
     (axis, share, least), table = CASES[name], tables[place].in_float32()
     asked, stood, pace = (values[:, place] for values in (command * DEG, motor * DEG, speed))
-    steady = np.abs(np.abs(pace) - 30.0) < 0.01
+    steady = np.abs(np.abs(pace) - PACE) < 0.01
     found = {}
     for direction, flank in axis.directions.items():
         own = steady & (np.sign(pace) == (1 if direction == "forward" else -1))
@@ -108,3 +128,75 @@ def test_no_motion_is_lost_at_reversals(run):
         gaps.append(float((axis.at("B", where) - axis.at("A", where))[0]))
     lost = np.sqrt(np.mean(np.square(left)))
     assert lost < 0.005 * np.sqrt(np.mean(np.square(gaps)))
+
+
+TURNS = 9
+"""Turns of the driven gear of 45/80 until the same teeth meet."""
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory):
+    """Axes A over nine turns, B and C over one turn meanwhile, there and back.
+
+    A and B are 45/80, with a table of nine turns and with the mean of all turns; C is a pair with a
+    whole-number ratio whose table comes from the fit of a noisy log of 20 turns each way. Its pitch
+    errors are drawn: a fit that expects orders where there are none says too much of its noise.
+    """
+    axis = gears(45, 80)
+    unknown = replace(axis, turns=tuple(range(TURNS)))
+    pair = paper_like(40, 80)
+    motion = PassMotion(speed_rpm=60.0, reversal_deg=20 * 360.0)
+    noise = Noise(0.002, 0.00475)
+    orders = random_orders(np.random.default_rng(0), pitch_rms_deg=0.002, mesh_amplitude_deg=0.0)
+    rig = SyntheticRig(pair, paper_eccentricities(), motion, orders, noise=noise, rate_hz=500.0)
+    fitted = axis_table(fit(rig.log(0), pair, delay="off"), None, AxisSetting())
+    tables = [
+        correction_table(axis, 0.0, TURNS * REV, TURNS * REV / 255),
+        correction_table(unknown, 0.0, REV, REV / 255),
+        fitted.table,
+    ]
+    feed = f"F{60 * PACE * (TURNS**2 + 2) ** 0.5:.1f}"
+    moves = [f"G1 {feed} A{TURNS * 360} B360 C360", "G4 P0.3", f"G1 {feed} A0 B0 C0", "G4 P0.3"]
+    texts = [linuxcnc(table, ("a test",)) for table in tables]
+    samples = moved(tmp_path_factory.mktemp("second"), texts, moves)
+    truth = axis_of(rig.flank_model(), pair)
+    return (axis, unknown, truth), tables, fitted, samples
+
+
+def rests(samples, place: int, error: AxisError, pace: float):
+    """Yield direction, commands and turn → what the exact gears leave there, at a steady pace."""
+    asked, stood, speed = (values[:, place] for values in samples)
+    for direction, flank in error.directions.items():
+        sign = 1 if direction == "forward" else -1
+        own = np.abs(speed - sign * pace) < 0.01
+        assert own.sum() > 5000
+        where, there = asked[own] * DEG, stood[own] * DEG
+        left = [there + error.at(flank, there, turn) - where for turn in error.turns]
+        yield direction, where, left
+
+
+def test_a_table_of_nine_turns(second):
+    (axis, *_), (table, *_), _, samples = second
+    for direction, where, (left,) in rests(samples, 0, axis, TURNS * PACE):
+        promised = size(left_over(axis, table.in_float32(), direction, where)).rms
+        assert abs(size(left).rms - promised) < max(0.1 * promised, 0.2 * ARCSEC)
+        assert promised < 0.1 * size(left_over(axis, None, direction, where)).rms
+
+
+def test_the_mean_curve_leaves_what_is_predicted_in_each_of_nine_turns(second):
+    (_, unknown, _), (_, table, _), _, samples = second
+    for direction, where, left in rests(samples, 1, unknown, PACE):
+        promised = left_over(unknown, table.in_float32(), direction, where)
+        for found, expected in zip(left, promised, strict=True):
+            off = abs(size(found).rms - size(expected).rms)
+            assert off < max(0.1 * size(expected).rms, 0.2 * ARCSEC)
+        # Orders of the driven gear alone are taken out.
+        assert size(np.array(left)).rms < size(left_over(unknown, None, direction, where)).rms
+
+
+def test_a_table_from_a_noisy_log_leaves_what_its_band_says(second):
+    (*_, truth), _, fitted, samples = second
+    for direction, where, (left,) in rests(samples, 2, truth, PACE):
+        low, high = fitted.after95[direction]
+        assert low <= size(left).rms <= high
+        assert size(left).rms < 0.05 * size(left_over(truth, None, direction, where)).rms

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
@@ -15,6 +15,7 @@ from ...runs.maps import lowered_map
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ...runs.zeros import shaft_readings
+from ..axis_options import AXIS, axis_options
 from ..options import POSITIVE, STEP_DEG, Finite, given, verb
 from ..output import Output
 from .map import MOST_ROWS, QuantityName, drawn
@@ -26,29 +27,22 @@ if TYPE_CHECKING:
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.flank_model import FlankModel
 
-AxisName = Literal["driven", "driving"]
-
-_OPTIONS = {
-    ".csv": ("step_deg",),
-    ".json": ("tolerance_arcsec", "accuracy_arcsec", "gap"),
-    ".h": ("tolerance_arcsec", "accuracy_arcsec", "gap", "name"),
-}
-"""Suffix of the file → the options that are valid only for some suffixes and valid for this one."""
-
 CONTROLS = ("linuxcnc", "twincat", "csv", "json")
 """Formats of error tables."""
 
-_OF_CONTROL = (
-    "axis",
-    "axis_zero_deg",
-    "is_reversed",
-    "travel",
-    "over",
-    "place_unknown",
-    "acceleration_deg_s2",
-    "servo_period_ms",
-)
-"""Options that are those of --for."""
+_AXIS = (*AXIS, "step_deg", "quantity")
+_HARMONICS = ("tolerance_arcsec", "accuracy_arcsec", "gap", "constant_backlash_deg", "quantity")
+_OPTIONS = {
+    "a .csv file": ("step_deg", "constant_backlash_deg", "quantity"),
+    "a .json file": _HARMONICS,
+    "a .h file": (*_HARMONICS, "name"),
+    "--quantity error": ("step_deg", "quantity"),
+    "--for linuxcnc": (*_AXIS, "acceleration_deg_s2", "servo_period_ms"),
+    "--for twincat": (*_AXIS, "name"),
+    "--for csv": _AXIS,
+    "--for json": _AXIS,
+}
+"""What is written → the options that are valid only for some of it and valid for this."""
 
 _DEVIATIONS, _LEAST_DEG = 6.0, 0.1
 """Default tolerance of the readings: six times the residual rms of the fit, and at least 0.1°, the
@@ -64,14 +58,15 @@ vttig export run --out compensation.csv --step-deg 0.5
 vttig export run --quantity error --out error.csv
 vttig export run --for linuxcnc --out axis.comp
 """,
+    groups={"The axis, with --for": AXIS},
 )
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
     required=True,
-    help="File to write: .csv the map as a table, .json its harmonics, .h C that evaluates them."
-    " With --for any name.",
+    help="File to write: .csv the map as a table, .json its harmonics (of the error: the table), .h"
+    " C that evaluates them. With --for any name.",
 )
 @click.option(
     "--for",
@@ -81,42 +76,7 @@ vttig export run --for linuxcnc --out axis.comp
     " direction, in degrees at equidistant positions. LinuxCNC reads it as COMP_FILE, TwinCAT as"
     " constants of Structured Text.",
 )
-@click.option(
-    "--axis",
-    type=click.Choice(get_args(AxisName)),
-    default="driven",
-    help="With --for: shaft that the axis is.",
-)
-@click.option(
-    "--axis-zero-deg",
-    type=Finite(),
-    default=0.0,
-    help="With --for: position of the axis where its shaft has the angle zero in the fit.",
-)
-@click.option(
-    "--reversed", "is_reversed", is_flag=True, help="With --for: the axis counts against the fit."
-)
-@click.option(
-    "--travel",
-    nargs=2,
-    type=Finite(),
-    metavar="FROM TO",
-    help="With --for: first and last position of the table, °; one turn of the axis by default.",
-)
-@click.option(
-    "--over",
-    nargs=2,
-    type=Finite(),
-    metavar="FROM TO",
-    help="With --for: travel of the axis, °, if it is not that of the table: what is left is"
-    " predicted for it. A control holds the ends of its table.",
-)
-@click.option(
-    "--place-unknown",
-    is_flag=True,
-    help="With --for: homing does not tell the turn within the hunting period; the table is the"
-    " mean of all turns.",
-)
+@axis_options
 @click.option(
     "--acceleration-deg-s2",
     type=POSITIVE,
@@ -152,8 +112,8 @@ vttig export run --for linuxcnc --out axis.comp
 @click.option(
     "--step-deg",
     type=STEP_DEG,
-    help="With .csv: distance of the rows, 1 by default. With --for: distance of the positions, the"
-    " 255th part of the travel by default.",
+    help="Of a table: distance of the rows, 1 by default. With --for: distance of the positions,"
+    " the 255th part of the travel by default.",
 )
 @click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
 @click.option(
@@ -168,12 +128,7 @@ def command(
     run_folder: Path,
     out: Path,
     control: str | None,
-    axis: "AxisName",
-    axis_zero_deg: float,
-    is_reversed: bool,
-    travel: tuple[float, float] | None,
-    over: tuple[float, float] | None,
-    place_unknown: bool,
+    axis: dict[str, Any],
     acceleration_deg_s2: float | None,
     servo_period_ms: float,
     name: str | None,
@@ -191,34 +146,30 @@ def command(
     within one turn and find the turn within the hunting period from both angles. They return the
     status "unknown" if both angles cannot be readings of this pair at the same time. The JSON file
     contains the same harmonics, the CSV file the table of `vttig map`. The transmission error of a
-    flank (--quantity error) needs no gap: a log of one direction is enough.
+    flank (--quantity error) needs no gap: a log of one direction is enough; CSV and JSON contain
+    its table.
 
     With --for the file is the error table of an axis: what its control adds to the command in each
     direction, so that the axis stands where it is told. What the table leaves over the travel is
     predicted and printed, and a table that leaves more than none is refused.
     """
-    if control is not None:
-        _check_control_options(out, control, overwrite=overwrite)
-        setting = (axis, axis_zero_deg, is_reversed, travel, over, not place_unknown)
-        rate = acceleration_deg_s2, servo_period_ms
-        _axis_table(output, run_folder, out, control, setting, step_deg, rate, name, overwrite)
-        return
-    if wrong := given(_OF_CONTROL):
-        raise UsageError(f"{' and '.join(wrong)} without --for has no effect; add --for.")
-    step_deg = 1.0 if step_deg is None else step_deg
     suffix = out.suffix.lower()
-    quantity = quantity or ("shift" if suffix == ".h" else "backlash")
-    _check_options(out, suffix, quantity, overwrite=overwrite)
+    quantity = quantity or ("error" if control else "shift" if suffix == ".h" else "backlash")
     import vttig_jax
 
     from ...base.files.json_io import dumps
     from ...base.units import ARCSEC, DEG
 
-    vttig_jax.enable_x64()
     opened = Run(run_folder)
-    fit = opened.fit
-    if quantity == "error":
-        text, record, shown = _error(opened, out, step_deg, accuracy_arcsec * ARCSEC)
+    opened.refuse_own([out])
+    _check_options(out, control, suffix, quantity, overwrite=overwrite)
+    vttig_jax.enable_x64()
+    step, fit = step_deg or 1.0, opened.fit
+    if control is not None:
+        rate = acceleration_deg_s2, servo_period_ms
+        text, record, shown = _axis_table(opened, out, control, axis, step_deg, rate, name)
+    elif quantity == "error":
+        text, record, shown = _error(opened, out, step)
     else:
         shift = quantity == "shift"
         grid, contact = _maps(opened, constant_backlash_deg, header=suffix == ".h", shift=shift)
@@ -227,7 +178,7 @@ def command(
             grid, distance = lowered_map(opened, gap)
             lowered = gap, distance / DEG
         if suffix == ".csv":
-            text, record, shown = _table(fit, grid, step_deg, out, quantity)
+            text, record, shown = _table(fit, grid, step, out, quantity)
         else:
             from ...control.compensation.map_harmonics import compensation_of
 
@@ -244,57 +195,34 @@ def command(
             if suffix == ".h":
                 origin = _origin(opened.record, fit, interval, lowered)
                 text = _header(compensation, origin, name, shift=shift)
-    if (
-        gap is None
-        and (run_folder / CHECKPOINT).exists()
-        and (quantity, suffix) != ("error", ".csv")
-    ):
-        asked = " --quantity error" if quantity == "error" else ""
+    if gap is None and (run_folder / CHECKPOINT).exists() and quantity != "error":
         LOGGER.warning(
             "these are the values of the fit; its draws know how far they may be wrong:"
-            " `vttig map %s%s` has bands",
+            " `vttig map %s` has bands",
             run_folder,
-            asked,
         )
-    _write(out, text, overwrite)
-    rows = f": {resolution(fit, step_deg)}" if suffix == ".csv" else ""
+    opened.write_beside({out: text}, overwrite=overwrite)
+    rows = f": {resolution(fit, step)}" if suffix == ".csv" and control is None else ""
     output.emit(record, f"{shown}\nwritten to {out}{rows}")
 
 
-def _check_control_options(out: Path, control: str, *, overwrite: bool) -> None:
-    only = {"tolerance_arcsec", "accuracy_arcsec", "constant_backlash_deg", "gap", "quantity"}
-    only |= set() if control == "twincat" else {"name"}
-    if control != "linuxcnc":
-        only |= {"acceleration_deg_s2", "servo_period_ms"}
-    if given({"servo_period_ms"}) and not given({"acceleration_deg_s2"}):
-        raise UsageError("--servo-period-ms needs --acceleration-deg-s2; give both.")
-    if wrong := given(sorted(only)):
-        raise UsageError(f"--for {control} takes no {' and no '.join(wrong)}; leave it out.")
-    if out.exists() and not overwrite:
-        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
-
-
 def _axis_table(
-    output: Output,
-    run_folder: Path,
+    run: Run,
     out: Path,
     control: str,
-    setting: tuple[Any, ...],
+    axis: dict[str, Any],
     step_deg: float | None,
     rate: tuple[float | None, float],
     name: str | None,
-    overwrite: bool,
-) -> None:
-    """Write the error table of the axis for a control."""
+) -> tuple[str, dict[str, Any], str]:
+    """Return the error table of the axis for a control, its record, and its report."""
     import vttig_jax
 
     from ...base.files.json_io import dumps
     from ...control.compensation import table_formats
     from ...runs.axis_table import AxisSetting, axis_table
 
-    vttig_jax.enable_x64()
-    opened = Run(run_folder)
-    found = axis_table(opened.fit, drawn(opened), AxisSetting(*setting), step_deg)
+    found = axis_table(run.fit, drawn(run), AxisSetting(**axis), step_deg)
     record, lines = found.to_json(out), found.provenance(vttig_jax.__version__)
     shown = str(found)
     if control == "linuxcnc":
@@ -308,35 +236,41 @@ def _axis_table(
             record["fastest_deg_s"] = found.fastest_deg_s(rate[0], 1e-3 * rate[1])
             shown += f"\nfollowed exactly up to {record['fastest_deg_s']:.4g}°/s"
     elif control == "twincat":
-        text = table_formats.twincat(found.table, lines, name or opened.pair.name)
+        text = table_formats.twincat(found.table, lines, name or run.pair.name)
     else:
         text = table_formats.csv(found.table) if control == "csv" else dumps(record) + "\n"
-    _write(out, text, overwrite)
-    output.emit(record, f"{shown}\nwritten to {out}")
+    return text, record, shown
 
 
-def _check_options(out: Path, suffix: str, quantity: QuantityName, *, overwrite: bool) -> None:
-    if suffix not in _OPTIONS:
+def _check_options(
+    out: Path, control: str | None, suffix: str, quantity: QuantityName, *, overwrite: bool
+) -> None:
+    kind = f"a {suffix} file" if control is None else f"--for {control}"
+    if control is not None and quantity != "error":
+        raise UsageError(f"{kind} writes the error; leave out --quantity {quantity}.")
+    if kind not in _OPTIONS:
         raise UsageError(
             "--out writes .csv, .json or .h; choose a name that ends with one.", where=str(out)
         )
-    others = {option for options in _OPTIONS.values() for option in options} - set(_OPTIONS[suffix])
-    if wrong := given(sorted(others)):
-        raise UsageError(f"a {suffix} file takes no {' and no '.join(wrong)}; leave it out.")
-    if len(given({"gap", "constant_backlash_deg"})) == 2:
-        raise UsageError(
-            "--gap is that of the draws, which have a constant backlash of their own; leave out"
-            " --constant-backlash-deg."
-        )
-    if quantity == "error":
+    if control is None and quantity == "error":
         if suffix == ".h":
             raise UsageError(
                 "a C header contains the backlash and the shift; write the transmission error to"
                 " .csv or .json.",
                 where=str(out),
             )
-        if wrong := given({"tolerance_arcsec", "constant_backlash_deg", "gap"}):
-            raise UsageError(f"--quantity error takes no {' and no '.join(wrong)}; leave it out.")
+        kind = "--quantity error"
+    others = {option for options in _OPTIONS.values() for option in options}
+    if wrong := given(sorted(others.difference(_OPTIONS[kind]))):
+        only = ", which need --for," * bool(given(AXIS) and control is None)
+        raise UsageError(f"{kind} takes no {' and no '.join(wrong)}{only}; leave it out.")
+    if given({"servo_period_ms"}) and not given({"acceleration_deg_s2"}):
+        raise UsageError("--servo-period-ms needs --acceleration-deg-s2; give both.")
+    if len(given({"gap", "constant_backlash_deg"})) == 2:
+        raise UsageError(
+            "--gap is that of the draws, which have a constant backlash of their own; leave out"
+            " --constant-backlash-deg."
+        )
     if out.exists() and not overwrite:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
 
@@ -403,20 +337,18 @@ def _require_delay(fit: "Fit") -> None:
     )
 
 
-def _error(
-    run: Run, out: Path, step_deg: float, left_out_rad: float
-) -> tuple[str, dict[str, Any], str]:
-    """Return the transmission error as CSV or JSON, its record, and its report."""
+def _error(run: Run, out: Path, step_deg: float) -> tuple[str, dict[str, Any], str]:
+    """Return the transmission error of each flank as CSV or JSON, its record, and its report."""
     from ...base.files.json_io import dumps
-    from ...runs.error_table import error_harmonics, error_table
+    from ...runs.error_table import error_table
 
+    turns = _whole_period(run.pair.hunting_turns, step_deg)
+    found = error_table(run.fit, drawn(run), step_deg, turns)
+    record, table = found.to_json(out), found.table()
     if out.suffix.lower() == ".csv":
-        turns = _whole_period(run.pair.hunting_turns, step_deg)
-        found = error_table(run.fit, drawn(run), step_deg, turns)
-        return csv_text(found.table(), found.columns), found.to_json(out), str(found)
-    record = error_harmonics(run.fit, out, left_out_rad)
-    held = [f"{len(one['harmonics'])} of flank {f}" for f, one in record["flanks"].items()]
-    return dumps(record) + "\n", record, f"harmonics of the error: {', '.join(held)}"
+        return csv_text(table, found.columns), record, str(found)
+    record["table"] = dict(zip(found.columns, table.T, strict=True))
+    return dumps(record) + "\n", record, str(found)
 
 
 def _table(
@@ -450,11 +382,13 @@ def _record(
     fit: "Fit", compensation: "Compensation", out: Path, interval: tuple[float, float] | None
 ) -> dict[str, Any]:
     """Return the object of schema `vttig.compensation/1`; `interval` as `_interval` returns it."""
-    from ...runs.error_table import compensation_head
+    from ...runs.error_table import origin
 
     ends = None if interval is None else dict(zip(("low95", "high95"), interval, strict=True))
     return {
-        **compensation_head(fit, out),
+        "schema": "vttig.compensation/1",
+        **origin(fit),
+        "file": out.name,
         "constant_backlash_deg": ends,
         **compensation.to_json(),
     }
@@ -497,10 +431,3 @@ def _interval(fit: "Fit") -> tuple[float, float] | None:
     if found.low95 is None or found.high95 is None:
         return None
     return found.low95, found.high95
-
-
-def _write(out: Path, text: str, overwrite: bool) -> None:
-    from ...base.files.run_folder import RunFolder
-
-    with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
-        folder.write_text(out.name, text)

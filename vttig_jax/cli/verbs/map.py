@@ -106,6 +106,8 @@ def command(
     import vttig_jax
 
     vttig_jax.enable_x64()
+    from ...base.files.json_io import dumps
+
     run = Run(run_folder)
     fit = run.fit
     turns = _span(run.pair.hunting_turns, step_deg, span_rev)
@@ -138,7 +140,8 @@ def command(
         table, columns = shift_first(table, columns, fit.pair)
     record |= {"quantity": quantity, "run": run.record.digest}
     if out is not None:
-        _write(out, csv_text(table, columns), record, overwrite)
+        texts = {out.with_suffix(".json"): dumps(record) + "\n", out: csv_text(table, columns)}
+        run.write_beside(texts, overwrite=overwrite)
         shown = f"{shown}\n\n{out}: {resolution(fit, step_deg)}"
     else:
         shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {len(table)} rows"
@@ -218,12 +221,3 @@ def _span(hunting_turns: int, step_deg: float, span_rev: float | None) -> float:
             hunting_turns,
         )
     return min(float(hunting_turns), limit)
-
-
-def _write(out: Path, text: str, record: dict[str, Any], overwrite: bool) -> None:
-    from ...base.files.json_io import dumps
-    from ...base.files.run_folder import RunFolder
-
-    with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
-        folder.write_text(out.with_suffix(".json").name, dumps(record) + "\n")
-        folder.write_text(out.name, text)

@@ -30,6 +30,7 @@ ROLES = (
     "torque",
     "speed",
     "acceleration",
+    "command",
 )
 """Roles that the option `--column role=name` accepts."""
 
@@ -52,8 +53,7 @@ SHAFT_UNITS = (*ANGLES, *LENGTH_UNITS)
 
 _UNITS = {
     "time": tuple(TIME_UNITS),
-    "driving": SHAFT_UNITS,
-    "driven": SHAFT_UNITS,
+    **dict.fromkeys(("driving", "driven", "command"), SHAFT_UNITS),
     "transmission_error": tuple(ANGLE_UNITS),
     "axial_mm": tuple(LENGTH_UNITS),
     "torque": ("nm",),

@@ -30,7 +30,7 @@ from ..readers.column_names import ROLES, SHAFT_UNITS, TIME_UNITS, unit_spelt
 
 SHAFTS = ("driving", "driven")
 UNITS = {
-    **dict.fromkeys(SHAFTS, SHAFT_UNITS),
+    **dict.fromkeys((*SHAFTS, "command"), SHAFT_UNITS),
     "transmission_error": tuple(ANGLE_UNITS),
     "time": tuple(TIME_UNITS),
 }

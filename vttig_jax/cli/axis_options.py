@@ -1,0 +1,66 @@
+"""Options that say what the axis of a control is."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from .options import Finite, with_options
+
+AXIS = ("shaft", "zero_deg", "reversed", "travel_deg", "over_deg", "place_known")
+"""Fields of `AxisSetting`, which are the names of these parameters."""
+
+_OF_THE_AXIS = (
+    click.option(
+        "--axis",
+        "shaft",
+        type=click.Choice(("driven", "driving")),
+        default="driven",
+        help="Shaft that the axis is.",
+    ),
+    click.option(
+        "--axis-zero-deg",
+        "zero_deg",
+        type=Finite(),
+        default=0.0,
+        help="Position of the axis where its shaft has the angle zero in the fit.",
+    ),
+    click.option("--reversed", is_flag=True, help="The axis counts against the fit."),
+    click.option(
+        "--travel",
+        "travel_deg",
+        nargs=2,
+        type=Finite(),
+        metavar="FROM TO",
+        help="First and last position of the table, °; one turn of the axis by default.",
+    ),
+    click.option(
+        "--over",
+        "over_deg",
+        nargs=2,
+        type=Finite(),
+        metavar="FROM TO",
+        help="Travel of the axis, °, if it is not that of the table: what is left is predicted for"
+        " it. A control holds the ends of its table.",
+    ),
+    click.option(
+        "--place-unknown",
+        "place_known",
+        is_flag=True,
+        flag_value=False,
+        default=True,
+        help="Homing does not tell the turn within the hunting period; the table is the mean of all"
+        " turns.",
+    ),
+)
+
+
+def axis_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of an axis; the verb receives `axis`, the keywords of `AxisSetting`."""
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, **options: Any) -> None:
+        function(*arguments, axis={name: options.pop(name) for name in AXIS}, **options)
+
+    return with_options(wrapper, _OF_THE_AXIS)

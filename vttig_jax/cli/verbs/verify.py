@@ -1,0 +1,75 @@
+"""`vttig verify`: does the compensation of an axis work, by its own log."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ...base.errors import UsageError
+from ...runs.options import ReadingOptions
+from ...runs.run import Run
+from ..axis_options import AXIS, axis_options
+from ..options import STEP_DEG, log_options, verb
+from ..output import Output
+from .map import drawn
+
+
+@verb(
+    "verify",
+    example="""
+vttig verify run log.csv --travel 0 360
+vttig verify run before.csv after.csv --column command=joint.0.pos-cmd
+""",
+    groups={"The axis": AXIS, "The log": ReadingOptions.__struct_fields__},
+)
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.argument("logs", metavar="LOG", nargs=-1, required=True, type=click.Path(path_type=Path))
+@axis_options
+@click.option("--step-deg", type=STEP_DEG, help="Distance of the positions of the table.")
+@log_options
+def command(
+    output: Output,
+    run_folder: Path,
+    logs: tuple[Path, ...],
+    axis: dict[str, Any],
+    step_deg: float | None,
+    **reading: Any,
+) -> None:
+    """Say whether the error table of RUN works on its axis, by a LOG of it.
+
+    The log holds the commanded position of the axis (role `command`) and the encoder of the driven
+    shaft; two encoders alone show the same with a table and without. The options of the axis are
+    those that `vttig export` was called with. What is left by direction stands beside the
+    prediction, with 95 % intervals. By likelihood the command names what is wrong: the sign, the
+    zero, the directions, the turn, a correction that is too slow, or nothing loaded. With two logs,
+    before and after, it says whether the axis became better, or how long to record to tell.
+    """
+    if len(logs) > 2:
+        raise UsageError("verify takes one log, or one before and one after.")
+    import vttig_jax
+
+    from ...runs.axis_table import AxisSetting
+    from ...runs.verification import verify
+
+    vttig_jax.enable_x64()
+    run = Run(run_folder)
+    found = verify(run, logs, AxisSetting(**axis), step_deg, ReadingOptions(**reading), drawn(run))
+    output.emit(found, _text(found))
+
+
+def _text(record: dict[str, Any]) -> str:
+    from ...base.files.text_tables import key_values
+    from ...base.units import duration_text
+
+    rows = []
+    for one in record["logs"]:
+        rows.append(("log", f"{one['source']}, {duration_text(one['span_s'])}"))
+        for name, left in one["left_arcsec"].items():
+            text = f"{left['rms']:.3g}″ rms left ({left['low95']:.3g}″ … {left['high95']:.3g}″)"
+            low, high = left["predicted95"]
+            rows.append((name, f"{text}, predicted {low:.3g}″ … {high:.3g}″"))
+        rows.append(("likely", one["sentence"]))
+    for name, one in record["change"].items():
+        needed = one["needed_s"] and f"cannot be told; log {duration_text(one['needed_s'])}"
+        rows.append((f"change {name}", needed or one["outcome"]))
+    return key_values(rows, title="compensation of the axis")

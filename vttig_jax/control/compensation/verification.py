@@ -1,0 +1,189 @@
+"""Does the compensation of an axis work: what its log shows, beside what a table should leave.
+
+An axis that is told to stand at p shows left(p) = c(p) + E(p + c(p)) (`correction`). Each fault
+changes this curve: −c for a reversed sign, 0 for nothing loaded, the other direction's c, E of
+another turn or of a zero that is shifted, and a c that follows its table at a limited speed. With
+the rows y of the log, whose noise has the covariance Σ that the fit of this log found,
+
+    −2 ln L = rᵀ (Σ + D Dᵀ)⁻¹ r / κ²,    r = y − left,
+
+where the columns of D are what the run leaves open about its curves (its draws) and the unknown
+zeros of both encoders, and κ² ≥ 1 is the misfit of the best curve: no curve explains the axis
+better than its own model error allows. All curves share D: a fault turns phases, not sizes.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
+
+from ...base.units import DEG, REV
+from ...model.rows import Rows
+from .correction import DIRECTIONS, AxisError, CorrectionTable
+
+FAULTS = {
+    "nothing_loaded": "nothing is loaded: the axis shows its whole error",
+    "sign_reversed": "the sign is reversed, which doubles the error",
+    "directions_exchanged": "the columns of the two directions are exchanged",
+    "another_turn": "the table is that of another turn: the axis is {:.0f} turns further",
+    "zero_shifted": "the zero of the axis is shifted by {:.4g}°",
+    "rate_limited": "the correction follows its table at {:.3g}°/s at most",
+}
+"""Slug → sentence on what is wrong."""
+
+_CLEAR = 6.9
+"""Log likelihood ratio from which on one curve excludes another: 1 : 1000."""
+
+_SEARCHED = 5.0
+"""What a curve that is searched for among many pays in log likelihood (chosen)."""
+
+_TRIES, _THIN = 720, 256
+"""Shifts of a turn that are tried, and rows at which they are (chosen)."""
+
+_LIMITS, _ROUNDS = np.geomspace(0.03, 0.9, 16), 3
+"""Speed limits that are tried, in parts of the largest speed that the table asks for, and rounds,
+each of which tries limits eight times as close (chosen)."""
+
+
+@dataclass(frozen=True)
+class AxisRows:
+    """Rows of a log of an axis against its command.
+
+    **Arguments**
+    - `rows`: the rows, in runs. - `position`: commanded positions of some samples of each, rad.
+    - `flank`: flank that carries. - `left`: actual less commanded position, rad, but for constants.
+    - `taps`: filter that makes the noise of a run white, with variance 1.
+    - `open`: D, what is not known of the curves beside noise, rad.
+    """
+
+    rows: Rows
+    position: Float[np.ndarray, "n k"]
+    flank: np.ndarray
+    left: Float[np.ndarray, " n"]
+    taps: Float[np.ndarray, " taps"]
+    open: Float[np.ndarray, "n d"]
+
+    def runs(self) -> Iterator[slice]:
+        """Yield the rows of every run."""
+        return (slice(*ends) for ends in zip(self.rows.first, self.rows.last + 1, strict=True))
+
+    def white(self, values: np.ndarray) -> np.ndarray:
+        """Return values of the rows filtered so that their noise is white, with variance 1."""
+        parts = (lfilter(self.taps, 1.0, values[run], axis=0) for run in self.runs())
+        return np.concatenate([part[len(self.taps) - 1 :] for part in parts])
+
+
+class Verdict(NamedTuple):
+    """Curves that the log does not exclude, the likeliest first, and what they say.
+
+    **Arguments**
+    - `names`: "right" and slugs of `FAULTS`. - `value`: shift, °, turns or speed, °/s, of the
+      first one. - `log_ratio`: log likelihood of the first one over that of the right table.
+    """
+
+    names: tuple[str, ...]
+    value: float | None
+    log_ratio: float
+
+
+def judged(error: AxisError, table: CorrectionTable, rows: AxisRows, turns: int) -> Verdict:
+    """Return which curves the rows of a log do not exclude.
+
+    **Arguments**
+    - `error`: E of the run. - `table`: what the control should add. - `turns`: turns of the axis
+      after which E repeats.
+    """
+    open_ = rows.white(rows.open)
+    factor = cho_factor(np.eye(open_.shape[1]) + open_.T @ open_)
+
+    def misfit(left: np.ndarray) -> float:
+        white = rows.white(rows.left - left)
+        inside = open_.T @ white
+        return float(white @ white - inside @ cho_solve(factor, inside))
+
+    found = list(_curves(error, table, rows, turns, misfit))
+    scale = max(min(size for _, size, _, _ in found) / len(open_), 1.0)
+    score = {name: -0.5 * size / scale - paid for name, size, _, paid in found}
+    best = max(score.values())
+    names = sorted((n for n in score if score[n] > best - _CLEAR), key=lambda n: -score[n])
+    if "right" in names:  # a small shift or a high limit is no fault
+        names = ["right", *(n for n in names if n not in ("right", "zero_shifted", "rate_limited"))]
+    value = next(value for name, _, value, _ in found if name == names[0])
+    return Verdict(tuple(names), value, score[names[0]] - score["right"])
+
+
+def _curves(
+    error: AxisError,
+    table: CorrectionTable,
+    rows: AxisRows,
+    turns: int,
+    misfit: Callable[[np.ndarray], float],
+) -> Iterator[tuple[str, float, float | None, float]]:
+    """Yield the name of each curve, its misfit, its value, and what it pays for being searched."""
+    ahead = (rows.flank == error.directions.get(DIRECTIONS[0], ""))[:, None]
+    held = [table.values.get(n, next(iter(table.values.values()))) for n in DIRECTIONS]
+    both = [np.interp(rows.position, table.positions, one) for one in held]
+    added, other = np.where(ahead, *both), np.where(ahead, *both[::-1])
+    thin = slice(None, None, -(-len(ahead) // _THIN))
+
+    def shown(position: np.ndarray, added: np.ndarray, turn: int, part: slice) -> np.ndarray:
+        found = np.empty_like(position)
+        for flank in error.errors:
+            own = rows.flank[part] == flank
+            where = (position + added)[own]
+            found[own] = error.at(flank, where.ravel(), turn).reshape(where.shape)
+        return found + added
+
+    def left(added: np.ndarray, shift: float = 0.0, turn: int | None = None) -> np.ndarray:
+        turn = here if turn is None else turn
+        return shown(rows.position - shift, added, turn, slice(None)).mean(axis=1)
+
+    def best(turns: tuple[int, ...]) -> tuple[float, int]:
+        return min((misfit(left(added, turn=turn)), turn) for turn in turns)
+
+    size, here = best(error.turns)
+    yield "right", size, None, 0.0
+    yield "nothing_loaded", misfit(left(0 * added)), None, 0.0
+    yield "sign_reversed", misfit(left(-added)), None, 0.0
+    if len(table.values) > 1:
+        yield "directions_exchanged", misfit(left(other)), None, 0.0
+    if len(error.turns) == 1 < turns:
+        size, turn = best(tuple(range(1, turns)))
+        yield "another_turn", size, float(turn), float(np.log(turns))
+    shifts = np.linspace(-REV / 2, REV / 2, _TRIES, endpoint=False)
+    moved = shown(rows.position[thin, :1] - shifts, added[thin, :1], here, thin)
+    near = shifts[np.argmin(np.var(rows.left[thin, None] - moved, axis=0))]
+    ends = near + np.array([-1, 1]) * REV / _TRIES
+    found = minimize_scalar(lambda x: misfit(left(added, x)), bounds=ends, method="bounded")
+    yield "zero_shifted", float(found.fun), float(found.x) / DEG, _SEARCHED
+    target, time = added.mean(axis=1), rows.rows.time
+    fastest = max(np.max(np.abs(np.gradient(target[run], time[run]))) for run in rows.runs())
+    limits, near = fastest * _LIMITS, _LIMITS[1] / _LIMITS[0]
+    for last in range(1, _ROUNDS + 1):
+        slewed = np.repeat(target[:, None], len(limits), axis=1)
+        for k, most in enumerate(np.multiply.outer(np.diff(time), limits), 1):
+            slewed[k] = slewed[k - 1] + np.clip(target[k] - slewed[k - 1], -most, most)
+        sizes = [misfit(left(added + (one - target)[:, None])) for one in slewed.T]
+        limit = limits[np.argmin(sizes)]
+        limits, near = limit * np.geomspace(1 / near, near, len(limits)), near ** (1 / 8)
+        if last == _ROUNDS:
+            yield "rate_limited", min(sizes), float(limit) / DEG, _SEARCHED
+
+
+def size_of(
+    mean: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]
+) -> Float[np.ndarray, "3"]:
+    """Return the rms of a curve that noise blurs, and the ends of its 95 % interval.
+
+    The mean square of the estimate is larger by the mean variance, which is taken off; its own
+    variance is 2 tr V²/n² + 4 mᵀ V m/n².
+    """
+    square = mean @ mean - np.trace(covariance)
+    spread = 1.96 * np.sqrt(2 * np.sum(covariance**2) + 4 * mean @ covariance @ mean)
+    ends = np.maximum([square, square - spread, square + spread], 0.0)
+    return np.sqrt(ends / len(mean))
