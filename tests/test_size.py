@@ -30,9 +30,10 @@ BOUNDS = {
     "identify": (3480, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
     "control": (5960, 71),  # 3600
-    "plotting": (1883, 51),  # 2000 together with the report
-    "runs": (2447, 9),  # 900
-    "cli": (3940, 19),  # 2600
+    "plotting": (1878, 51),  # 2000 together with the report
+    "runs": (2446, 9),  # 900
+    "report": (600, 6),
+    "cli": (3984, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""
