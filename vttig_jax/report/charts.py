@@ -66,6 +66,13 @@ class Chart:
     remark: str = ""
     ticks: dict[int, str] | None = None
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Lowest and highest value; bars begin at zero."""
+        tops = [one.y if one.upper is None else one.upper for one in self.series]
+        lows = [one.y * (one.kind != "bars") for one in self.series]
+        return float(np.nanmin(np.concatenate(lows))), float(np.nanmax(np.concatenate(tops)))
+
 
 def charts_of(content: RunContent) -> dict[str, list[Chart]]:
     """Return the charts of a run by the section in which they stand."""
@@ -209,13 +216,12 @@ def _orders(fit: Fit) -> Chart:
     series = []
     for flank, shift in (("A", -0.2), ("B", 0.2)):
         own = [one for one in fit.orders if one.flank == flank]
-        noise = ["" if one.significant else ", not above noise" for one in own]
-        stds = [f"{one.std_arcsec:.2g}{said}" for one, said in zip(own, noise, strict=True)]
-        more = {"order": [name(one) for one in own], "standard error [″]": stds}
+        more = {"order": [name(one) + " (noise)" * (not one.significant) for one in own]}
+        more["standard error [″]"] = [f"{one.std_arcsec:.2g}" for one in own]
         place = np.array([names.index(name(one)) + shift * (len(fit.flanks) - 1) for one in own])
         size = np.array([one.amplitude_arcsec for one in own])
         series += [Series(f"flank {flank}", place, size, flank, "bars", more=more)] if own else []
     top = max(fit.orders, key=lambda one: one.amplitude_arcsec)
     title = f"The largest order is {name(top)}: {top.amplitude_arcsec:.3g}″"
-    axes = "order: cycles in a turn of the shaft; mesh: in a pitch", "amplitude [″]"
+    axes = "order: cycles in a turn of the shaft", "amplitude [″]"
     return Chart(title, *axes, series, ticks=dict(enumerate(names)))

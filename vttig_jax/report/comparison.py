@@ -79,12 +79,9 @@ class Comparison(TextResult):
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of schema `vttig.compare/1`."""
-        return {
-            "schema": "vttig.compare/1",
-            "runs": list(self.names),
-            "verdict": list(self.verdict),
-            "differences": [dict(vars(one)) for one in self.differences],
-        }
+        rows = [dict(vars(one)) for one in self.differences]
+        head = {"schema": "vttig.compare/1", "runs": list(self.names)}
+        return head | {"verdict": list(self.verdict), "differences": rows}
 
     def __str__(self) -> str:
         table = text_table([one.cells for one in self.differences], HEADERS, align="lrrrrll")
@@ -112,8 +109,9 @@ def compare_runs(*runs: "str | Path | RunContent") -> Comparison:
         raise UsageError(said, where=folders[1])
     ours, theirs = (_numbers(content) for content in contents)
     placed = all(fit.zero == "reading" for fit in fits)
-    pairs = [(ours.get(name), theirs.get(name)) for name in dict.fromkeys((*ours, *theirs))]
-    shown = [pair for pair in pairs if any(one is not None and one.determined for one in pair)]
+    none = Parameter("", "")
+    pairs = [(ours.get(k, none), theirs.get(k, none)) for k in dict.fromkeys((*ours, *theirs))]
+    shown = [pair for pair in pairs if any(one.determined for one in pair)]
     return Comparison((folders[0], folders[1]), tuple(_difference(*p, placed) for p in shown))
 
 
@@ -127,8 +125,8 @@ def _numbers(content: RunContent) -> dict[str, Parameter]:
         numbers += [Parameter("smallest gap", "deg", own["median"], own["std"], determined=True)]
     numbers += [*fit.parameters.values(), *fit.regressors]
     sizes = {f"peak to peak of flank {k}": v.peak_to_peak_deg for k, v in fit.flank_errors.items()}
-    for name, size in (sizes | {"residual rms": fit.residual_rms_deg}).items():
-        numbers.append(Parameter(name, "deg", size, determined=True))
+    sizes["residual rms"] = fit.residual_rms_deg
+    numbers += [Parameter(name, "deg", size, determined=True) for name, size in sizes.items()]
     for o in fit.orders:
         name = f"{o.shaft} {o.order:g} on flank {o.flank}"
         size = o.amplitude_arcsec, o.std_arcsec
@@ -136,13 +134,11 @@ def _numbers(content: RunContent) -> dict[str, Parameter]:
     return {one.name: one for one in numbers}
 
 
-def _difference(one: Parameter | None, other: Parameter | None, placed: bool) -> Difference:
+def _difference(one: Parameter, other: Parameter, placed: bool) -> Difference:
     """Return second less first; angles are `placed` if both runs count them from one zero."""
-    a, b = (None if p is None else p.value for p in (one, other))
-    known = one or other
-    assert known is not None
-    head, cyclic = (known.name, known.unit, a, b), "phase" in known.name
-    if one is None or other is None or a is None or b is None:
+    a, b, name = one.value, other.value, one.name or other.name
+    head, cyclic = (name, one.unit or other.unit, a, b), "phase" in name
+    if a is None or b is None:
         return Difference(*head, reason=f"only in the {'second' if a is None else 'first'}")
     if cyclic and not placed:
         return Difference(*head, reason="each run has a zero of its own")

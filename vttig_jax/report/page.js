@@ -5,6 +5,7 @@ const colours = {"#3f90da": "a", "#bd1f01": "b", "#94a4a2": "band", "#832db6": "
 const written = colour => [colour, `rgb(${[1, 3, 5].map(at => parseInt(colour.slice(at, at + 2), 16))})`];
 const rules = Object.entries(colours).flatMap(([colour, name]) => written(colour).map(value =>
   `[fill="${value}"]{fill:var(--${name})}[stroke="${value}"]{stroke:var(--${name})}`)).join("") +
+  '[stroke="#444444"]{stroke-width:.8px}[stroke="#3f90da"],[stroke="#bd1f01"]{stroke-width:1.4px}' +
   "@media print{.bk-ToolbarPanel,.bk-Toolbar{display:none!important}}";
 function dress(node) {
   for (const child of node.querySelectorAll("*")) {

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -35,9 +34,9 @@ _COLOURS = {"A": "#3f90da", "B": "#bd1f01", "fit": "#444444", "band": "#94a4a2",
 
 _GLYPHS = {
     "line": ("line", {"x": "x", "y": "y"}, "line_color"),
-    "mark": ("scatter", {"x": "x", "y": "y"}, "line_color"),
+    "mark": ("scatter", {"x": "x", "y": "y", "fill_color": None}, "line_color"),
     "band": ("varea", {"x": "x", "y1": "y", "y2": "upper"}, "fill_color"),
-    "bars": ("vbar", {"x": "x", "top": "y"}, "fill_color"),
+    "bars": ("vbar", {"x": "x", "top": "y", "line_color": None}, "fill_color"),
 }
 """Kind of a series → method of a figure that draws it, its arguments, and what has the colour."""
 
@@ -101,17 +100,13 @@ def _page(contents: list[RunContent], comparison: Comparison | None, said: tuple
 
     html, css, js = (_HERE.with_suffix(end).read_text("utf-8") for end in (".html", ".css", ".js"))
     drawn = [charts_of(content) for content in contents]
-    charts = {
-        f"{section}-{place}-{number}": chart
-        for number, run in enumerate(drawn)
-        for section, found in run.items()
-        for place, chart in enumerate(found)
-    }
+    rows = [(n, section, found) for n, run in enumerate(drawn) for section, found in run.items()]
+    charts = {f"{s}-{k}-{n}": one for n, s, found in rows for k, one in enumerate(found)}
     bokeh = Resources(mode="inline", components=["bokeh"], minified=True).js_raw[0]
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"commands": commands, "name": partial(shown_name, most=200)}
+    environment.filters |= {"commands": commands, "name": shown_name, "base64": base64.b64encode}
     environment.globals |= {"numbers": _numbers, "next_steps": next_steps, "links": _links}
-    environment.globals |= {"meanings": meanings, "picture": _picture, "headers": HEADERS}
+    environment.globals |= {"meanings": meanings, "most": _MOST_BYTES, "headers": HEADERS}
     return environment.from_string(html).render(
         verdict=said,
         comparison=comparison,
@@ -128,18 +123,24 @@ def _figures(charts: dict[Any, Chart]) -> str:
     from bokeh.themes import Theme
 
     theme = Theme(filename=str(_HERE.with_name("theme.json")))
-    items = [json_item(_figure(chart), name, theme) for name, chart in charts.items()]
+    items = []
+    for name, chart in charts.items():  # those of two runs have one scale
+        peers = [own for place, own in charts.items() if place[:-1] == name[:-1]]
+        items.append(json_item(_figure(chart, peers), name, theme))
     # A `<` in a text would end the element or begin another one.
     return json.dumps(items).replace("<", "\\u003c")
 
 
-def _figure(chart: Chart) -> Any:
-    """Return a figure of Bokeh; its numbers have 32 bits, which a screen does not resolve."""
+def _figure(chart: Chart, peers: list[Chart]) -> Any:
+    """Return a figure of Bokeh with a scale for all `peers`; its numbers have 32 bits."""
     from bokeh.models import HoverTool
     from bokeh.plotting import figure
 
     plot = figure(tools="pan,box_zoom,xwheel_zoom,reset", active_drag="box_zoom")
     plot.xaxis.axis_label, plot.yaxis.axis_label = chart.x, chart.y
+    ends = [end for one in peers for end in one.ends]
+    margin = 0.05 * (max(ends) - min(ends)) or 1.0
+    plot.y_range.update(start=min(ends) - margin, end=max(ends) + margin)
     if chart.ticks is not None:
         plot.xaxis.update(ticker=list(chart.ticks), major_label_overrides=chart.ticks)
         plot.xaxis.major_label_orientation = np.pi / 3
@@ -170,10 +171,6 @@ def _numbers(content: RunContent) -> list[list[str]]:
             ends = [f"{own[k]:z.{places}f}" for k in ("low95", "high95") if own.get(k) is not None]
             rows.append([*parameter_cells(p), *([" … ".join(ends) or "–"] if drawn else [])])
     return rows
-
-
-def _picture(data: bytes | None) -> str:
-    return "" if data is None or len(data) > _MOST_BYTES else base64.b64encode(data).decode()
 
 
 def _links(contents: dict[str, bytes]) -> Iterator[tuple[str, str, int]]:
