@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import vttig_jax
-from vttig_jax.cli.words import WORDS
+from vttig_jax.report.words import WORDS
 
 pytestmark = pytest.mark.smoke
 

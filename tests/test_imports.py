@@ -32,6 +32,7 @@ FLOORS = (
     "control",
     "plotting",
     "runs",
+    "report",
     "cli",
 )
 """From the ground up; a module imports from its own floor and those below."""
@@ -147,8 +148,15 @@ INNER_FLOORS = {
         "sweeps",
         "tuning",
     ),
-    "cli": (
+    "report": (
         "words",
+        "content",
+        "verdict",
+        "charts",
+        "comparison",
+        "page",
+    ),
+    "cli": (
         "output",
         "library_messages",
         "program_cache",

@@ -30,6 +30,7 @@ def test_leaves_a_folder_the_other_verbs_go_on_with(demo, vttig_json):
         "posterior.h5",
         "posterior.json",
         "figures",
+        "report.html",
     }
     assert {p.name for p in (demo / "figures").iterdir()} >= {"te_fit.png", "band.png"}
     before = json.loads((demo / "fit.json").read_text())

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from vttig_jax.cli.words import meanings
+from vttig_jax.report.words import meanings
 
 
 @pytest.mark.portable

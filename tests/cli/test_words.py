@@ -2,7 +2,7 @@
 
 import re
 
-from vttig_jax.cli.words import WORDS, explained
+from vttig_jax.report.words import WORDS, explained
 
 
 def test_words_that_occur_and_no_others():

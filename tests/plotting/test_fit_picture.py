@@ -8,8 +8,8 @@ from msgspec.structs import replace as changed
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.records import GapAtSpeed
 from vttig_jax.kinematics.te_curve import TECurve
+from vttig_jax.plotting.curves import MOST_POINTS
 from vttig_jax.plotting.fit import plot_fit
-from vttig_jax.plotting.style import MOST_POINTS
 
 
 def data(ax: Axes, line: int) -> tuple[np.ndarray, np.ndarray]:

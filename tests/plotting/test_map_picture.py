@@ -14,7 +14,7 @@ from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.hunting_coverage import HuntingCoverage
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.plotting.backlash_map import plot_map
-from vttig_jax.plotting.style import MOST_POINTS
+from vttig_jax.plotting.curves import MOST_POINTS
 
 
 @pytest.fixture

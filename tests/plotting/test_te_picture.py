@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from vttig_jax.plotting.curves import MOST_POINTS
 from vttig_jax.plotting.fit import plot_te
-from vttig_jax.plotting.style import FLANK_COLOURS, MOST_POINTS, unit_size
+from vttig_jax.plotting.style import FLANK_COLOURS, unit_size
 
 pytestmark = pytest.mark.smoke
 

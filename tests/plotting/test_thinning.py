@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.plotting.style import MOST_POINTS, thinned
+from vttig_jax.plotting.curves import MOST_POINTS, thinned
 
 
 @given(size=st.integers(2, 500), most=st.integers(4, 60), seed=st.integers(0, 99))

@@ -38,6 +38,14 @@ VERBS = {
         "vttig_jax.cli.verbs.map:command",
         "Write the backlash at every angle from a fit.",
     ),
+    "report": (
+        "vttig_jax.cli.verbs.report:command",
+        "Write a run as a page to read, send and print.",
+    ),
+    "compare": (
+        "vttig_jax.cli.verbs.compare:command",
+        "Say which differences between two runs count.",
+    ),
     "sample": (
         "vttig_jax.cli.verbs.sample:command",
         "Sample the posterior of a fit, with checkpoints.",
@@ -98,17 +106,8 @@ VERBS = {
 """Verb → ("module:command", short help)."""
 
 GROUPS = {
-    "From a log": (
-        "inspect",
-        "fit",
-        "fit-many",
-        "map",
-        "sample",
-        "locate",
-        "export",
-        "verify",
-        "explain",
-    ),
+    "From a log": ("inspect", "fit", "fit-many", "map", "sample", "locate", "export", "verify"),
+    "To hand over": ("report", "compare", "explain"),
     "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
     "The gear": ("measure", "surface", "contact"),
 }

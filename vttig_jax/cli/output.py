@@ -51,7 +51,7 @@ class Output:
         if not self.json:
             shown = str(text)
             if self.verbose:
-                from .words import explained
+                from ..report.words import explained
 
                 shown = "\n\n".join(filter(None, [shown, explained(shown)]))
             print_text(shown)

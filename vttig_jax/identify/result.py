@@ -113,6 +113,15 @@ class Fit(PlottedResult):
         """All sentences of the findings, the warnings first."""
         return tuple(one.text for one in self.findings)
 
+    @property
+    def open_reasons(self) -> list[str]:
+        """Lines with undetermined parameters and the reason, which several may share."""
+        together: dict[str, list[str]] = {}
+        for parameter in (*self.parameters.values(), *self.regressors):
+            if not parameter.determined:
+                together.setdefault(parameter.reason or "", []).append(parameter.name)
+        return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
+
     @cached_property
     def coverage(self) -> HuntingCoverage:
         """Part of the hunting period that the logs cover."""
@@ -245,6 +254,10 @@ _UNKNOWN_DEG = 60.0
 _ZEROS = {"start": "the first sample", "reading": "where the channel reads zero"}
 
 
+PARAMETER_HEADERS = ("parameter", "value", "std", "ν", "95 % interval", "unit")
+"""Titles of the columns of `parameter_cells`."""
+
+
 def fit_text(fit: Fit) -> str:
     """Return the report of a fit, from its logs to the notes."""
     shown = [p for p in (*fit.parameters.values(), *fit.regressors) if p.determined]
@@ -282,14 +295,11 @@ def fit_text(fit: Fit) -> str:
         ],
         title=fit.pair.name or "fit",
     )
-    table = text_table(
-        [_row(p) for p in shown], ["parameter", "value", "std", "ν", "95 % interval", "unit"]
-    )
+    table = text_table([parameter_cells(p) for p in shown], PARAMETER_HEADERS)
     parts = [head, *_titled("warnings", list(fit.warnings)), *([table] if shown else [])]
-    parts += _orders(fit)
-    if fit.conditional_on:
-        parts.append("conditional on: " + ", ".join(fit.conditional_on).replace("_", " "))
-    parts += listed("undetermined", _open_reasons(fit))
+    assumed = ", ".join(fit.conditional_on).replace("_", " ")
+    parts += [*_orders(fit), *([f"conditional on: {assumed}"] if assumed else [])]
+    parts += listed("undetermined", fit.open_reasons)
     parts += _titled("notes", [one.text for one in fit.findings if one.severity == "note"])
     return "\n\n".join(parts)
 
@@ -298,15 +308,6 @@ def _titled(title: str, sentences: list[str]) -> list[str]:
     """Return a list of sentences whose title says what ± means, if a sentence has ` ± `."""
     meaning = " (± is one standard error)" if any(" ± " in one for one in sentences) else ""
     return listed(title + meaning, sentences)
-
-
-def _open_reasons(fit: Fit) -> list[str]:
-    """Return lines with undetermined parameters and the reason, which several may share."""
-    together: dict[str, list[str]] = {}
-    for parameter in (*fit.parameters.values(), *fit.regressors):
-        if not parameter.determined:
-            together.setdefault(parameter.reason or "", []).append(parameter.name)
-    return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
 
 
 def _orders(fit: Fit) -> list[str]:
@@ -377,7 +378,8 @@ def doubt(
     return " (below zero)" if value < 0 else " (not significant)"
 
 
-def _row(p: Parameter) -> list[str]:
+def parameter_cells(p: Parameter) -> list[str]:
+    """Return name, value, standard error, ν, interval and unit of a parameter as text."""
     if p.value is None:
         return [p.name, "—", "", "", "", p.unit]
     places = decimals(p.std or 0.0, p.value)

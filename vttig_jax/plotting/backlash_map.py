@@ -13,17 +13,8 @@ from ..base.units import DEG, REV
 from ..kinematics.backlash_map import BacklashMap, Extreme
 from ..pair.gear_pair import Drive
 from ..posterior.summary.bands import BandedMap, millimetres
-from .style import (
-    COLOURS,
-    MODEL_COLOUR,
-    driving_axis,
-    figure_of,
-    grid,
-    legend,
-    new_figure,
-    thinned,
-    title,
-)
+from .curves import thinned
+from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, grid, legend, new_figure, title
 
 _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 

@@ -12,10 +12,10 @@ from ..base.numerics.quantiles import NORMAL_95
 from ..base.units import ARCSEC, DEG
 from ..identify.result import Fit
 from ..kinematics.te_curve import TECurve
+from .curves import MOST_POINTS, thinned
 from .style import (
     FLANK_COLOURS,
     MODEL_COLOUR,
-    MOST_POINTS,
     SIGNS,
     Unit,
     driving_axis,
@@ -24,7 +24,6 @@ from .style import (
     heading,
     legend,
     new_figure,
-    thinned,
     title,
     unit_size,
 )

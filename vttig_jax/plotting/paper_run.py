@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 
 from ..base.units import DEG
 from ..control.simulation.result import Simulation
-from .style import COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, thinned, title
+from .curves import thinned
+from .style import COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
 
 _LINES: dict[str, tuple[Any, ...]] = {
     "none": ("without control", MODEL_COLOUR, 1.6),

@@ -13,18 +13,8 @@ from ..base.units import ARCSEC, DEG, REV
 from ..identify.records import FoundLine
 from ..identify.result import Fit
 from ..logs.lines.search import Line
-from .style import (
-    COLOURS,
-    FLANK_COLOURS,
-    MOST_POINTS,
-    driving_axis,
-    grid,
-    heading,
-    legend,
-    new_figure,
-    thinned,
-    title,
-)
+from .curves import MOST_POINTS, thinned
+from .style import COLOURS, FLANK_COLOURS, driving_axis, grid, heading, legend, new_figure, title
 
 _LAGS = 60  # lags shown; a chosen value
 _MAX_FREQUENCIES = 20_000  # of the spectrum; a chosen value

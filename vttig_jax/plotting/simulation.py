@@ -12,6 +12,7 @@ from matplotlib.typing import ColorType
 
 from ..base.units import DEG, REV
 from ..control.simulation.result import Simulation
+from .curves import thinned
 from .style import (
     COLOURS,
     FLANK_COLOURS,
@@ -21,7 +22,6 @@ from .style import (
     grid,
     heading,
     new_figure,
-    thinned,
     title,
     unit_size,
 )

@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from io import BytesIO
 from typing import Final, Literal
 
-import numpy as np
-from jaxtyping import Float
 from matplotlib import color_sequences
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -120,43 +118,3 @@ def driving_axis(ax: Axes) -> None:
 
 def _joined(parts: tuple[str, ...]) -> str:
     return " · ".join(shown_name(part, _MOST_LETTERS) for part in parts if part)
-
-
-MOST_POINTS = 20_000
-"""Largest number of points of a line (chosen), about ten times the pixels across a page."""
-
-
-def thinned(
-    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], most: int = MOST_POINTS
-) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return fewer points of a line, which look the same in a picture.
-
-    The line is divided into pieces of equally many points. The points of minimum and maximum y of
-    each piece and the two end points are kept, in their order.
-
-    **Arguments**
-    - `x`, `y`: the line; NaN in y is ignored if its piece also has numbers.
-    - `most`: largest number of points, at least 4; shorter lines are returned unchanged.
-
-    **Example**
-    ```python
-    >>> import numpy as np
-    >>> from vttig_jax.plotting.style import thinned
-    >>> x, y = thinned(np.arange(100.0), np.sin(np.arange(100.0)), 10)
-    >>> len(x) <= 10, bool(y.max() == np.sin(np.arange(100.0)).max())
-    (True, True)
-
-    ```
-    """
-    if most < 4:
-        raise ValueError(f"Argument `most` must be at least 4, but is {most}.")
-    if len(y) <= most:
-        return x, y
-    width = -(-len(y) // ((most - 2) // 2))
-    pieces = np.pad(y, (0, -len(y) % width), constant_values=np.nan).reshape(-1, width)
-    missing = np.isnan(pieces)
-    starts = np.arange(len(pieces)) * width
-    lowest = starts + np.where(missing, np.inf, pieces).argmin(axis=1)
-    highest = starts + np.where(missing, -np.inf, pieces).argmax(axis=1)
-    kept = np.unique(np.concatenate([lowest, highest, [0, len(y) - 1]]))
-    return x[kept], y[kept]

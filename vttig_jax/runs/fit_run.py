@@ -26,10 +26,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("vttig_jax")
 
 _FOLLOWING = (
-    "map.csv",
-    "map.json",
-    CHECKPOINT,
-    "posterior.json",
+    *("map.csv", "map.json", "report.html", CHECKPOINT, "posterior.json"),
     *(f"figures/{name}.png" for name in ("te_fit", "orders", "residual", "backlash_map")),
     *(f"figures/{name}.png" for name in ("corner", "trace", "band")),
 )

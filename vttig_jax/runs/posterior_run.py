@@ -126,7 +126,7 @@ def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True)
     from ..plotting.save import posterior_figures
 
     banded = report.banded
-    outdated = () if _is_reported(folder, report.posterior) else FIGURES
+    outdated = () if _is_reported(folder, report.posterior) else (*FIGURES, "report.html")
     run = (_read_json(folder / "fit.json") or {}).get("run", "")
     with RunFolder(folder, overwrite=True, results=(REPORT,)) as writer:
         for name in outdated:

@@ -42,6 +42,7 @@ class RunRecord:
     - `readings`, `readings_sha256`: file of backlash readings, and its SHA-256.
     - `opened`: the logs, if they were opened to build `spec` without a pair file; not stored.
     - `flank_model`: class name of the flank model that a user gave in Python; "" without one.
+    - `versions`: name of a package → its version at the time of a stored run.
     - `digest`: SHA-256 that identifies a stored run and is in all files of its fit; "" for a new
       run and for folders of older versions.
     """
@@ -55,6 +56,7 @@ class RunRecord:
     opened: "tuple[OpenLog, ...]" = field(default=(), repr=False, compare=False)
     flank_model: str = ""
     digest: str = ""
+    versions: dict[str, str] = field(default_factory=dict, compare=False)
 
     @property
     def guesses(self) -> "tuple[Guess, ...]":
@@ -134,6 +136,7 @@ def read_run(path: Path) -> RunRecord:
         digests,
         flank_model=str(table["data"].get("flank_model", "")),
         digest=str(table.get("run", "")),
+        versions={str(k): str(v) for k, v in dict(table.get("versions", {})).items()},
     )
     if readings is None:
         return record

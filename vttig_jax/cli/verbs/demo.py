@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from ... import report as reports
+from ...base.errors import UsageError
 from ...runs.fit_run import write_fit
 from ...runs.posterior_run import report_on, write_report
 from ...runs.run_file import CHECKPOINT, RunRecord
@@ -74,11 +76,15 @@ def command(
     assert report.banded is not None  # the rig of the paper turns in both directions
     if out is not None:
         write_report(out, report)
-    hint = (
-        f"written to {out}; try `vttig inspect {out / 'log.csv'} --pair {out / 'pair.toml'}`."
-        if out is not None
-        else "`vttig demo --out DIR` keeps the log, the fit, the draws, the map and the pictures."
-    )
+    hint = "`vttig demo --out DIR` keeps the log, the fit, the draws, the map and the pictures."
+    if out is not None:
+        hint = (
+            f"written to {out}; try `vttig inspect {out / 'log.csv'} --pair {out / 'pair.toml'}`."
+        )
+        try:
+            hint += f"\n\nreport: {reports.write_report(out, overwrite=overwrite).record['report']}"
+        except UsageError as missing:  # the extra is not installed
+            hint += f"\n\n{missing.message}"
     output.emit(report.to_json(), f"{_report(rig, report, report.banded)}\n\n{hint}")
 
 

@@ -3,9 +3,9 @@
 import click
 
 from ...base.errors import UsageError
+from ...report.words import WORDS, meanings
 from ..options import verb
 from ..output import Output
-from ..words import WORDS, meanings
 
 
 @verb(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ... import report as reports
 from ...base.errors import NoAnswerError, UsageError
 from ...base.logger import LOGGER
 from ...identify.fit_settings import fields
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     example="""
 vttig fit log.csv --ratio 64:23
 vttig fit log.csv --teeth 45/80 --counts 90000,90000 --column driving=enc1 --column driven=enc2
-vttig fit log.csv --pair pair.toml --out run --require constant_backlash_deg
+vttig fit log.csv --pair pair.toml --out run --report --require constant_backlash_deg
 vttig fit monday.csv friday.csv --pair pair.toml --delay-within 0.2ms
 vttig fit log.mat --pair pair.toml --column "driving=rec.pos_deg(1,:)" --sample-rate 250
 vttig fit --readings dial_gauge.csv --ratio 45:1
@@ -39,7 +40,9 @@ xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
 """,
     groups={
         **GROUPS,
-        "The result": ("out", "overwrite", "no_figures", "require", "readings", "run_path"),
+        "The result": (
+            *("out", "overwrite", "no_figures", "report", "require", "readings", "run_path"),
+        ),
         "The model": tuple(field.name for field in fields()),
     },
 )
@@ -51,6 +54,7 @@ xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
 @click.option("--out", type=click.Path(path_type=Path), help="Run folder to write.")
 @click.option("--overwrite", is_flag=True, help="Replace the fit that is in --out.")
 @click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
+@click.option("--report", is_flag=True, help="Write report.html of it too; see `vttig report`.")
 @click.option(
     "--readings",
     "--backlash-readings",
@@ -75,6 +79,7 @@ def command(
     out: Path | None,
     overwrite: bool,
     no_figures: bool,
+    report: bool,
     readings: Path | None,
     require: tuple[str, ...],
     drive: DriveOptions,
@@ -89,11 +94,14 @@ def command(
     LOG may be - for stdin; it is then kept in --out, so that --run can repeat the fit. Without
     --out no file is written.
     """
-    if out is None and (overwrite or no_figures):
-        name = "--overwrite" if overwrite else "--no-figures"
+    asked = {"--overwrite": overwrite, "--no-figures": no_figures, "--report": report}
+    if out is None and any(asked.values()):
+        name = next(name for name, is_asked in asked.items() if is_asked)
         raise UsageError(
             f"{name} says how to write a run folder; give one with --out, or leave it."
         )
+    if report:
+        reports.require_bokeh()
     if readings is not None and not logs and run_path is None:
         if out is not None or require:
             raise UsageError("readings alone have no run folder and no parameters; leave that out.")
@@ -114,6 +122,9 @@ def command(
     if out is not None:
         save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
+    written = []
+    if report and out is not None:
+        written = [f"report: {reports.write_report(out).record['report']}"]
     parts = [in_words(result.pair.ratio)] if drive.request.names_a_drive else []
     parts += [str(result), *([_noise_to_plan(result)] if output.verbose else [])]
     gap, lead_mm = result.checks.gap_over_angles_covered, run.options.reading.lead_mm
@@ -121,7 +132,7 @@ def command(
     if lead_mm is not None and gap.value is not None and gap.std is not None:
         value, std = (1e3 * lead_mm / 360 * one for one in (gap.value, gap.std))
         parts.append(f"gap on the axis of {lead_mm:g} mm a turn: {value:.4g} ± {std:.2g} µm")
-    output.emit(result.to_json(), "\n\n".join(parts))
+    output.emit(result.to_json(), "\n\n".join([*parts, *written]))
     _check_required(result, require)
     if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
         # The result is printed before the error, because its numbers show what the error says.

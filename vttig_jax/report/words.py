@@ -22,7 +22,7 @@ def explained(report: str) -> str:
 
     **Example**
     ```python
-    >>> from vttig_jax.cli.words import explained
+    >>> from vttig_jax.report.words import explained
     >>> print(explained("hunting period  16 driving turns"))
     words:
       hunting period: turns of the driving shaft until the same teeth meet
@@ -39,7 +39,7 @@ def meanings(name: str) -> dict[str, str]:
 
     **Example**
     ```python
-    >>> from vttig_jax.cli.words import meanings
+    >>> from vttig_jax.report.words import meanings
     >>> meanings("delay_s")
     {'delay_s': 'time by which the driven channel is late, the mean of the log'}
 

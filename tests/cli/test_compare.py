@@ -1,0 +1,98 @@
+"""`vttig compare`: differences of two runs, and which of them count."""
+
+import json
+import math
+import shutil
+from pathlib import Path
+
+import pytest
+
+from vttig_jax.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def half_folder(rig_folder, tmp_path_factory) -> Path:
+    """A fit of a part of the log in `rig_folder`: the same rig, another noise."""
+    out = tmp_path_factory.mktemp("half") / "run"
+    log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
+    arguments = ["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]
+    assert main([*arguments, "--cut", "0rev:1rev"]) == 0
+    return out
+
+
+def rows(record: dict) -> dict[str, dict]:
+    return {row["name"]: row for row in record["differences"]}
+
+
+@pytest.mark.portable
+def test_a_run_and_itself_do_not_differ(vttig, vttig_json, run_folder):
+    code, record = vttig_json("compare", run_folder, run_folder)
+    assert code == 0
+    judged = [row for row in record["differences"] if row["counts"]]
+    assert len(judged) > 10 and {row["counts"] for row in judged} == {"no"}
+    assert all(row["difference"] == 0 for row in judged)
+    assert "nothing" in record["verdict"][1] and "contains zero" in record["verdict"][0]
+    code, out, err = vttig("compare", run_folder, run_folder)
+    assert code == 0 and err == "" and out.splitlines()[:3] == record["verdict"]
+
+
+def test_differences_have_the_errors_of_both(vttig_json, run_folder, half_folder):
+    _, record = vttig_json("compare", run_folder, half_folder)
+    fits = [json.loads((f / "fit.json").read_text()) for f in (run_folder, half_folder)]
+    row = rows(record)["driving_eccentricity_mm"]
+    first, second = (fit["parameters"][row["name"]] for fit in fits)
+    assert row["difference"] == pytest.approx(second["value"] - first["value"])
+    assert row["std"] == pytest.approx(math.hypot(first["std"], second["std"]))
+    reach = (row["high95"] - row["low95"]) / 2
+    assert 1.95 < reach / row["std"] < 2.1
+    assert row["counts"] in ("no", "perhaps")  # one rig
+    assert rows(record)["driving_phase_deg"]["difference"] is None  # zeros of their own
+
+
+def moved(folder: Path, place: Path, stds: float) -> Path:
+    """Copy a run, with another constant backlash in fit.json: a rig that was adjusted."""
+    run = Path(shutil.copytree(folder, place / f"moved{stds:g}"))
+    fit = json.loads((run / "fit.json").read_text())
+    own = fit["parameters"]["constant_backlash_deg"]
+    for end in ("value", "low95", "high95"):
+        own[end] += stds * math.sqrt(2) * own["std"]
+    (run / "fit.json").write_text(json.dumps(fit))
+    return run
+
+
+@pytest.mark.parametrize(
+    ("stds", "counts"), [(1.5, "no"), (2.5, "perhaps"), (3.5, "yes"), (-4.0, "yes")]
+)
+def test_what_counts(vttig_json, run_folder, tmp_path, stds, counts):
+    _, record = vttig_json("compare", run_folder, moved(run_folder, tmp_path, stds))
+    row = rows(record)["constant_backlash_deg"]
+    assert row["counts"] == counts and row["difference"] / row["std"] == pytest.approx(stds)
+    assert ("constant_backlash_deg" in record["verdict"][1]) is (counts == "yes")
+
+
+def test_what_one_run_does_not_tell(vttig_json, run_folder, one_flank_folder):
+    _, record = vttig_json("compare", run_folder, one_flank_folder)
+    gap = rows(record)["constant_backlash_deg"]
+    assert gap["second"] is None and gap["counts"] is None and "first" in gap["reason"]
+    assert "peak to peak of flank B" in rows(record)
+
+
+def test_runs_of_two_drives(vttig, run_folder, tmp_path, monkeypatch):
+    from tests.cli.drive import write_drive, write_pair
+
+    monkeypatch.chdir(tmp_path)
+    write_drive(tmp_path / "log.csv")
+    write_pair(tmp_path / "pair.toml")
+    assert vttig("fit", "log.csv", "--pair", "pair.toml", "--out", "run", "--no-figures")[0] == 0
+    code, out, err = vttig("compare", run_folder, "run")
+    assert (code, out) == (2, "") and "9/16" in err and err.count("\n") == 1
+
+
+def test_the_page_of_two_runs(vttig_json, run_folder, half_folder, tmp_path):
+    out = tmp_path / "two.html"
+    code, record = vttig_json("report", run_folder, half_folder, "--out", out)
+    page = out.read_text("utf-8")
+    assert code == 0 and len(page) < 3_000_000 and "differences" in record["sections"]
+    assert record["comparison"] == vttig_json("compare", run_folder, half_folder)[1]
+    assert record["verdict"] == record["comparison"]["verdict"]
+    assert page.count("<h3>First run") == page.count("<h3>Second run") > 5

@@ -1,0 +1,25 @@
+"""`vttig compare`: the differences between two runs, and which of them count."""
+
+from pathlib import Path
+
+import click
+
+from ... import report as reports
+from ..options import verb
+from ..output import Output
+
+
+@verb("compare", example="vttig compare before after")
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.argument("other", metavar="RUN2", type=click.Path(path_type=Path))
+def command(output: Output, run_folder: Path, other: Path) -> None:
+    """Compare the fits in RUN and RUN2, such as before and after an adjustment.
+
+    Each difference is that of RUN2 less RUN, with its 95 % interval. It counts from three standard
+    errors on. The noise of both runs is taken as independent.
+    """
+    import vttig_jax
+
+    vttig_jax.enable_x64()
+    found = reports.compare_runs(run_folder, other)
+    output.emit(found.to_json(), found)
