@@ -22,8 +22,7 @@ from vttig_jax.base.units import DEG, REV
 from vttig_jax.control.compensation.correction import AxisError, Curve, left_over, size
 from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.gear_pair import Flank
-from vttig_jax.pair.load import pair_from_spec
+from vttig_jax.pair.gear_pair import Flank, pair_from_spec
 from vttig_jax.pair.pair_file import parse_pair_spec
 from vttig_jax.runs.axis_table import AxisSetting, axis_table
 
