@@ -29,7 +29,7 @@ BOUNDS = {
     "model": (2105, 44),
     "identify": (3480, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
-    "control": (5508, 71),  # 3600
+    "control": (5500, 71),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
     "runs": (2447, 9),  # 900
     "cli": (3940, 19),  # 2600
