@@ -275,7 +275,7 @@ class Elastic(Plant):
 
         T₂ = max(0, c p + clip(d ṗ, ±c p))
 
-    One time step covers a whole impact (see `elastic_impact`). In the step the flanks have constant
+    One time step covers a whole impact (see `impact`). In the step the flanks have constant
     acceleration, and friction is constant before, during and after the contact. A step of any
     length is stable, and the mesh never returns more energy than it has absorbed. At most one
     impact per step is computed: if the contact persists, or if the shaft would meet the flank again

@@ -42,15 +42,7 @@ _MISSED = {
 }
 
 
-def simulation_text(run: "Simulation") -> str:
-    """Return the report: rig, motion, outcome, metrics and remarks."""
-    head = key_values(list(_rows(run)), title=run.pair.name or "simulation")
-    if not run.remarks:
-        return head
-    return "\n".join([head, "", "notes:", *(f"  {sentence}" for sentence in run.remarks)])
-
-
-def sentences(run: "Simulation") -> Iterator[str]:
+def _sentences(run: "Simulation") -> Iterator[str]:
     """Yield the remarks about a run, each of them one sentence."""
     t, outcome = run.tally, run.outcome
     if run.changes_early:
@@ -260,7 +252,7 @@ class Simulation(PlottedResult):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences about the run that a reader must not overlook."""
-        return tuple(sentences(self))
+        return tuple(_sentences(self))
 
     @property
     def allowed(self) -> float:
@@ -352,7 +344,9 @@ class Simulation(PlottedResult):
         }
 
     def __str__(self) -> str:
-        return simulation_text(self)
+        head = key_values(list(_rows(self)), title=self.pair.name or "simulation")
+        notes = ["", "notes:", *(f"  {one}" for one in self.remarks)]
+        return "\n".join([head, *notes]) if self.remarks else head
 
 
 def _finite(value: float) -> float | None:

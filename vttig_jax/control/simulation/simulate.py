@@ -353,16 +353,14 @@ def with_settings(case: Case, settings: Mapping[str, Any]) -> Case:
     """
     for name, value in settings.items():
         field = name.removeprefix("judgement.")
-        place = next((at for at in ("observer", "controller") if _has(case, at, field)), None)
+        parts = {"observer": case.observer, "controller": case.controller}
+        fields = {at: [one.name for one in number_fields(part)] for at, part in parts.items()}
+        place = next((at for at, names in fields.items() if field in names), None)
         if field == name or place is None:
             raise ValueError(
                 f"Argument `settings` must have keys that the case uses, but neither"
                 f" {type(case.observer).__name__} nor {type(case.controller).__name__} has"
                 f" {name!r}."
             )
-        case = replace(case, **{place: replace(getattr(case, place), **{field: value})})
+        case = replace(case, **{place: replace(parts[place], **{field: value})})
     return case
-
-
-def _has(case: Case, place: str, field: str) -> bool:
-    return any(field == one.name for one in number_fields(getattr(case, place)))

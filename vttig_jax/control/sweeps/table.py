@@ -191,7 +191,8 @@ def _text(table: SweepTable) -> str:
     record = table.to_json()
     outcomes = ", ".join(f"{count} {name}" for name, count in table.outcomes.items())
     steps = max(table.lane_steps, 1)
-    head = [("cases", f"{record['cases']}: {_sizes(table)}"), ("outcomes", outcomes)]
+    sizes = ", ".join(f"{len(np.unique(table.columns[axis]))} {axis}" for axis in table.axes)
+    head = [("cases", f"{record['cases']}: {sizes}"), ("outcomes", outcomes)]
     if not {"plant_map", "controller_map"} & set(table.axes):
         plant = "draws of " if DRAW in table.axes else ""
         head.append(("flanks", plant + flanks_text(table.spec)))
@@ -205,13 +206,11 @@ def _text(table: SweepTable) -> str:
             )
         )
     if table.device_s:
-        head.append(
-            (
-                "of it",
-                f"cases built in {table.build_s:.2g} s, devices busy for {table.device_s:.3g} s,"
-                f" table written in {table.write_s:.2g} s",
-            )
+        shares = (
+            f"cases built in {table.build_s:.2g} s, devices busy for {table.device_s:.3g} s,"
+            f" table written in {table.write_s:.2g} s"
         )
+        head.append(("of it", shares))
     if table.path is not None:
         head.append(("table", str(table.path)))
     rows = [
@@ -284,12 +283,6 @@ def _machines(table: SweepTable, group: dict[str, Any], mask: np.ndarray) -> str
 def _share_text(share: float, interval: list[float] | None) -> str:
     ends = f" ({100 * interval[0]:.1f} … {100 * interval[1]:.1f})" if interval else ""
     return f"{100 * share:.1f} %{ends}"
-
-
-def _sizes(table: SweepTable) -> str:
-    """Return the number of different values of each axis as text."""
-    sizes = {axis: len(np.unique(table.columns[axis])) for axis in table.axes}
-    return ", ".join(f"{size} {axis}" for axis, size in sizes.items())
 
 
 def _cells(spread: dict[str, float] | None, form: str) -> tuple[str, str, str]:

@@ -219,11 +219,8 @@ def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
         (name, *[_number(factor * getattr(score, field), form) for score in scores])
         for name, field, form, factor in rows
     ]
-    return [*table, (("outcomes", ""), *map(_outcomes, scores))]
-
-
-def _outcomes(score: Score) -> str:
-    return ", ".join(f"{count} {name}" for name, count in score.outcomes.items())
+    counts = [", ".join(f"{n} {name}" for name, n in one.outcomes.items()) for one in scores]
+    return [*table, (("outcomes", ""), *counts)]
 
 
 def _number(value: float, form: str) -> str:
