@@ -202,8 +202,13 @@ def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioS
         if "sweep" not in table:
             check_scenario(spec)
             return spec
-        axes = {name: entry for name, entry in KEYS.items() if name != "constant_backlash_deg"}
-        sweep = parse_sweep(table["sweep"], axes)  # maps are read once, with one backlash
+        if "constant_backlash_deg" in table["sweep"]:
+            raise ScenarioError(
+                "a map is read once, with one backlash; sweep map.constant_backlash_deg, which the"
+                " controller believes, or run one sweep for each backlash.",
+                where="sweep.constant_backlash_deg",
+            )
+        sweep = parse_sweep(table["sweep"], KEYS)
         _check_axes(sweep, spec)
         check_rig(with_keys(spec, {name: sweep.values(name)[0] for name in sweep.axes}))
     return replace(spec, sweep=sweep)

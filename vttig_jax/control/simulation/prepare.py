@@ -65,6 +65,9 @@ _LOOP_PERIODS = 3.0
 _WHOLE_ROWS, _MOST_ROWS = 1 << 18, 1 << 25
 """Most nodes of a table of the hunting period (8 MB), and of all tables (1 GB): chosen values."""
 
+_MOST_TURNS, _PER_TURN = 128, 64
+"""Turns and angles a turn at which the gap of first orders is judged: chosen values."""
+
 _LONG_WAVES = 12
 """Length of waves, in tooth pitches, from which on the predictive controller does not look at the
 teeth that pass: a chosen value."""
@@ -98,8 +101,8 @@ class Fixed(NamedTuple):
 def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
     """Return the case of a scenario, and its gaps; a pure function of all its numbers.
 
-    The gaps are the smallest of the map of the plant, and the mean of what the controller believes,
-    rad, without those of eccentricities. Known ones are checked here.
+    The gaps are the smallest of the plant, and the mean of the map that the controller believes,
+    rad. Known ones are checked here.
 
     **Raises** `ScenarioError` for a controller that shifts gears without taper, for a map that is
     shorter than the motion or whose flanks cross, and for a step of the plant that is too long for
@@ -113,21 +116,25 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
             travel = float(low) / REV, float(high) / REV
     gaps: list[Any] = []
 
-    def flanks(which: str, place: str, turns: Any = 0) -> tuple[Bounds, float]:
+    def flanks(which: str, turns: Any = 0) -> tuple[Bounds, float]:
         bounds, gap, order = _table_of(s, which, travel, turns)
         if gap is not None and known(gap) and not gap >= 0:
+            place, named = "on the average", which
+            if which == "plant_map":
+                place = f"at {_narrowest(bounds) / DEG:.1f}° of the driving shaft"
+                named = which if s.plant_map is not None else "eccentricities"
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
-                " left; take a map with a larger backlash (constant_backlash_deg), or with its"
-                " flanks in order.",
-                where=which,
+                " left; take a larger backlash (constant_backlash_deg), or a map with its flanks"
+                " in order.",
+                where=named,
             )
         gaps.extend([] if gap is None else [gap])
         return bounds, order
 
     order = 0.0
     if fixed.drawn is None:
-        bounds, order = flanks("plant_map", "at one angle")
+        bounds, order = flanks("plant_map")
     else:
         bounds, gap = fixed.drawn
         gaps.append(gap)
@@ -141,7 +148,7 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
     retreat, machine = None, _machine(s, fixed)
     same = turns is None and fixed.drawn is None and _believes_plant(s)
     if not blind and not same:
-        believed, order = flanks("controller_map", "on the average", 0 if turns is None else turns)
+        believed, order = flanks("controller_map", 0 if turns is None else turns)
     teeth = s.pair.driving.teeth if isinstance(s.pair, GearPair) else None
     if not blind and controller.closes and teeth is not None and order * _LONG_WAVES >= teeth:
         if not known(believed.step):
@@ -256,7 +263,9 @@ def _table_of(
     """
     model, given = _model(s, which)
     if isinstance(model, ClosedModel):
-        return first_order_bounds(model, closing_of(s.pair)).turned(turns), None, 0.0
+        first = first_order_bounds(model, closing_of(s.pair)).turned(turns)
+        angle = _angles_of(s.pair)
+        return first, jnp.min(first.gap(angle)) if which == "plant_map" else None, 0.0
     order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
     if not isinstance(model, FlankTable):
         order, per_turn = model.highest_order, nodes_per_turn(model)
@@ -275,12 +284,26 @@ def _table_of(
         )
     bounds = replace(model, closing=closing_of(s.pair)).turned(turns)
     judged = jnp.min if which == "plant_map" else jnp.mean
-    gap = judged(_gaps_of(bounds)) if given else None
+    gap = judged(_gaps_of(bounds)) if given or which == "plant_map" else None
     if which == "controller_map" and given and s.map_backlash_deg is not None:
         nodes = jnp.asarray(bounds.nodes)
         shift = s.map_backlash_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
         bounds = replace(bounds, nodes=nodes.at[:, 2].add(shift))
     return bounds, gap, order
+
+
+def _angles_of(pair: Any) -> Float[Array, " n"]:
+    """Return driving angles over the hunting period, at most `_MOST_TURNS`, rad."""
+    turns = min(pair.hunting_turns, _MOST_TURNS)
+    return jnp.linspace(0.0, REV * turns, _PER_TURN * turns + 1)
+
+
+def _narrowest(bounds: Bounds) -> float:
+    """Return the driving angle at which the known flanks are closest, rad."""
+    if isinstance(bounds, FlankTable):
+        return float(bounds.start + np.argmin(np.asarray(_gaps_of(bounds))) * bounds.step)
+    angle = np.linspace(0.0, REV * _MOST_TURNS, _PER_TURN * _MOST_TURNS + 1)
+    return float(angle[np.argmin(np.asarray(bounds.gap(jnp.asarray(angle))))])
 
 
 def _gaps_of(table: Any) -> Any:
@@ -607,7 +630,7 @@ def scenario_of(
         plant_map=plant,
         controller_map=believed,
         map_backlash_deg=(
-            np.asarray(changed["constant_backlash_deg"])
+            float64(changed["constant_backlash_deg"])
             if changed and isinstance(believed, FlankModel)
             else None
         ),
