@@ -32,7 +32,7 @@ BOUNDS = {
     "control": (5960, 71),  # 3600
     "plotting": (1878, 51),  # 2000 together with the report
     "runs": (2446, 9),  # 900
-    "report": (599, 6),
+    "report": (600, 6),
     "cli": (3984, 19),  # 2600
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in

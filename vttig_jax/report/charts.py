@@ -110,7 +110,7 @@ def _over_log(fit: Fit, flanks: dict[str, Runs]) -> Chart:
 
 
 def _and(sizes: Any) -> str:
-    return " and ".join(f"{size:.3g}″" for size in sizes)
+    return " and ".join(f"{size:.4g}″" for size in sizes)
 
 
 def _residual(fit: Fit, flanks: dict[str, Runs]) -> Iterator[Chart]:
