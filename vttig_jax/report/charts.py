@@ -1,7 +1,7 @@
 """What the charts of a report show: lines, bands, bars and marks as numbers."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 
 from ..base.units import ARCSEC, DEG, REV
 from ..identify.result import Fit
-from ..kinematics.harmonic import linearised_series
-from ..pair.gear_pair import GearPair
+from ..kinematics.flank_error import errors_at
+from ..pair.gear_pair import Flank, GearPair
 from ..plotting.curves import mean_spectrum, thinned
 from .content import MapTable, RunContent, driving_turns
 
@@ -77,7 +77,7 @@ class Chart:
 def charts_of(content: RunContent) -> dict[str, list[Chart]]:
     """Return the charts of a run by the section in which they stand."""
     fit, found = content.fit, content.map
-    flanks: dict[str, Runs] = {}
+    flanks: dict[Flank, Runs] = {}
     for curve, left in zip(fit.curves, fit.residuals, strict=True):
         run = curve.driving_angle / REV, curve.transmission_error / ARCSEC, left / ARCSEC
         flanks.setdefault(curve.flank, []).append(run)
@@ -97,7 +97,7 @@ def _line(name: str, runs: Runs, value: Callable[[Values, Values], Values], colo
     return Series(name, x, y, colour)
 
 
-def _over_log(fit: Fit, flanks: dict[str, Runs]) -> Chart:
+def _over_log(fit: Fit, flanks: dict[Flank, Runs]) -> Chart:
     """Return the transmission error of both flanks over the log, with the fit."""
     series = []
     for flank, runs in flanks.items():
@@ -110,10 +110,10 @@ def _over_log(fit: Fit, flanks: dict[str, Runs]) -> Chart:
 
 
 def _and(sizes: Any) -> str:
-    return " and ".join(f"{size:.3g}″" for size in sizes)
+    return " and ".join(f"{size:.4g}″" for size in sizes)
 
 
-def _residual(fit: Fit, flanks: dict[str, Runs]) -> Iterator[Chart]:
+def _residual(fit: Fit, flanks: dict[Flank, Runs]) -> Iterator[Chart]:
     """Yield what the fit leaves over the log, and its spectrum."""
     rms = fit.residual_rms_deg * DEG / ARCSEC
     title = f"What the fit leaves, {rms:.3g}″ (rms of averaged rows), should look like noise"
@@ -129,7 +129,7 @@ def _residual(fit: Fit, flanks: dict[str, Runs]) -> Iterator[Chart]:
         yield Chart(title, "cycles per turn of the driving shaft", "amplitude [″]", [line])
 
 
-def _folded(fit: Fit, flanks: dict[str, Runs]) -> Iterator[Chart]:
+def _folded(fit: Fit, flanks: dict[Flank, Runs]) -> Iterator[Chart]:
     """Yield the charts of the error over one turn of each shaft that made a whole turn."""
     terms = np.asarray(fit.model.terms, float).reshape(-1, 2)
     teeth = fit.pair.driving.teeth if isinstance(fit.pair, GearPair) else np.inf
@@ -138,11 +138,11 @@ def _folded(fit: Fit, flanks: dict[str, Runs]) -> Iterator[Chart]:
     for place, (shaft, speed) in enumerate(shafts):
         own = (terms[:, 1 - place] == 0) | mesh
         if driving_turns(fit) * speed >= 1 and own.any():
-            yield _one_turn(fit, flanks, (shaft, speed), own)
+            yield _one_turn(fit, flanks, (shaft, speed), own[None])
 
 
 def _one_turn(
-    fit: Fit, flanks: dict[str, Runs], shaft: tuple[str, float], own: Bool[np.ndarray, " terms"]
+    fit: Fit, flanks: dict[Flank, Runs], shaft: tuple[str, float], own: Bool[np.ndarray, "1 terms"]
 ) -> Chart:
     """Return the error over one turn of a shaft (name, turns in a turn of the driving shaft).
 
@@ -150,24 +150,23 @@ def _one_turn(
     that the fit attributes to the other shaft, gap, drift and delay. The turn is divided into at
     least eight parts for each cycle of the highest order.
     """
-    (name, speed), model, ratio = shaft, fit.model, float(fit.model.ratio)
-    highest = np.abs(np.asarray(model.terms, float)[own] @ [1.0, ratio]).max() / speed
-    bins = int(np.clip(8 * highest, 90, _MOST_BINS))
+    (name, speed), model = shaft, fit.model
+    cycles = np.asarray(model.terms, float)[own[0]] @ [1.0, float(model.ratio)]
+    bins = int(np.clip(8 * np.abs(cycles).max() / speed, 90, _MOST_BINS))
     middle, fine = (np.arange(n) * 360.0 / n + 180.0 / n for n in (bins, 4 * bins))
-    series, swings = [], []
+    part = replace(model, offset=0 * model.offset, cosine=model.cosine * own, sine=model.sine * own)
+    series = []
     for flank, runs in flanks.items():
-        parts = [0.0, *(np.asarray(p)[int(flank == "B")] * own for p in (model.cosine, model.sine))]
         turn, left = (np.concatenate([run[k] for run in runs]) for k in (0, 2))
-        angles = np.concatenate([turn, fine / 360.0 / speed]) * REV
-        made = linearised_series(ratio, model.terms, parts, angles)[0] / ARCSEC
+        made = errors_at(part, flank, np.append(turn, fine / 360.0 / speed) * REV) / ARCSEC
         place = (turn * speed % 1.0 * bins).astype(int) % bins
         count = np.bincount(place, minlength=bins)
         total = np.bincount(place, made[: len(turn)] + left, bins)
         mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
         series.append(Series(f"flank {flank}, mean of all turns", middle, mean, flank))
         series.append(Series(f"fitted orders of the {name} shaft", fine, made[len(turn) :], "fit"))
-        swings.append(np.ptp(made[len(turn) :]))
-    title = f"Each turn of the {name} shaft repeats an error of {_and(swings)}, peak to peak"
+    swings = _and(np.ptp(one.y) for one in series[1::2])
+    title = f"Each turn of the {name} shaft repeats an error of {swings}, peak to peak"
     remark = f"Folded over {driving_turns(fit) * speed:.3g} turns. Gap, drift, delay and what the"
     remark += " other shaft makes are taken off as the fit has them."
     return Chart(title, f"angle of the {name} shaft [°]", "error [″]", series, remark)
@@ -200,7 +199,8 @@ def _gap(found: MapTable, shown: Bool[np.ndarray, " n"]) -> Iterator[Series]:
         pieces = np.arange(0, len(turn), -(-len(turn) // (_POINTS // 3)))
         low = np.minimum.reduceat(columns[ends[0]], pieces)
         high = np.maximum.reduceat(columns[ends[1]], pieces)
-        name = "95 % band of the whole map" if "critical" in found.record else "95 % interval"
+        percent = f"{100 * found.record.get('probability', 0.95):.6g} %"
+        name = f"{percent} {'band of the whole map' if 'critical' in found.record else 'interval'}"
         yield Series(name, turn[pieces], low, "band", "band", high)
     x, y = thinned(turn, gap, _POINTS)
     lengths = {"µm of arc": 1e3 * columns["backlash_mm"], "mm axial": columns["axial_mm"]}

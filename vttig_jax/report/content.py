@@ -73,7 +73,7 @@ class RunContent:
 
         record, data = self._object("map.json"), self.data("map.csv")
         try:
-            if "critical" in record and data is not None:
+            if "smallest_gap" in record and data is not None:
                 read = csv.read_csv(io.BytesIO(data))  # empty cells become NaN
                 columns = {k: read[k].cast("float64").to_numpy() for k in read.column_names}
                 return MapTable(record, columns)

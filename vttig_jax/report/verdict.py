@@ -35,9 +35,10 @@ def _told(fit: Fit) -> str:
     told: dict[bool, list[str]] = {True: [], False: []}
     for end, meant in _MEANT.items():
         own = [p for name, p in fit.parameters.items() if name.endswith(end)]
-        own = [p for p in own if not (p.reason or "").startswith("not fitted")]
+        own = [p.determined for p in own if not (p.reason or "").startswith("not fitted")]
+        own += [fit.checks.gap_over_angles_covered.determined] * ("backlash" in end)
         if own:
-            told[any(p.determined for p in own)].append(meant)
+            told[any(own)].append(meant)
     left = f", but not {_and(told[False], ' or ')}" if told[False] else ""
     return _FAILED.get(fit.outcome, f"The log tells {_and(told[True])}{left}.")
 
@@ -52,6 +53,7 @@ def _main(content: RunContent) -> str:
     gap = fit.checks.gap_over_angles_covered
     if gap.determined and gap.value is not None:
         said = f"Between its two flanks the driven shaft can turn by {gap.in_words}"
+        said += ", which may be nothing" if gap.low95 is not None and gap.low95 <= 0 else ""
         if isinstance(fit.pair, GearPair):
             length_um = 1e3 * gap.value * DEG * float(fit.pair.reference_radii[1])
             said += f", {length_um:.3g} µm at the reference circle"
@@ -60,7 +62,7 @@ def _main(content: RunContent) -> str:
             said += f"; over all positions of the gears it is {ends[0]:.4f}° to {ends[1]:.4f}°"
         return f"{said}."
     sizes = {flank: e.peak_to_peak_deg * DEG / ARCSEC for flank, e in fit.flank_errors.items()}
-    swings = _and([f"{size:.3g}″ on flank {flank}" for flank, size in sizes.items()])
+    swings = _and([f"{size:.4g}″ on flank {flank}" for flank, size in sizes.items()])
     return (
         f"The driven shaft runs ahead of and behind an even motion by {swings} from peak to peak,"
         f" over {driving_turns(fit):.3g} turns of the driving shaft."
@@ -71,12 +73,11 @@ def _trust(fit: Fit) -> str:
     """Return how far the numbers can be trusted."""
     grave = [one.sentence for one in fit.findings if one.severity != "note"]
     if grave:
-        said = "One remark changes" if len(grave) == 1 else f"{len(grave)} remarks change"
-        return f"{said} what these numbers mean, above all: {grave[0]}."
-    if fit.outcome in _FAILED or fit.checks.explained is None:
+        return f"Read the findings ({len(grave)}) before these numbers, above all: {grave[0]}."
+    if fit.outcome in _FAILED or not fit.checks.explained:
         return "What to record next stands below."
     return (
-        f"Nothing in the log contradicts these numbers: the fit explains"
+        "Nothing in the log contradicts these numbers: the fit explains"
         f" {100 * fit.checks.explained:.4g} % of the variance of the transmission error and leaves"
         f" {fit.residual_rms_deg * DEG / ARCSEC:.3g}″ (rms of averaged rows)."
     )
@@ -89,7 +90,7 @@ def next_steps(fit: Fit) -> list[str]:
         steps.append("record both directions in one log: only together they show the backlash")
     ratio, turns = fit.pair.ratio, driving_turns(fit)
     for shaft, whole in (("driving", 1.0), ("driven", abs(1 / float(ratio)))):
-        if turns < whole:
+        if turns < 0.9 * whole:  # a table of one turn ends just before it
             steps.append(
                 f"record {math.ceil(2 * whole)} turns of the driving shaft in each direction: the"
                 f" {shaft} shaft made {turns / whole:.2g} turns, and a whole turn shows its errors"
