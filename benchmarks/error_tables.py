@@ -82,7 +82,8 @@ def answers(seed: int) -> Iterator[dict[str, Any]]:
         yield {"refused": error.message.split(";")[0].split(",")[0][:40]}
         return
     exact = truth(rig, axis)
-    where = np.linspace(*(DEG * end for end in table.over_deg), 20_001)
+    first, last = (DEG * end for end in table.over_deg)
+    where = np.linspace(first, last, 20_001)
     for name, (low, high) in table.after95.items():
         before = size(left_over(exact, None, name, where))
         after = size(left_over(exact, table.table, name, where))

@@ -12,7 +12,6 @@ results/verified.json.
 
 import argparse
 import io
-import json
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -23,10 +22,14 @@ from pathlib import Path
 
 import numpy as np
 
+from vttig_jax.base.errors import VttigError
 from vttig_jax.base.runtime import enable_x64
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.cli.main import main as vttig
 from vttig_jax.control.compensation.correction import CorrectionTable
+from vttig_jax.runs.axis_table import AxisSetting, axis_table
+from vttig_jax.runs.run import open_run
+from vttig_jax.runs.verification import verify
 
 from .environment import write
 
@@ -92,12 +95,10 @@ def written(path: Path, columns: dict[str, np.ndarray]) -> None:
     np.savetxt(path, table, "%.9f", ",", header=",".join(columns), comments="")
 
 
-def called(*arguments: object) -> dict:
-    """Run `vttig`, and return its JSON object."""
-    out, err = io.StringIO(), io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        vttig([str(one) for one in arguments] + ["--json"])
-    return json.loads(out.getvalue())
+def called(*arguments: object) -> None:
+    """Run `vttig` quietly."""
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        vttig([str(one) for one in arguments])
 
 
 def fitted(rig: Rig, folder: Path, rng: np.random.Generator) -> None:
@@ -167,15 +168,15 @@ def answers(seed: int) -> Iterator[tuple[str, dict]]:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         fitted(rig, folder, rng)
-        travel = ("--travel", "0", "360")
-        out = folder / "axis.json"
-        record = called("export", folder / "run", "--for", "json", "--out", out, *travel)
-        values = {k: np.radians(v) for k, v in record["corrections_deg"].items()}
-        table = CorrectionTable(np.radians(record["positions_deg"]), values)
+        run, axis = open_run(folder / "run"), AxisSetting(travel_deg=(0.0, 360.0))
+        table = axis_table(run.fit, None, axis).table
         for name, change in faults(rig, rng):
             log = folder / f"{name}.csv"
             commanded(rig, table, log, rng, **change)
-            yield name, called("verify", folder / "run", log, *travel) | {"change": str(change)}
+            try:
+                yield name, verify(run, [log], axis) | {"change": str(change)}
+            except VttigError as error:
+                yield name, {"message": error.message}
 
 
 def main() -> None:

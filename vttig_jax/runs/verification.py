@@ -1,7 +1,10 @@
 """What a log of an axis against its command says about the compensation of the axis."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +13,7 @@ import msgspec
 import numpy as np
 
 from ..base.errors import NoAnswerError
-from ..base.units import ARCSEC
+from ..base.units import ARCSEC, REV
 from ..control.compensation.correction import CorrectionTable
 from ..control.compensation.verification import FAULTS, AxisRows, judged, size_of
 from ..identify.identification import fit as fit_log
@@ -122,10 +125,10 @@ def _checked(
         one: name for name, one in error.directions.items() if np.any(flank == one)
     }
     few = np.linspace(0, rows.samples.shape[1] - 1, _SAMPLES).astype(int)
-    position = error.gain * shafts.driving[rows.samples[:, few]]
+    command, picked = error.gain * shafts.driving, rows.samples[:, few]
 
     def predicted(turn: int) -> np.ndarray:
-        where, found = position.mean(axis=1), 0.0
+        where, found = command[picked].mean(axis=1), 0.0
         for one, name in names.items():
             added = table.at(name, where)
             shown = curves.drawn.at(one, where + added, turn) + added[:, None]
@@ -142,8 +145,16 @@ def _checked(
     ]
     taps = weight / np.sqrt(weight[0]) / (problem.unit * abs(unit))
     open_ = np.column_stack([off / np.sqrt(off.shape[1]), *zeros])
-    measured = AxisRows(rows, position, flank, unit * shown, taps, open_)
-    verdict = judged(error, table, measured, curves.turns)
+    measured = AxisRows(rows, shafts.time, command, picked, flank, unit * shown, taps, open_)
+    # Curves are looked up: a search takes them at a thousand places for each row.
+    period = run.pair.hunting_turns * REV
+    count = min(64 * run.pair.hunting_turns * math.ceil(run.fit.model.highest_order), 2**18)
+    angle = np.arange(count) * (period / count)
+    looked = {
+        one: partial(np.interp, xp=angle, fp=curve(angle), period=period)
+        for one, curve in error.errors.items()
+    }
+    verdict = judged(replace(error, errors=looked), table, measured, curves.turns)
 
     thin = slice(None, None, -(-len(flank) // _PLACES))
     on: dict[Flank, np.ndarray] = {one: flank[thin] == one for one in names}

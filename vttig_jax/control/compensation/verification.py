@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
@@ -55,26 +55,26 @@ class AxisRows:
     """Rows of a log of an axis against its command.
 
     **Arguments**
-    - `rows`: the rows, in runs. - `position`: commanded positions of some samples of each, rad.
+    - `rows`: the rows, in runs. - `time`, `command`: of all samples of the log, s and rad.
+    - `picked`: some samples of each row, at which curves are averaged.
     - `flank`: flank that carries. - `left`: actual less commanded position, rad, but for constants.
     - `taps`: filter that makes the noise of a run white, with variance 1.
     - `open`: D, what is not known of the curves beside noise, rad.
     """
 
     rows: Rows
-    position: Float[np.ndarray, "n k"]
+    time: Float[np.ndarray, " m"]
+    command: Float[np.ndarray, " m"]
+    picked: Int[np.ndarray, "n k"]
     flank: np.ndarray
     left: Float[np.ndarray, " n"]
     taps: Float[np.ndarray, " taps"]
     open: Float[np.ndarray, "n d"]
 
-    def runs(self) -> Iterator[slice]:
-        """Yield the rows of every run."""
-        return (slice(*ends) for ends in zip(self.rows.first, self.rows.last + 1, strict=True))
-
     def white(self, values: np.ndarray) -> np.ndarray:
         """Return values of the rows filtered so that their noise is white, with variance 1."""
-        parts = (lfilter(self.taps, 1.0, values[run], axis=0) for run in self.runs())
+        runs = np.split(values, self.rows.first[1:])
+        parts = (lfilter(self.taps, 1.0, run, axis=0) for run in runs)
         return np.concatenate([part[len(self.taps) - 1 :] for part in parts])
 
 
@@ -106,15 +106,14 @@ def judged(error: AxisError, table: CorrectionTable, rows: AxisRows, turns: int)
         inside = open_.T @ white
         return float(white @ white - inside @ cho_solve(factor, inside))
 
-    found = list(_curves(error, table, rows, turns, misfit))
-    scale = max(min(size for _, size, _, _ in found) / len(open_), 1.0)
-    score = {name: -0.5 * size / scale - paid for name, size, _, paid in found}
-    best = max(score.values())
-    names = sorted((n for n in score if score[n] > best - _CLEAR), key=lambda n: -score[n])
+    found = {one[0]: one[1:] for one in _curves(error, table, rows, turns, misfit)}
+    scale = max(min(size for size, _, _ in found.values()) / len(open_), 1.0)
+    score = {name: -0.5 * size / scale - paid for name, (size, _, paid) in found.items()}
+    names = sorted(score, key=lambda name: -score[name])
+    names = [name for name in names if score[name] > score[names[0]] - _CLEAR]
     if "right" in names:  # a small shift or a high limit is no fault
         names = ["right", *(n for n in names if n not in ("right", "zero_shifted", "rate_limited"))]
-    value = next(value for name, _, value, _ in found if name == names[0])
-    return Verdict(tuple(names), value, score[names[0]] - score["right"])
+    return Verdict(tuple(names), found[names[0]][1], score[names[0]] - score["right"])
 
 
 def _curves(
@@ -125,11 +124,13 @@ def _curves(
     misfit: Callable[[np.ndarray], float],
 ) -> Iterator[tuple[str, float, float | None, float]]:
     """Yield the name of each curve, its misfit, its value, and what it pays for being searched."""
-    ahead = (rows.flank == error.directions.get(DIRECTIONS[0], ""))[:, None]
+    step = np.sign(np.diff(rows.command, prepend=rows.command[:1]))
+    ahead = step[np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))] > 0
     held = [table.values.get(n, next(iter(table.values.values()))) for n in DIRECTIONS]
-    both = [np.interp(rows.position, table.positions, one) for one in held]
-    added, other = np.where(ahead, *both), np.where(ahead, *both[::-1])
-    thin = slice(None, None, -(-len(ahead) // _THIN))
+    both = [np.interp(rows.command, table.positions, one) for one in held]
+    target, position = np.where(ahead, *both), rows.command[rows.picked]
+    added, other = target[rows.picked], np.where(ahead, *both[::-1])[rows.picked]
+    thin = slice(None, None, -(-len(added) // _THIN))
 
     def shown(position: np.ndarray, added: np.ndarray, turn: int, part: slice) -> np.ndarray:
         found = np.empty_like(position)
@@ -141,34 +142,32 @@ def _curves(
 
     def left(added: np.ndarray, shift: float = 0.0, turn: int | None = None) -> np.ndarray:
         turn = here if turn is None else turn
-        return shown(rows.position - shift, added, turn, slice(None)).mean(axis=1)
+        return shown(position - shift, added, turn, slice(None)).mean(axis=1)
 
-    def best(turns: tuple[int, ...]) -> tuple[float, int]:
-        return min((misfit(left(added, turn=turn)), turn) for turn in turns)
-
-    size, here = best(error.turns)
+    size, here = min((misfit(left(added, turn=turn)), turn) for turn in error.turns)
     yield "right", size, None, 0.0
     yield "nothing_loaded", misfit(left(0 * added)), None, 0.0
     yield "sign_reversed", misfit(left(-added)), None, 0.0
     if len(table.values) > 1:
         yield "directions_exchanged", misfit(left(other)), None, 0.0
     if len(error.turns) == 1 < turns:
-        size, turn = best(tuple(range(1, turns)))
+        size, turn = min((misfit(left(added, turn=turn)), turn) for turn in range(1, turns))
         yield "another_turn", size, float(turn), float(np.log(turns))
     shifts = np.linspace(-REV / 2, REV / 2, _TRIES, endpoint=False)
-    moved = shown(rows.position[thin, :1] - shifts, added[thin, :1], here, thin)
+    middle, mean = (one[thin].mean(axis=1, keepdims=True) for one in (position, added))
+    moved = shown(middle - shifts, mean, here, thin)
     near = shifts[np.argmin(np.var(rows.left[thin, None] - moved, axis=0))]
-    ends = near + np.array([-1, 1]) * REV / _TRIES
+    ends = near + np.array([-4, 4]) * REV / _TRIES
     found = minimize_scalar(lambda x: misfit(left(added, x)), bounds=ends, method="bounded")
     yield "zero_shifted", float(found.fun), float(found.x) / DEG, _SEARCHED
-    target, time = added.mean(axis=1), rows.rows.time
-    fastest = max(np.max(np.abs(np.gradient(target[run], time[run]))) for run in rows.runs())
+    steps = np.diff(rows.time)  # the correction jumps at the few samples at which the axis turns
+    fastest = np.quantile(np.abs(np.diff(target)), 0.98) / np.median(steps)
     limits, near = fastest * _LIMITS, _LIMITS[1] / _LIMITS[0]
     for last in range(1, _ROUNDS + 1):
         slewed = np.repeat(target[:, None], len(limits), axis=1)
-        for k, most in enumerate(np.multiply.outer(np.diff(time), limits), 1):
+        for k, most in enumerate(np.multiply.outer(steps, limits), 1):
             slewed[k] = slewed[k - 1] + np.clip(target[k] - slewed[k - 1], -most, most)
-        sizes = [misfit(left(added + (one - target)[:, None])) for one in slewed.T]
+        sizes = [misfit(left(one[rows.picked])) for one in slewed.T]
         limit = limits[np.argmin(sizes)]
         limits, near = limit * np.geomspace(1 / near, near, len(limits)), near ** (1 / 8)
         if last == _ROUNDS:
@@ -185,5 +184,4 @@ def size_of(
     """
     square = mean @ mean - np.trace(covariance)
     spread = 1.96 * np.sqrt(2 * np.sum(covariance**2) + 4 * mean @ covariance @ mean)
-    ends = np.maximum([square, square - spread, square + spread], 0.0)
-    return np.sqrt(ends / len(mean))
+    return np.sqrt(np.maximum([square, square - spread, square + spread], 0.0) / len(mean))
