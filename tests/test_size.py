@@ -24,10 +24,10 @@ BOUNDS = {
     "pair": (671, 1),  # 560
     "kinematics": (1104, 17),  # 780
     "geometry": (3530, 56),  # 2800
-    "logs": (10117, 274),  # 7400
+    "logs": (10103, 274),  # 7400
     "rig": (326, 1),  # 260
-    "model": (2105, 44),
-    "identify": (3480, 24),  # 9000 together with posterior
+    "model": (2104, 44),
+    "identify": (3476, 24),  # 9000 together with posterior
     "posterior": (2983, 46),
     "control": (5960, 71),  # 3600
     "plotting": (1883, 51),  # 2000 together with the report
