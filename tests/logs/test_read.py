@@ -61,6 +61,34 @@ def test_a_recognised_log_is_read_again_with_its_spec(path):
     np.testing.assert_array_equal(again.driving.reading, log.driving.reading)
 
 
+@pytest.mark.parametrize("late_s", [1.37e-4, 1.7e-3])
+def test_channels_with_clocks_of_their_own_keep_the_gap(tmp_path, late_s):
+    """Each channel is counted at its own stamps, which jitter; a long table holds both."""
+    gap, step, jitter = 0.06, 0.004, np.random.default_rng(5).normal(0.0, 5e-5, 12_000)
+    stamps = np.arange(12_000) / 500
+    lines = ["time,name,value"]
+
+    def driving(time):
+        return 437.0 * (6.0 - np.abs(time % 12.0 - 6.0))
+
+    for first, second in zip(stamps, stamps + late_s + jitter, strict=True):
+        forward = second % 12.0 < 6.0
+        driven = driving(second) * 9 / 16 + (0.0 if forward else gap)
+        lines += [
+            f"{first:.6f},motor [deg],{step * np.rint(driving(first) / step):.3f}",
+            f"{second:.6f},load [deg],{step * np.rint(driven / step):.3f}",
+        ]
+    path = tmp_path / "long.csv"
+    path.write_text("\n".join(lines) + "\n")
+    log = read_log(path, ratio="16:9")
+    error, phase = np.degrees(log.transmission_error), log.time % 6.0
+    steady = (phase > 0.1) & (phase < 5.9)
+    back = log.time % 12.0 > 6.0
+    seen = error[steady & back].mean() - error[steady & ~back].mean()
+    assert abs(seen - gap) < 2e-4
+    assert any("clock" in note and "interpolated" in note for note in log.notes)
+
+
 @pytest.mark.parametrize("name", ["absent.csv", "absent.mat", "folder.csv", "folder.mat", "fold"])
 def test_what_is_no_file(tmp_path, name):
     if name.startswith("fold"):

@@ -105,7 +105,33 @@ class Inspection(TextResult):
         }
 
     def __str__(self) -> str:
-        return inspection_text(self)
+        segments = self.segments
+        parts = [
+            f"{shown_name(self.source)}\n",
+            column_table(self.columns),
+            key_values(
+                [
+                    *sampling_rows(self.sampling, segments.read),
+                    ("angle zero", "first sample" if self.zero == "start" else "reading zero"),
+                    ("ratio", self.ratio.short),
+                ]
+            ),
+            key_values(
+                [
+                    ("flank A (forward)", f"{segments.forward} samples"),
+                    ("flank B (backward)", f"{segments.backward} samples"),
+                    ("masked", f"{segments.masked} samples (ramps, dwell, gap crossing)"),
+                ],
+                title="what a fit can use",
+            ),
+            _motion_table(self),
+            _plateau_table(self),
+            _spectrum_table(self),
+            _lines(self),
+            bullets("note", _remarks(self)),
+            f"to fit it:\n  {self.fit_command}" if self.fit_command else "",
+        ]
+        return "\n\n".join(part.rstrip() for part in parts if part)
 
 
 @one_blas_thread
@@ -192,37 +218,6 @@ def _channel(role: str, name: str, channel: Channel) -> ColumnReport:
 
 MOST_LINES = 12
 """Largest number of rows of a table of the report (chosen)."""
-
-
-def inspection_text(report: "Inspection") -> str:
-    """Return the text of a report without empty sections."""
-    segments = report.segments
-    parts = [
-        f"{shown_name(report.source)}\n",
-        column_table(report.columns),
-        key_values(
-            [
-                *sampling_rows(report.sampling, segments.read),
-                ("angle zero", "first sample" if report.zero == "start" else "reading zero"),
-                ("ratio", report.ratio.short),
-            ]
-        ),
-        key_values(
-            [
-                ("flank A (forward)", f"{segments.forward} samples"),
-                ("flank B (backward)", f"{segments.backward} samples"),
-                ("masked", f"{segments.masked} samples (ramps, dwell, gap crossing)"),
-            ],
-            title="what a fit can use",
-        ),
-        _motion_table(report),
-        _plateau_table(report),
-        _spectrum_table(report),
-        _lines(report),
-        bullets("note", _remarks(report)),
-        f"to fit it:\n  {report.fit_command}" if report.fit_command else "",
-    ]
-    return "\n\n".join(part.rstrip() for part in parts if part)
 
 
 def _motion_table(report: "Inspection") -> str:

@@ -76,6 +76,7 @@ def make_continuous(
     if raw_spikes.any():  # the last value before each spike replaces it
         last = np.maximum.accumulate(np.where(raw_spikes, -1, np.arange(len(values))))
         steady = values[np.where(last < 0, int(np.argmin(raw_spikes)), last)]
+        del last
     given = origin.modulus
     if given is not None and np.ptp(steady) >= given:
         raise LogError(

@@ -368,14 +368,6 @@ def _place(
     return np.where(motion >= 0, share, 1 - share)
 
 
-def _flanks_with_braking(
-    sense: Int[np.ndarray, " m"], braking: Float[np.ndarray, " m"], limit: float
-) -> Int[np.ndarray, " m"]:
-    """Return +1 for flank A, −1 for flank B: `sense`, reversed where `braking` exceeds `limit`."""
-    beyond: Bool[np.ndarray, " m"] = braking > limit
-    return np.where(beyond, -sense, sense).astype(np.int8)
-
-
 def _best_limit(
     error: Float[np.ndarray, " m"],
     columns: Float[np.ndarray, "m p"],
@@ -389,7 +381,8 @@ def _best_limit(
     """
 
     def tried(limit: float) -> tuple[float, float]:
-        return squares_with_step(error, columns, _flanks_with_braking(sense, braking, limit))
+        flank = np.where(braking > limit, -sense, sense).astype(np.int8)
+        return squares_with_step(error, columns, flank)
 
     found = {limit: tried(limit) for limit in limits}
     for _ in range(_ROUNDS):
@@ -457,7 +450,14 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
     crossed = crossed_gap(log, found)
     plain, found = found, _beyond(log, found, max(crossed, seen_gap(log, found)))
     if crossed > 0.0 and found is plain and float(log.ratio) * plain.crossing < crossed:
-        return _shorter_than_the_gap(log, crossed)
+        crossing = crossed / float(log.ratio)
+        few = find_segments(log, _LEAST_GAPS * crossing)
+        unclear = (
+            f"the teeth need {crossing / DEG:.2g}° of the driving shaft to cross the gap after a"
+            " reversal, and on a flank all strokes are too short to show it behind the crossing;"
+            " log longer strokes"
+        )
+        return replace(few, notes=(*few.notes, unclear), unclear=unclear)
     if crossed > 0.0 and found is not plain:
         # The crossings show that the step is no delay, so that behind them it is the gap.
         gap = seen_gap(log, found, delayed=False)
@@ -470,18 +470,6 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
         )
         found = replace(found, notes=(*found.notes, note))
     return overrunning_segments(log, found, found.crossing) or found
-
-
-def _shorter_than_the_gap(log: EncoderLog, crossed: float) -> Segments:
-    """Return the few segments behind the crossings of strokes that are hardly longer than these."""
-    crossing = crossed / float(log.ratio)
-    found = find_segments(log, _LEAST_GAPS * crossing)
-    unclear = (
-        f"the teeth need {crossing / DEG:.2g}° of the driving shaft to cross the gap after a"
-        " reversal, and on a flank all strokes are too short to show it behind the crossing; log"
-        " longer strokes"
-    )
-    return replace(found, notes=(*found.notes, unclear), unclear=unclear)
 
 
 def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:

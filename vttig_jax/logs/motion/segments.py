@@ -262,7 +262,10 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     segments = segments_of(certain)
     if not segments and ragged < len(moving):  # all runs are too short for their ramps
         ragged = len(moving)
-        segments = segments_of(_fast(speed, moving))
+        fast = np.zeros(len(log), bool)
+        for start, stop in moving:
+            fast[start:stop] = _is_fast(np.abs(speed.value[start:stop]))
+        segments = segments_of(fast)
     notes = []
     if ragged and log.torque is None:
         notes.append(
@@ -330,14 +333,6 @@ def _certain(
             ragged += 1
             certain[start:stop] = _is_fast(run)
     return certain, ragged
-
-
-def _fast(speed: Speed, moving: list[tuple[int, int]]) -> Bool[np.ndarray, " n"]:
-    """Return the mask of the fast samples of all runs; see `_is_fast`."""
-    fast = np.zeros(len(speed.value), bool)
-    for start, stop in moving:
-        fast[start:stop] = _is_fast(np.abs(speed.value[start:stop]))
-    return fast
 
 
 def _is_fast(speed: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:

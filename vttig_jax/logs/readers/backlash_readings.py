@@ -24,7 +24,7 @@ from ...pair.gear_pair import GearPair
 from ...pair.schema import LogLayout
 from .column_names import name_and_unit
 from .delimited import TextTable, find_table
-from .text import Lines, read_text
+from .text import read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
 """Columns of a file of readings, and the units with which their names may end."""
@@ -140,7 +140,16 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     """
     source = str(path)
     lines, digest, _ = read_text(path, None)
-    table = _find_table(lines, source, decimal)
+    try:
+        mark: Any = decimal
+        table = find_table(lines, source, LogLayout(decimal=mark))
+    except LogError as error:  # the messages of `find_table` are about encoder logs
+        raise LogError(
+            "there is no header with rows of as many numbers below it; write a line"
+            " driving_deg,backlash_deg and one reading per line (with semicolons between numbers"
+            " with decimal commas).",
+            where=error.where,
+        ) from None
     columns = {role: _column(table, role) for role in UNITS}
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     driving, backlash = (np.asarray(column, np.float64) for column in values)
@@ -151,19 +160,6 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     driving, backlash = driving * factors["driving"], backlash * factors["backlash"]
     _check_sizes(driving, backlash, names, lines, source)
     return BacklashReadings(driving, backlash, source, digest, lines)
-
-
-def _find_table(lines: Lines, source: str, decimal: Any) -> TextTable:
-    try:
-        return find_table(lines, source, LogLayout(decimal=decimal))
-    except LogError as error:
-        # The messages of `find_table` are about encoder logs.
-        raise LogError(
-            "there is no header with rows of as many numbers below it; write a line"
-            " driving_deg,backlash_deg and one reading per line (with semicolons between numbers"
-            " with decimal commas).",
-            where=error.where,
-        ) from None
 
 
 def _column(table: TextTable, role: str) -> tuple[int, str]:

@@ -462,9 +462,14 @@ def _roles_of(word: str) -> set[str]:
     wide = bool(_WIDE.search(word))
     found = [
         known
-        for known in _KNOWN
+        for known, role in _KNOWN.items()
         if (wide and _WIDE.search(known) and known in word)
-        or (not wide and len(known) >= COMPOUND and _is_part(known, word))
+        or (
+            not wide
+            and len(known) >= COMPOUND
+            and role != "time"
+            and (word.startswith(known) or word.endswith(known))
+        )
     ]
     roles = set()
     for known in sorted(found, key=len, reverse=True):
@@ -472,10 +477,6 @@ def _roles_of(word: str) -> set[str]:
             roles.add(_KNOWN[known])
             word = word.replace(known, " ")  # 被駆動 contains 駆動, which means the opposite
     return roles
-
-
-def _is_part(known: str, word: str) -> bool:
-    return _KNOWN[known] != "time" and (word.startswith(known) or word.endswith(known))
 
 
 def _found(words: Iterable[str], known: frozenset[str]) -> str:
