@@ -24,16 +24,16 @@ BOUNDS = {
     "pair": (669, 1),  # 560
     "kinematics": (1101, 17),  # 780
     "geometry": (3529, 56),  # 2800
-    "logs": (10110, 274),  # 7400
+    "logs": (10103, 274),  # 7400
     "rig": (324, 1),  # 260
     "model": (2152, 44),
     "identify": (3470, 24),  # 9000 together with posterior
     "posterior": (2981, 46),
-    "control": (5617, 75),  # 3600
+    "control": (5638, 77),  # 3600
     "plotting": (1878, 51),  # 2000 together with the report
-    "runs": (2575, 11),  # 900
+    "runs": (2585, 11),  # 900
     "cli": (4024, 19),  # 2600
-    "report": (599, 6),
+    "report": (600, 6),
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""
