@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import stdtrit
 
+from ..base.arrays import Numbers
 from .density import LAGS, Compressed, Solved, log_density, normal
 from .problem import Problem
 
@@ -174,7 +175,7 @@ def _after(
 
 @eqx.filter_jit
 def _at_nodes(
-    theta: Float[Array, " p"], axes: Float[Array, "p p"], logs: Compressed
+    theta: Float[Numbers, " p"], axes: Float[Numbers, "p p"], logs: Compressed
 ) -> tuple[Float[Array, "p nodes"], Float[Array, "p nodes all"], Float[Array, "p nodes all all"]]:
     """Return log density, β̂ and M⁻¹ at the nodes of the axes, the rows of `axes`."""
 
@@ -183,4 +184,5 @@ def _at_nodes(
         half = jax.scipy.linalg.solve_triangular(one.factor, jnp.diag(one.scale), lower=True)
         return log_density(theta, logs, one), one.solved(one.half), half.T @ half
 
-    return jax.vmap(jax.vmap(at))(theta[None, None] + _NODES[None, :, None] * axes[:, None])
+    nodes = jnp.asarray(_NODES)[None, :, None] * jnp.asarray(axes)[:, None]
+    return jax.vmap(jax.vmap(at))(jnp.asarray(theta)[None, None] + nodes)

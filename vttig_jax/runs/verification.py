@@ -107,7 +107,10 @@ def commanded_log(
         spec.ratio,
         in_file=True,
     )
-    return EncoderLog.of(table, assign(table, statement).decided())
+    roles = assign(table, statement)
+    for question in roles.questions:
+        raise question
+    return EncoderLog.of(table, roles)
 
 
 def _checked(
