@@ -30,7 +30,7 @@ from ..pair.gear_pair import Flank
 from ..posterior.rig_draws import flanks_of
 from ..posterior.summary.gap_draws import GapDraws
 from ..posterior.summary.posterior import Posterior
-from .error_table import measured_error, origin
+from .error_table import left_out_rows, measured_error, origin
 
 AxisName = Literal["driven", "driving"]
 
@@ -171,11 +171,7 @@ class AxisTable(TextResult):
         elif self.lost is None:
             lacking = "the log does not determine the gap; each flank has the mean zero"
             rows.append(("lost motion", f"{lacking}, so that the table does not take it out"))
-        left = sorted(
-            {f"{one.shaft} order {one.order:g}" for one in self.fit.orders if is_fractional(one)}
-        )
-        if left:
-            rows.append(("left out", f"{', '.join(left)}: no fixed position on the gears"))
+        rows += left_out_rows(self.fit)
         rows.append(("contains", "also what the encoder of the driven shaft adds once per turn"))
         return key_values(rows, title="error table of the axis")
 

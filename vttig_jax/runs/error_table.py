@@ -156,14 +156,21 @@ class ErrorTable(TextResult):
                 span = f"{peaks['median']:.5f}° ({peaks['low95']:.5f}° … {peaks['high95']:.5f}°)"
                 rows.append(("peak to peak of draws", f"{span}, 95 %"))
                 rows += one.band.rows("curve")
-        left: dict[str, float] = {}
-        for one in record["left_out"]:
-            name = f"{one['shaft']} order {one['order']}"
-            left[name] = max(one["amplitude_arcsec"], left.get(name, 0.0))
-        if left:
-            names = [f"{name} ({amplitude:.3g}″)" for name, amplitude in left.items()]
-            rows.append(("left out", f"{', '.join(names)}: no fixed position on the gears"))
-        return key_values(rows, title="transmission error")
+        return key_values([*rows, *left_out_rows(fit)], title="transmission error")
+
+
+def left_out_rows(fit: Fit) -> list[tuple[str, str]]:
+    """Return what a report says of fitted orders without a fixed position on the gears."""
+    left: dict[str, float] = {}
+    for one in fit.orders:
+        if is_fractional(one):
+            name = f"{one.shaft} order {one.order}"
+            left[name] = max(one.amplitude_arcsec, left.get(name, 0.0))
+    if not left:
+        return []
+    names = ", ".join(f"{name} ({amplitude:.3g}″)" for name, amplitude in left.items())
+    rms = math.sqrt(sum(amplitude**2 for amplitude in left.values()) / 2)
+    return [("left out", f"{names}: no fixed position on the gears; they stay, {rms:.3g}″ rms")]
 
 
 def error_table(

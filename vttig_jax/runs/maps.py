@@ -161,7 +161,7 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
         rows = [row for row in fit["orders"] if float(row["order"]).is_integer()]
         gaps = fit["parameters"]["constant_backlash_deg"], fit["checks"]["gap_over_angles_covered"]
         measured = {flank: flank for flank in fit["flanks"]}
-        given = [gap["value"] for gap in gaps if gap and gap["determined"]]
+        given = [gap for gap in gaps if gap and gap["determined"]]
         waves = {
             (row["shaft"], int(row["order"]), row["flank"]): row["amplitude_arcsec"]
             * ARCSEC
@@ -173,14 +173,33 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
             f"fit.json is missing or damaged ({type(error).__name__}); make it again with `vttig"
             " fit … --overwrite`."
         ) from None
-    if lines := [f"{row['order']:g}" for row in fit["orders"] if row not in rows]:
-        left_out = ", ".join(dict.fromkeys(lines))
+    lines: dict[str, float] = {}
+    for row in fit["orders"]:
+        if row not in rows:
+            name = f"{row['order']:g}"
+            lines[name] = max(row["amplitude_arcsec"], lines.get(name, 0.0))
+    if lines:
+        left_out = ", ".join(f"{name} ({amplitude:.3g}″)" for name, amplitude in lines.items())
         logger.warning(
-            "%s: orders without a fixed place on the gears left out: %s", run.folder, left_out
+            "%s: orders without a fixed place on the gears left out, so that the output has this"
+            " error too: %s",
+            run.folder,
+            left_out,
         )
     if len(measured) == 1:
         logger.warning("%s: the unmeasured flank has the orders of the other one", run.folder)
-    gap_deg = constant_backlash_deg if constant_backlash_deg is not None else (given or [None])[0]
+    gap_deg = constant_backlash_deg
+    if gap_deg is None and given:
+        gap_deg, low, high = (given[0][name] for name in ("value", "low95", "high95"))
+        if low is not None and low <= 0:
+            logger.warning(
+                "%s: the gap %.5f° (%.5f … %.5f°) may be zero; give one that was measured in"
+                " another way (constant_backlash_deg)",
+                run.folder,
+                gap_deg,
+                low,
+                high,
+            )
     if gap_deg is None:
         raise InputError(
             f"the log has flank {' and '.join(measured)} and no gap; record both directions, or"

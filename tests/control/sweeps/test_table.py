@@ -62,15 +62,19 @@ def test_refused_cases_take_no_part():
 
 @pytest.mark.parametrize(("of_the_second", "open_"), [((0.0, 0.03), True), ((0.0, 0.0), False)])
 def test_a_share_that_differs_from_draw_to_draw_is_said_for_one_machine(of_the_second, open_):
-    """Of two draws one never closes too far; the margin that frees both is the larger excess."""
+    """Of two draws one never closes too far; the margin that frees both is the larger excess.
+
+    The ends of the interval are shares of draws, not numbers between them.
+    """
     table = table_of(draw=np.repeat([0, 1], 2))
     table.columns["interference_mm"] = np.array([0.0, 0.0, *of_the_second])
     remarks = [line for line in str(table).splitlines() if "judgement.margin_mm" in line]
     assert len(remarks) == open_
     share = table.to_json()["groups"][0]["interfering_share_95"]
-    assert share == pytest.approx([0.0125, 0.4875] if open_ else [0.0, 0.0])
+    assert share == pytest.approx([0.0, 0.5] if open_ else [0.0, 0.0])
     if open_:
-        assert "1.2 to 48.8 %" in remarks[0] and "0.029 mm" in remarks[0]
+        assert "0.0 to 50.0 %" in remarks[0] and "0.030 mm" in remarks[0]
+        assert "all 2 draws" in remarks[0]
 
 
 def test_columns_that_differ_are_not_close():

@@ -167,11 +167,16 @@ def _share(mask: np.ndarray) -> float | None:
 
 
 def _share_interval(mask: np.ndarray, draws: np.ndarray | None) -> list[float] | None:
-    """Return the interval that holds the shares of 95 % of the posterior draws; None without."""
+    """Return the interval that holds the shares of 95 % of the posterior draws; None without.
+
+    Its ends are shares of draws: few draws are all of them in it.
+    """
     if draws is None or not len(mask):
         return None
     _, place = np.unique(draws, return_inverse=True)
-    return np.quantile(np.bincount(place, mask) / np.bincount(place), [0.025, 0.975]).tolist()
+    shares = np.bincount(place, mask) / np.bincount(place)
+    ends = (0.025, "lower"), (0.975, "higher")
+    return [float(np.quantile(shares, at, method=method)) for at, method in ends]
 
 
 def _spread(values: np.ndarray) -> dict[str, float] | None:
@@ -272,11 +277,15 @@ def _machines(table: SweepTable, group: dict[str, Any], mask: np.ndarray) -> str
     draws, place = np.unique(table.columns[DRAW][mask], return_inverse=True)
     most = np.zeros(len(draws))
     np.maximum.at(most, place, table.columns["interference_mm"][mask])
+    count, few = len(draws), len(draws) < 40  # of fewer, 2.5 % is less than one
+    freed = most.max() if few else np.quantile(most, 0.975, method="higher")
+    share = f"{100 * low:.1f} to {100 * high:.1f} % of its turns"
+    among = f"{'all' if few else '95 % of the'} {count} draws"
     return (
-        f"{group['name']}: one machine closes too far at {100 * low:.1f} to {100 * high:.1f} % of"
-        f" its turns (95 % of the draws), {100 * group['interfering_share']:.1f} % in the mean of"
-        f" the draws; with {np.quantile(most, 0.975):.3f} mm more of judgement.margin_mm, 97.5 % of"
-        " the draws never do."
+        f"{group['name']}: one machine closes too far at {share} ({among}),"
+        f" {100 * group['interfering_share']:.1f} % in the mean of the draws; with"
+        f" {math.ceil(1e3 * freed) / 1e3:.3f} mm more of judgement.margin_mm,"
+        f" {'none' if few else 'at most 2.5 %'} of the draws would."
     )
 
 
