@@ -13,6 +13,7 @@ import vttig_jax
 from tests.control.motion_points import at
 from tests.control.scenarios import CLOSING, INSTANT, PAIR, Run, spec_of, together
 from tests.control.sweep_files import sweep_spec
+from vttig_jax.base.errors import ScenarioError
 from vttig_jax.base.units import DEG
 from vttig_jax.control.controllers.controller import (
     Command,
@@ -282,3 +283,35 @@ def test_anybody_may_move_the_motor():
 def test_who_moves_the_motor_has_to_say_so():
     with pytest.raises(ValueError, match=r"must set `advances = True` .* Unannounced does not"):
         simulate(spec_of(BASE), PAIR, controller=Unannounced())
+
+
+class Lost(Back):
+    """Commands what is no number."""
+
+    advances = False
+
+    def step(self, state, seen):
+        return state, jnp.nan * seen.driving
+
+
+class Single(Lost):
+    """Forgets its state."""
+
+    def step(self, state, seen):
+        return 1.0
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [(Lost(), r"Lost commands NaN"), (Single(), r"state and a command .* Single returns float")],
+)
+def test_a_controller_that_errs_is_named(controller, words):
+    with pytest.raises(ValueError, match=words):
+        simulate(spec_of(BASE), PAIR, controller=controller)
+
+
+def test_eccentricities_without_a_gap_are_refused():
+    """Their flanks cross by 0.02° where both gears have their thick places."""
+    spec = spec_of(BASE, {"eccentricities.constant_backlash_deg": 0.001})
+    with pytest.raises(ScenarioError, match=r"eccentricities: flank B lies 0\.0\d+° before"):
+        simulate(spec, PAIR)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import vttig_jax
 from tests.control.scenarios import PAIR, SHORT, spec_of
@@ -18,7 +19,7 @@ from tests.control.sweep_files import (
     sweep_spec,
 )
 from vttig_jax.base.errors import InputError, ScenarioError
-from vttig_jax.control import sweep
+from vttig_jax.control import Maps, sweep
 from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.simulation.case import METRICS
 from vttig_jax.control.sweeps import sweep as sweep_work
@@ -168,6 +169,31 @@ def test_controllers_have_the_map_they_are_given():
         for believed in (one, wrong)
     ]
     np.testing.assert_allclose(left[1] - left[0], 0.002, atol=1e-6)
+
+
+def test_the_backlash_that_is_believed_of_a_map_is_an_axis():
+    believed = [0.030, 0.038, 0.046]
+    axis = {"map.constant_backlash_deg": believed}
+    spec = sweep_spec(axis, controller="predictive", plant_map="RUN", eccentricities=None)
+    plant = closed_model(PAIR, paper_eccentricities())
+    found = sweep(spec, PAIR, maps=Maps({"RUN": plant}))
+    for number, gap in enumerate(believed):
+        one = spec_of(SHORT, {"controller": "predictive", "map.constant_backlash_deg": gap})
+        one = structs.replace(one, plant_map="RUN", eccentricities=None)
+        run = vttig_jax.control.simulate(one, PAIR, maps=Maps({"RUN": plant}))
+        assert_same(found, number, run.metrics)
+    assert np.ptp(found.columns["residual_gap_deg"]) > 0.005
+
+
+def test_a_map_is_read_with_one_backlash():
+    with pytest.raises(ScenarioError, match=r"sweep map\.constant_backlash_deg"):
+        sweep_spec({"constant_backlash_deg": [0.03, 0.04]}, plant_map="RUN")
+
+
+def test_cases_without_a_gap_are_refused():
+    spec = sweep_spec({"eccentricities.constant_backlash_deg": [0.001, 0.038]}, controller="none")
+    found = sweep(spec, PAIR)
+    assert found.columns["outcome"].tolist() == ["refused", "ok"]
 
 
 def test_a_controller_of_your_own():

@@ -119,21 +119,27 @@ class Controller(Part):
     def step(self, state: Any, seen: Measurement) -> tuple[Any, Float[Array, ""] | Command]:
         """Return the state after this period, and the displacement in mm or a `Command`."""
 
-    def as_command(self, output: Any) -> Command:
-        """Convert the second output of `step` to a `Command`.
+    def as_answer(self, answer: Any) -> tuple[Any, Command]:
+        """Return what `step` returned as its state and a `Command`.
 
-        **Raises** `ValueError` if `advance` is not 0 although the class attribute `advances` is
-        false.
+        **Raises** `ValueError` if it is no pair, or if `advance` is not 0 although the class
+        attribute `advances` is false.
         """
+        if not (isinstance(answer, tuple) and len(answer) == 2):
+            raise ValueError(
+                f"Argument `controller` must return its state and a command from `step`, but"
+                f" {type(self).__name__} returns {type(answer).__name__}."
+            )
+        state, output = answer
         if not isinstance(output, Command):
-            return Command(output)
+            return state, Command(output)
         moves = not isinstance(output.advance, float) or output.advance != 0.0
         if moves and not self.advances:
             raise ValueError(
                 f"Argument `controller` must set `advances = True` to move the motor, but"
                 f" {type(self).__name__} does not."
             )
-        return output
+        return state, output
 
 
 class NoController(Controller):

@@ -272,10 +272,10 @@ def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sa
     reference = shafts if state.target is None else state.target
     motions = estimate.speed, estimate.acceleration, reference.angle, reference.speed
     known = case.believed, case.lead_s, case.retreat
-    controller, output = case.controller.step(
+    answer = case.controller.step(
         state.controller, Measurement(time, driving, driven, *motions, *known)
     )
-    output = case.controller.as_command(output)
+    controller, output = case.controller.as_answer(answer)
     command, lead = jnp.asarray(output.shift), None
     if state.lead is not None:  # which the shaft reaches at the end of this period
         advance = jnp.asarray(output.advance)

@@ -264,8 +264,12 @@ def _table_of(
     model, given = _model(s, which)
     if isinstance(model, ClosedModel):
         first = first_order_bounds(model, closing_of(s.pair)).turned(turns)
-        angle = _angles_of(s.pair)
-        return first, jnp.min(first.gap(angle)) if which == "plant_map" else None, 0.0
+        if which == "plant_map":
+            return first, jnp.min(first.gap(_angles_of(s.pair))), 0.0
+        if given and s.map_backlash_deg is not None:
+            offset = jnp.asarray(first.offset)
+            first = replace(first, offset=offset.at[1].set(offset[0] + s.map_backlash_deg * DEG))
+        return first, None, 0.0
     order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
     if not isinstance(model, FlankTable):
         order, per_turn = model.highest_order, nodes_per_turn(model)

@@ -84,6 +84,11 @@ def simulate(
         raise ValueError(f"Argument `trace_every` must be at least 0, but is {trace_every}.")
     spec, pair, case = specified_case(scenario, pair, folder, controller, maps)
     state, trace = run_in_chunks(case, trace_every, progress)
+    if np.isnan(state.accumulators.output_squares):
+        raise ValueError(
+            f"Argument `controller` must command finite numbers, but"
+            f" {type(case.controller).__name__} commands NaN."
+        )
     return Simulation(spec, pair, case, state.accumulators, trace)
 
 
