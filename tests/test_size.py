@@ -26,12 +26,12 @@ BOUNDS = {
     "geometry": (3529, 56),  # 2800
     "logs": (10103, 274),  # 7400
     "rig": (324, 1),  # 260
-    "model": (2152, 44),
+    "model": (2154, 44),
     "identify": (3470, 24),  # 9000 together with posterior
     "posterior": (2981, 46),
-    "control": (5638, 77),  # 3600
+    "control": (5659, 77),  # 3600
     "plotting": (1878, 51),  # 2000 together with the report
-    "runs": (2585, 11),  # 900
+    "runs": (2607, 11),  # 900
     "cli": (4024, 19),  # 2600
     "report": (600, 6),
 }

@@ -132,6 +132,7 @@ def test_before_and_after(vttig_json, run, table, tmp_path):
         assert one["outcome"] == "open" and one["needed_s"] > record["logs"][1]["span_s"]
 
 
+@pytest.mark.portable
 def test_two_encoders_alone_do_not_see_a_compensation(vttig, run):
     code, out, err = vttig("verify", run, run.parent / "log.csv")
     assert (code, out) == (4, "") and err.count("\n") == 1 and "--column command=" in err
