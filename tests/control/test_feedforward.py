@@ -297,7 +297,7 @@ class Lost(Back):
 class Single(Lost):
     """Forgets its state."""
 
-    def step(self, state, seen):
+    def step(self, state, seen) -> Any:
         return 1.0
 
 

@@ -175,8 +175,8 @@ def _share_interval(mask: np.ndarray, draws: np.ndarray | None) -> list[float] |
         return None
     _, place = np.unique(draws, return_inverse=True)
     shares = np.bincount(place, mask) / np.bincount(place)
-    ends = (0.025, "lower"), (0.975, "higher")
-    return [float(np.quantile(shares, at, method=method)) for at, method in ends]
+    low = np.quantile(shares, 0.025, method="lower")
+    return [float(low), float(np.quantile(shares, 0.975, method="higher"))]
 
 
 def _spread(values: np.ndarray) -> dict[str, float] | None:
