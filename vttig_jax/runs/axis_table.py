@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from ..base.errors import NoAnswerError, UsageError
 from ..base.files.text_tables import key_values
@@ -180,7 +181,7 @@ class AxisCurves(NamedTuple):
     """Error of the axis of a run.
 
     **Arguments**
-    - `error`: that of the fit. - `drawn`: that of its draws, or of the normal of the fit.
+    - `error`: that of the fit. - `drawn`: that of its draws, or of Student's t of the fit.
     - `turns`: turns of the axis after which it repeats. - `has_gap`: whether the log determines the
       gap, so that both directions have one zero.
     """
@@ -200,7 +201,7 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
     alike = axis.shaft == "driving" and not np.any(own[:, driven])
     turns = 1 if alike else max(1, round(abs(gain) * fit.pair.hunting_turns))
     flanks, zero_mean, model, draws = measured_error(fit, posterior)
-    draws = normal_draws(fit) if draws is None else draws
+    draws = student_draws(fit) if draws is None else draws
     every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
     parts = {name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")}
     few = replace(draws, **parts)
@@ -222,14 +223,18 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
     return AxisCurves(error, error_of(few.errors, period[::8]), turns, zero_mean != flanks)
 
 
-def normal_draws(fit: Fit) -> GapDraws:
-    """Return draws of the orders of both flanks from the normal of a fit."""
+def student_draws(fit: Fit) -> GapDraws:
+    """Return draws of the orders of both flanks from the fit: each has its Student's t."""
     posterior = fit.core.posterior
     whole = np.eye(len(posterior.problem.columns))
-    mean, covariance, _ = posterior.told(whole, moved=True)
+    mean, covariance, freedom = posterior.told(whole, moved=True)
     values, axes = np.linalg.eigh(covariance)
-    normals = np.random.default_rng(0).standard_normal((_MOST_DRAWS, len(mean)))
+    random = np.random.default_rng(0)
+    normals = random.standard_normal((_MOST_DRAWS, len(mean)))
     drawn = (normals - normals.mean(axis=0)) @ (axes * np.sqrt(np.maximum(values, 0))).T
+    # One scale a draw: the noise that the log hardly tells is the same for all orders.
+    share = random.uniform(size=(_MOST_DRAWS, 1))
+    drawn = drawn * np.sqrt(freedom / (2 * gammaincinv(freedom / 2, share)))
     series = flanks_of(fit, mean + drawn)
     return GapDraws(fit.pair, tuple(fit.model.terms), *series, np.arange(_MOST_DRAWS))
 
@@ -243,7 +248,7 @@ def axis_table(
     """Return the error table of the axis of a fit, with what it leaves over its travel.
 
     **Arguments**
-    - `posterior`: draws, which give the band of what is left; by default the normal of the fit.
+    - `posterior`: draws, which give the band of what is left; by default Student's t of the fit.
     - `step_deg`: distance of the nodes; the 255th part of the travel by default.
 
     **Raises** `UsageError` for a travel that the control cannot place or the log does not cover, or

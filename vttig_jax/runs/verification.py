@@ -51,7 +51,7 @@ def verify(
     **Arguments**
     - `run`: run folder that the table was exported from. - `logs`: one log, or before and after.
     - `axis`, `step_deg`: what the table was exported with. - `reading`: how the logs are read.
-    - `posterior`: draws of the run, which say what it leaves open; by default its normal.
+    - `posterior`: draws of the run, which say what it leaves open; by default its Student's t.
 
     **Raises** `NoAnswerError` for a log without the command, and the errors of `axis_table`.
     """

@@ -184,8 +184,8 @@ def unit_of(role: str, name: str, stated: str | None, where: str) -> str:
     unit = written or stated
     if unit is None:
         raise LogError(
-            "this column has no unit; end the name with _deg, _rad, … or write"
-            f' `{role} = "deg"` in [unit].',
+            "this column has no unit; end the name with _deg, _arcsec, …, or state the unit"
+            f" (--unit {role}=UNIT, `{role}` in [unit]).",
             where=where,
         )
     if unit not in units_of(role):
