@@ -348,10 +348,10 @@ class SeenRatio:
         if self.cause == "drift":
             return (
                 f"{biases}. A drift in time explains this better than another ratio, for example of"
-                " an encoder or of a coupling: keep the ratio, and see --drift-order"
+                " an encoder or of a coupling: keep the ratio, since every fit has a drift"
             )
         own = decimal_option(abs(self.seen or 1.0), self.std or 0.0)
-        cure = f"give --ratio {own}, which is that of the log, or fit it with --free-ratio"
+        cure = f"give --ratio {own}, which is that of the log"
         if max(self.given.numerator, self.given.denominator) > MOST_TEETH:
             said = "is" if self.cause == "ratio" else "may be"
             return (
