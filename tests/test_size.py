@@ -31,7 +31,7 @@ BOUNDS = {
     "posterior": (2981, 46),
     "control": (5659, 77),  # 3600
     "plotting": (1878, 51),  # 2000 together with the report
-    "runs": (2607, 11),  # 900
+    "runs": (2611, 11),  # 900
     "cli": (4024, 19),  # 2600
     "report": (600, 6),
 }

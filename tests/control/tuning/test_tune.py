@@ -170,6 +170,7 @@ def test_a_threshold_above_every_deceleration_is_found_all_the_same():
     assert tuned.values["judgement.threshold_rad_s2"] < 35 and tuned.improved
 
 
+@pytest.mark.slow
 def test_the_papers_controller_gets_a_margin_and_is_not_cured():
     spec = spec_of("acceleration", TURNS)
     held = spec.judgement.threshold_rad_s2
