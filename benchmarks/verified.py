@@ -21,6 +21,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
 
 from vttig_jax.base.errors import VttigError
 from vttig_jax.base.runtime import enable_x64
@@ -67,9 +68,7 @@ class Rig:
 
     def noisy(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Return noise with memory, rad."""
-        white, found = rng.standard_normal(count), np.empty(count)
-        for k in range(count):
-            found[k] = self.memory * found[k - 1] * (k > 0) + white[k]
+        found = lfilter([1.0], [1.0, -self.memory], rng.standard_normal(count))
         return self.noise * np.sqrt(1 - self.memory**2) * found
 
 
