@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
+from vttig_jax import read_log
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
 
@@ -58,6 +59,19 @@ def test_a_shaft_that_turns_is_no_table():
     log = EncoderLog.from_arrays(time, angle, driven, pair=drive("9/16"), unit="deg")
     assert not assigned_segments(log).still
     assert assigned_segments(log, still=True).still
+
+
+def test_counts_that_are_read_many_times_each_are_no_table(tmp_path):
+    """A slow shaft with coarse counts rests behind every count, for far less than a reading."""
+    time, angle, _ = trapezoid(rate=2000.0)
+    driving, driven = np.rint(angle / 0.36), np.rint(angle * 9 / 16 / 0.36)
+    rests = np.mean(np.diff(driving) == 0)
+    assert rests > 0.5
+    path = tmp_path / "log.csv"
+    rows = np.stack([time, driving, driven], axis=1)
+    np.savetxt(path, rows, "%.6f", ",", header="time_s,driving_counts,driven_counts", comments="")
+    log = read_log(path, ratio="16:9", counts=(1000, 1000))
+    assert not assigned_segments(log).still
     steady = table(3.0 * np.arange(400.0), interval=1.0)
     assert not assigned_segments(steady).still
 

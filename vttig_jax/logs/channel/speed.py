@@ -185,7 +185,8 @@ def is_at_standstill(
 
     No step between two readings is then a part of the usual step, as on a ramp or at a reversal,
     and readings have no `clock` but a stated rate of at most two a second. With a clock the
-    readings tell it if every place has several, or if unequal times made steps that are alike.
+    readings tell it if every place has several and is held for `LONG_S`, which the counts of a
+    turning shaft are not, or if unequal times made steps that are alike.
     Small steps that go on in one direction are motion beside the wraps of a large counter.
     """
     usual = usual_step(values)
@@ -200,8 +201,11 @@ def is_at_standstill(
     del signed, small
     took = np.diff(time)
     slow = bool(np.median(took) >= LONG_S)
-    if not clock or (moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS):
-        return slow or clock
+    if not clock:
+        return slow
+    if moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS:
+        left = time[:-1][moved]
+        return len(left) < 2 or bool(np.median(np.diff(left)) >= LONG_S)
     step, took = step[moved], took[moved]
     uneven, steps, speeds = (
         float(np.std(one)) / max(float(np.mean(one)), 1e-300)
