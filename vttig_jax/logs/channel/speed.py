@@ -201,11 +201,9 @@ def is_at_standstill(
     del signed, small
     took = np.diff(time)
     slow = bool(np.median(took) >= LONG_S)
-    if not clock:
-        return slow
-    if moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS:
-        left = time[:-1][moved]
-        return len(left) < 2 or bool(np.median(np.diff(left)) >= LONG_S)
+    if not clock or (moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS):
+        held = np.diff(time[:-1][moved], prepend=-np.inf)
+        return slow or (clock and bool(np.median(held) >= LONG_S))
     step, took = step[moved], took[moved]
     uneven, steps, speeds = (
         float(np.std(one)) / max(float(np.mean(one)), 1e-300)

@@ -350,25 +350,24 @@ class SeenRatio:
                 f"{biases}. A drift in time explains this better than another ratio, for example of"
                 " an encoder or of a coupling: keep the ratio, since every fit has a drift"
             )
-        own = decimal_option(abs(self.seen or 1.0), self.std or 0.0)
-        cure = f"give --ratio {own}, which is that of the log"
+        cure = f"--ratio {decimal_option(abs(self.seen or 1.0), self.std or 0.0)}, that of the log"
         if max(self.given.numerator, self.given.denominator) > MOST_TEETH:
             said = "is" if self.cause == "ratio" else "may be"
             return (
-                f"{biases}. The given ratio {said} slightly wrong: {cure}. A slow drift, a slip or"
-                " a twist looks the same"
+                f"{biases}. The given ratio {said} slightly wrong: give {cure}. A slow drift, a"
+                " slip or a twist looks the same"
             )
         teeth = f"Shafts coupled {self.given.denominator}:{self.given.numerator} by teeth keep"
         if self.cause == "ratio":
             return (
                 f"{biases}. {teeth} their ratio, but this log is explained better by another ratio"
                 " than by a delay or a drift: another drive, wrong counts per turn, lost counts, or"
-                f" a belt or a coupling that slips. If it is another ratio, {cure}"
+                f" a belt or a coupling that slips. If it is another ratio, give {cure}"
             )
         return (
             f"{biases}. {teeth} their ratio, and this log does not tell what it is: an encoder or"
             " its clock may drift, a coupling may slip or twist, a belt may creep. If it is another"
-            f" ratio, {cure}"
+            f" ratio, give {cure}"
         )
 
 
