@@ -46,12 +46,12 @@ def test_a_long_log_takes_little_more_memory_than_its_text_and_columns(tmp_path,
     ]
     path.write_text("\n".join([f"time_s,driving_{unit},driven_{unit}", *lines]) + "\n")
     options = {"ratio": "16:9", "counts": 90_000 if unit == "counts" else None}
-    read_log(path, **options)  # modules are imported once
+    log = read_log(path, **options)  # modules are imported once
     peaks = []
     for _ in range(3):  # the least: other threads and pools of the process allocate too
         gc.collect()
         tracemalloc.start()
-        log = read_log(path, **options)
+        read_log(path, **options)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     peak = min(peaks)
