@@ -204,9 +204,9 @@ class Posterior(PlottedResult):
 
 
 _BESIDE_FIT = (
-    "The intervals are those of draws over all noise and all widths. A fit takes both around their"
-    " most probable values, as a normal whose spread Student's t allows for, so that its intervals"
-    " may be narrower where the log hardly tells a width."
+    "The intervals are those of draws over all noise and all widths. A fit takes both along lines"
+    " through their most probable values only, so that its intervals may be narrower where the log"
+    " hardly tells a width."
 )
 
 
