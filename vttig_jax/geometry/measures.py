@@ -371,7 +371,7 @@ def _stand_off(tooth: Tooth, side: int, half: float, z: float) -> tuple[float, f
 
     latitudes = np.linspace(-math.pi / 2, math.pi / 2, 361)
     best = int(np.argmax(stand_off(latitudes)))
-    solution = minimize_scalar(
+    solution: Any = minimize_scalar(
         lambda latitude: -float(stand_off(latitude)[0]),
         bounds=(latitudes[max(best - 1, 0)], latitudes[min(best + 1, 360)]),
         method="bounded",

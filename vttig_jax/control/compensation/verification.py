@@ -14,7 +14,7 @@ better than its own model error allows. All curves share D: a fault turns phases
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -158,7 +158,7 @@ def _curves(
     moved = shown(middle - shifts, mean, here, thin)
     near = shifts[np.argmin(np.var(rows.left[thin, None] - moved, axis=0))]
     ends = near + np.array([-4, 4]) * REV / _TRIES
-    found = minimize_scalar(lambda x: misfit(left(added, x)), bounds=ends, method="bounded")
+    found: Any = minimize_scalar(lambda x: misfit(left(added, x)), bounds=ends, method="bounded")
     yield "zero_shifted", float(found.fun), float(found.x) / DEG, _SEARCHED
     steps = np.diff(rows.time)  # the correction jumps at the few samples at which the axis turns
     fastest = np.quantile(np.abs(np.diff(target)), 0.98) / np.median(steps)
