@@ -11,7 +11,7 @@ from typing import Any
 
 import jaxtyping
 
-CALLS = 20
+CALLS = 5
 """Number of calls of a function that are checked in each test (chosen value)."""
 
 _check = jaxtyping.jaxtyped

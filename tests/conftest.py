@@ -75,25 +75,14 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return f"pytest.mark.{marker}" not in collection_path.read_text(encoding="utf-8") or None
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Compile without most optimisations, except in the portable and in the slow tests.
-
-    Most programs of the tests run once or twice on small arrays, and two fifths of the time of a
-    test run are spent in the compiler. The notebooks and commands in other processes do the same.
-    """
-    if config.option.markexpr not in ("portable", "slow"):
-        os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
-        jax.config.update("jax_disable_most_optimizations", True)
-
-
 settings.register_profile(
     "vttig", derandomize=True, deadline=None, max_examples=25, database=None, print_blob=False
 )
 settings.load_profile("vttig")
 
 
-_MOST_BYTES = 3 << 30
-"""Memory in bytes above which a test worker discards its compiled programs."""
+_MOST = 0.2
+"""Share of the machine's memory above which a test worker discards its compiled programs."""
 
 
 _OBJECTS = 50_000
@@ -117,26 +106,16 @@ def pytest_runtest_setup() -> None:
 
 @pytest.fixture(scope="module", autouse=True)
 def bounded_memory() -> Iterator[None]:
-    """Discard the compiled programs after a module if the worker uses more than `_MOST_BYTES`."""
+    """Discard the compiled programs after a module if the worker uses more than `_MOST`."""
     yield
     usage = Path("/proc/self/statm")
     if not usage.exists():  # not Linux: a worker grows to some 6 GB
         return
-    if int(usage.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") > _MOST_BYTES:
+    if int(usage.read_text().split()[1]) > _MOST * os.sysconf("SC_PHYS_PAGES"):
         jax.clear_caches()
         gc.collect()
         with suppress(AttributeError):  # a C library without this function returns memory itself
             ctypes.CDLL(None).malloc_trim(0)
-
-
-@pytest.fixture(scope="module")
-def fully_optimised() -> Iterator[None]:
-    """Compile the programs of a test as a user's programs are, in the quick tests too."""
-    quick = os.environ.get("JAX_DISABLE_MOST_OPTIMIZATIONS") == "1"
-    jax.config.update("jax_disable_most_optimizations", False)
-    jax.clear_caches()
-    yield
-    jax.config.update("jax_disable_most_optimizations", quick)
 
 
 @pytest.fixture(scope="session")

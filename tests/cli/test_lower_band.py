@@ -52,6 +52,7 @@ def test_the_controller_leaves_the_half_width_of_the_band(sampled_folder, rows, 
         assert left_deg(sampled_folder, table, edge) - mean == pytest.approx(width, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_sweep_has_it_as_an_axis(sampled_folder, rows):
     """In every draw of the rig the edge leaves more than the mean, by the half width."""
     columns = vttig_jax.sweep(

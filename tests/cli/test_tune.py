@@ -51,6 +51,7 @@ def test_it_tunes_and_writes_a_sweep_that_runs(vttig, vttig_json, sweep):
     assert vttig("tune", sweep, "--free", MARGIN, "--out", out)[0] == 2
 
 
+@pytest.mark.slow
 def test_limits_weight_and_objective_reach_the_search(vttig, vttig_json, sweep):
     before = set(sweep.parent.iterdir())
     code, text, err = vttig("tune", sweep, "--free", f"{MARGIN}=0.006:0.02")

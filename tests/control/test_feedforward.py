@@ -168,6 +168,15 @@ def test_a_jump_that_throws_the_driven_shaft_back_is_told():
     assert found_number(play, "thrown_back_deg") < 1e-6 * gap
 
 
+def test_a_jump_that_does_not_end_within_the_run_is_told():
+    given_ = {**BASE, "controller": "feedforward"}
+    run = simulate(spec_of(given_), PAIR)
+    rest = float(run.case.motion.duration_s) - float(run.case.motion.turn_s)
+    for jump_s, remarks in ((1.1 * rest, 1), (0.9 * rest, 0)):
+        found = simulate(spec_of(given_, {"judgement.jump_s": jump_s}), PAIR)
+        assert len(found.remarks) == remarks
+
+
 def test_who_moves_no_motor_neither_makes_up_nor_throws(none):
     found = metrics(none)
     assert np.isnan(found["over_compensation_deg"]) and np.isnan(found["thrown_back_deg"])

@@ -145,7 +145,12 @@ def drifting() -> EncoderLog:
     return with_angles(log, PAIR, log.driving_angle, log.driven_angle + swing)
 
 
-@pytest.mark.parametrize("slug", SAY)
+SLOW = {"ratio-doubtful", "jumps-disagree"}
+
+
+@pytest.mark.parametrize(
+    "slug", [pytest.param(slug, marks=pytest.mark.slow if slug in SLOW else ()) for slug in SAY]
+)
 def test_what_a_log_has_is_said(slug):
     assert slug in slugs(SAY[slug]())
 

@@ -117,6 +117,7 @@ def test_a_line_has_a_phase_of_its_own_in_every_log():
     assert own and all(abs(one.amplitude_arcsec - 20.0) < 4 * one.std_arcsec for one in own)
 
 
+@pytest.mark.slow
 def test_eccentric_gears_share_their_eccentricities():
     rig = quick_rig(0)
     first, whole = rig.log(0), rig.log(1)

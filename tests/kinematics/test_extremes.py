@@ -127,7 +127,9 @@ def test_a_kink_is_found_too():
 
 
 @pytest.mark.parametrize(
-    ("made", "name"), [(exact_map, "largest"), (meshing_map, "smallest")], ids=["exact", "meshing"]
+    ("made", "name"),
+    [(exact_map, "largest"), pytest.param(meshing_map, "smallest", marks=pytest.mark.slow)],
+    ids=["exact", "meshing"],
 )
 def test_gradient_is_that_of_differences(made, name):
     def extreme(rig):
@@ -185,6 +187,7 @@ def test_the_place_moves_as_differences_say():
     assert np.abs(found[1]) > 1e-3
 
 
+@pytest.mark.slow
 def test_a_batch_of_rigs_is_a_loop():
     draw = np.random.default_rng(0)
     rigs = RIG * (1 + 0.1 * draw.normal(size=(6, len(RIG))))

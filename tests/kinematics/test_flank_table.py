@@ -192,7 +192,7 @@ def walls(parameters):
     return jnp.stack([flanks.lower + 0.2 * closing[0], flanks.upper - 0.2 * closing[1]])
 
 
-@pytest.mark.parametrize("share", [1.0, 0.5])
+@pytest.mark.parametrize("share", [pytest.param(1.0, marks=pytest.mark.slow), 0.5])
 def test_derivatives_by_eccentricities_backlash_and_helix_angle(share):
     def along(direction):
         step = share * STEPS * direction

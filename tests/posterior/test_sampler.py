@@ -37,10 +37,7 @@ DIFFERENT: dict[str, Callable[[], Fit]] = {
 
 @pytest.mark.parametrize(
     "kind",
-    [
-        pytest.param(kind, marks=() if kind in ("one flank", "a drive") else pytest.mark.slow)
-        for kind in DIFFERENT
-    ],
+    [pytest.param(kind, marks=() if kind == "a drive" else pytest.mark.slow) for kind in DIFFERENT],
 )
 def test_what_is_determined_is_sampled(kind):
     """Words, numbers, and a spread that is the fit's."""

@@ -194,7 +194,10 @@ def test_a_batch_is_the_loop():
     assert len(set(np.round(together, 9).tolist())) == 3
 
 
-@pytest.mark.parametrize("name", ["predictive, rigid", "encoders, actuator, observer"])
+@pytest.mark.parametrize(
+    "name",
+    ["predictive, rigid", pytest.param("encoders, actuator, observer", marks=pytest.mark.slow)],
+)
 def test_every_number_may_be_traced(name):
     one = scenario(**PARTS[name][0])
     traced = jax.jit(lambda some: run(some, like=one, rounding="none"), **fast_to_compile())(one)

@@ -103,6 +103,7 @@ def test_the_paper_controller_holds_its_shift_from_the_detection_to_the_turn(pap
         assert np.all(run.samples.command[before] == 0.0)
 
 
+@pytest.mark.slow
 def test_at_half_of_all_reversals_the_paper_controller_interferes():
     """With the counts of the encoders and the actuator of the defaults; 0.5 s ramp at 60 rpm."""
     angles = np.random.default_rng(20).uniform(400.0, 400.0 + 5760.0, 64).tolist()

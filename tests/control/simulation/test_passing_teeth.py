@@ -36,7 +36,10 @@ def case(reversal_deg, believed="rig", **changes):
 SLOW = {"actuator": {"speed_mm_s": 5.0, "acceleration_mm_s2": 200.0}}
 
 
-@pytest.mark.parametrize(("believed", "changes"), [("rig", {}), ("file", {}), ("rig", SLOW)])
+@pytest.mark.parametrize(
+    ("believed", "changes"),
+    [("rig", {}), pytest.param("file", {}, marks=pytest.mark.slow), ("rig", SLOW)],
+)
 def test_teeth_that_pass_quickly_are_not_closed_too_far(believed, changes):
     one = case(1153.9, believed, **changes)
     careless = eqx.tree_at(lambda c: c.retreat, one, None)

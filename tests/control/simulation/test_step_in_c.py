@@ -19,10 +19,7 @@ SHORT = {
     "judgement.margin_mm": 0.05,  # some lanes close too far, others bounce in what is left open
 }
 
-pytestmark = [
-    pytest.mark.skipif(CC is None, reason="no C compiler (`cc`) on this machine"),
-    pytest.mark.usefixtures("fully_optimised"),
-]
+pytestmark = pytest.mark.skipif(CC is None, reason="no C compiler (`cc`) on this machine")
 
 
 @pytest.fixture(scope="module")

@@ -145,6 +145,7 @@ TURNS = {"motion.reversal_deg": [200.0, 300.0]}
 OTHER = Eccentricities(0.01, 20.0, 0.02, 100.0, 0.05)
 
 
+@pytest.mark.slow
 def test_drawn_maps_run_through_all_other_cases():
     """Each draw is a plant of its own, and all controllers have the one map of the run."""
     spec = sweep_spec(TURNS, controller="predictive", rig={"from": "RUN"})
@@ -171,6 +172,7 @@ def test_controllers_have_the_map_they_are_given():
     np.testing.assert_allclose(left[1] - left[0], 0.002, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_backlash_that_is_believed_of_a_map_is_an_axis():
     believed = [0.030, 0.038, 0.046]
     axis = {"map.constant_backlash_deg": believed}

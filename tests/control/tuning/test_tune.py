@@ -58,22 +58,22 @@ TURNS = (300.0, 360.0, 540.0, 620.0, 700.0)
 # Known optima.
 
 
-def test_the_expected_margin_is_a_quantile_of_the_scatter():
+@pytest.mark.parametrize("weight", [pytest.param(1.0, marks=pytest.mark.slow), 9.0])
+def test_the_expected_margin_is_a_quantile_of_the_scatter(weight):
     # Cost of margin m: Σ max(0, δ + m) + w max(0, −δ − m). Its slope n − k − w k, k the number of
     # δ < −m, changes sign at the k-th smallest δ with k = ⌈n/(1 + w)⌉: −m is the quantile
     # 1/(1 + w), as in the newsvendor problem.
-    for weight in (1.0, 9.0):
-        tuned = scattered(interference_weight=weight)
-        rank = int(np.ceil(len(OFF_MM) / (1 + weight)))
-        assert tuned.values[MARGIN] == pytest.approx(-np.sort(OFF_MM)[rank - 1], abs=1.5e-3)
-        quantile = -norm.ppf(1 / (1 + weight)) * 0.004 / PER_MM
-        assert abs(tuned.values[MARGIN] - quantile) < np.diff(OFF_MM).max()
-        share = (rank - 1) / len(OFF_MM)
-        assert tuned.after.interfering_share == pytest.approx(share, abs=1.01 / len(OFF_MM))
-        best = tuned.values[MARGIN] + OFF_MM
-        cost = np.mean(np.maximum(best, 0) + weight * np.maximum(-best, 0)) * PER_MM
-        assert tuned.after.cost_deg == pytest.approx(cost, abs=2e-5)
-        assert tuned.improved and tuned.after.cost_deg < tuned.before.cost_deg
+    tuned = scattered(interference_weight=weight)
+    rank = int(np.ceil(len(OFF_MM) / (1 + weight)))
+    assert tuned.values[MARGIN] == pytest.approx(-np.sort(OFF_MM)[rank - 1], abs=1.5e-3)
+    quantile = -norm.ppf(1 / (1 + weight)) * 0.004 / PER_MM
+    assert abs(tuned.values[MARGIN] - quantile) < np.diff(OFF_MM).max()
+    share = (rank - 1) / len(OFF_MM)
+    assert tuned.after.interfering_share == pytest.approx(share, abs=1.01 / len(OFF_MM))
+    best = tuned.values[MARGIN] + OFF_MM
+    cost = np.mean(np.maximum(best, 0) + weight * np.maximum(-best, 0)) * PER_MM
+    assert tuned.after.cost_deg == pytest.approx(cost, abs=2e-5)
+    assert tuned.improved and tuned.after.cost_deg < tuned.before.cost_deg
 
 
 @pytest.mark.slow
@@ -105,7 +105,13 @@ CHANGES: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("name", CHANGES)
+SLOW = {"draws", "interference_weight", "objective"}
+"""The believed map, the quantiles and the limits say as much in the quick tests."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=pytest.mark.slow if one in SLOW else ()) for one in CHANGES]
+)
 def test_every_argument_changes_what_is_found(base, name):
     changed = CHANGES[name]
     other = scattered(**{"maps" if isinstance(changed, Maps) else name: changed})
@@ -218,6 +224,7 @@ def test_a_controller_without_settings_is_refused():
 GAP, JUMP = "map.constant_backlash_deg", "judgement.jump_s"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.5, 1.7])
 def test_the_compensation_of_the_motor_ends_at_the_gap_of_the_plant(start):
     """Whether it begins with too little or too much."""
@@ -232,6 +239,7 @@ def test_the_compensation_of_the_motor_ends_at_the_gap_of_the_plant(start):
     assert found.spec.map.constant_backlash_deg == found.values[GAP]
 
 
+@pytest.mark.slow
 def test_a_shaft_that_is_thrown_back_is_said():
     spec = spec_of("feedforward", plant="rigid", map__constant_backlash_deg=0.06)
     assert any("jump_s" in note for note in tune(spec, PAIR).notes)

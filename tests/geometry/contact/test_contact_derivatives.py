@@ -153,6 +153,7 @@ def test_tip_edges_move_with_the_addendum(flank):
     np.testing.assert_allclose(on_flank["addendum"], 0.0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_contact_at_the_end_of_the_face_moves_with_the_width():
     slopes, differences = slopes_of(ANGLES, width=18.0, tilt=2e-4)
     np.testing.assert_allclose(slopes["width"], differences["width"], rtol=1e-6)
@@ -214,7 +215,8 @@ def bends_of(function, arguments, direction):
     return bend, (4 * differences(0.05) - differences(0.1)) / 3
 
 
-@pytest.mark.parametrize("flank", ["A", pytest.param("B", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("flank", ["A", "B"])
 def test_second_derivatives_of_perfect_gears_are_those_of_the_exact_relation(flank):
     """In all eccentricities and in the driving angle, for a batch of angles."""
     pair = gears((0.0, 0.0), helix=(3.0, 3.0))

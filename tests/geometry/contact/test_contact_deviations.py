@@ -53,6 +53,7 @@ def errors(flank: Flank, given: Deviations, pair=PAIR, rig=SHIFTED) -> np.ndarra
     return np.asarray(model.transmission_error(ANGLES, flank))
 
 
+@pytest.mark.slow
 def test_a_constant_deviation_turns_the_contact_by_itself_over_the_base_radius():
     """Material on either gear pushes the driven one on, on its own flank alone."""
     for flank in FLANKS:

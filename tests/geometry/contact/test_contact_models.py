@@ -38,6 +38,7 @@ def test_the_backlash_map_of_the_surfaces_is_the_exact_one(paper_pair, rig):
     assert found.safe_closing_mm == pytest.approx(exact.safe_closing_mm, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_tables_for_the_simulator(paper_pair, rig):
     """Few nodes, whose tables are those of the exact relation."""
     found, exact = (
@@ -85,6 +86,7 @@ def test_curves_of_the_surfaces(paper_pair, rig):
     assert curve.peak_to_peak == pytest.approx(float(np.ptp(span)), abs=1e-14)
 
 
+@pytest.mark.slow
 def test_eccentricities_come_back_from_contact(paper_pair, rig):
     """Gauss–Newton on the contact itself, from half of the truth."""
     import jax

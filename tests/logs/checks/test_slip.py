@@ -54,7 +54,8 @@ def test_silent_without_a_slip(options):
     assert found(rig(**options)) is None
 
 
-@settings(max_examples=10)
+@pytest.mark.slow
+@settings(max_examples=25)
 @given(
     st.sampled_from([0.1, -0.1, 0.03, -0.5]),
     st.sampled_from([1.7, 3.3, 9.1, 12.8, 17.0]),
@@ -80,7 +81,10 @@ def test_the_rig_of_the_paper():
     assert seen.size_deg == pytest.approx(0.1, abs=0.005)
 
 
-@pytest.mark.parametrize("count", [2, 4, 6, 9])
+@pytest.mark.parametrize(
+    "count",
+    [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(6, marks=pytest.mark.slow), 9],
+)
 def test_slips_do_not_hide_each_other(count):
     """An encoder that loses 0.05° again and again: place and size of every loss are told."""
     log = rig(passes=6)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .autoregression import whitening_filter
+from .well_conditioned import orthonormal_basis
 
 _HIGHEST_ORDER = 16
 _ROWS_PER_LAG = 12
@@ -68,8 +69,9 @@ def fit_student_noise(
     """
     scale = max(float(np.ptp(values)), 1e-300)
     size = np.linalg.norm(columns, axis=0)
-    scaled, columns = values / scale, columns / np.where(size > 0, size, 1.0)
-    first = scaled - columns @ np.linalg.lstsq(columns, scaled, rcond=1e-9)[0]
+    columns = orthonormal_basis(columns / np.where(size > 0, size, 1.0), 1e-9)
+    scaled = values / scale
+    first = scaled - columns @ (columns.T @ scaled)
     least = (floor / scale) ** 2
     here = [(NoiseFit(-np.inf, 0, first, np.ones(len(values))), order)]
     here += [(replace(one, residual=one.residual / scale), one.order) for one in starts]
@@ -102,26 +104,39 @@ def _iterated(
     for _ in range(_ROUNDS):
         used = _order(residual, weight, highest, least) if order is None else order
         past = sliding_window_view(residual, used + 1)[:, ::-1]
-        root = np.sqrt(weight[used:])
-        ridge = np.sqrt(least * len(past)) * np.eye(used)
-        earlier = np.vstack([past[:, 1:] * root[:, None], ridge])
-        now = np.append(past[:, 0] * root, np.zeros(used))
-        taps = np.linalg.lstsq(earlier, now, rcond=None)[0]
+        shares = weight[used:, None]
+        taps = _solution(past[:, 1:], shares, past[:, 0], ridge=least * len(past))
         filter_ = np.concatenate([[1.0], -taps])[::-1]
-        floor = least * float(filter_ @ filter_)  # variance of that white noise when filtered
         whitened = sliding_window_view(columns, used + 1, axis=0) @ filter_
         target = sliding_window_view(values, used + 1) @ filter_
-        solution = np.linalg.lstsq(whitened * root[:, None], target * root, rcond=1e-9)[0]
+        solution = _solution(whitened, shares, target)
         residual = values - columns @ solution
         innovation = target - whitened @ solution
-        found, seen = _best_likelihood(innovation, floor, free)
-        likelihood = found * len(values) / len(innovation)
+        # The variance of that white noise when filtered is the least of the innovations.
+        found, scales = _likelihoods(innovation, least * float(filter_ @ filter_))
+        seen = int(np.argmax(np.where(np.array(_FREEDOMS) >= free, found, -np.inf)))
+        likelihood = float(found[seen]) * len(values) / len(innovation)
         if likelihood > best.log_likelihood:
-            best = NoiseFit(likelihood, used, residual, weight.copy(), seen)
-        square = float(_scales(innovation, np.array([freedom]), floor)[0])
-        weight[used:] = (freedom + 1) / (freedom + innovation**2 / square)
+            best = NoiseFit(likelihood, used, residual, weight.copy(), _FREEDOMS[seen])
+        weight[used:] = (freedom + 1) / (freedom + innovation**2 / scales[_FREEDOMS.index(freedom)])
         weight[:used] = 1.0
     return best
+
+
+def _solution(
+    columns: Float[np.ndarray, "n p"],
+    weight: Float[np.ndarray, "n 1"],
+    values: Float[np.ndarray, " n"],
+    ridge: float = 0.0,
+) -> Float[np.ndarray, " p"]:
+    """Return the solution of weighted least squares from its normal equations.
+
+    `ridge` is added to their diagonal, at least what rounding changes there.
+    """
+    weighted = columns * weight
+    products = weighted.T @ columns
+    ridge = max(ridge, np.finfo(float).eps * np.trace(products), np.finfo(float).tiny)
+    return np.linalg.solve(products + ridge * np.eye(len(products)), weighted.T @ values)
 
 
 def _order(
@@ -140,30 +155,19 @@ def _order(
     return len(whitening_filter(products / len(values), len(values))) - 1
 
 
-def _scales(
-    innovation: Float[np.ndarray, " n"], freedoms: Float[np.ndarray, " k"], least: float
-) -> Float[np.ndarray, " k"]:
-    """Return the square of the scale s with the largest likelihood for each of `freedoms`.
+def _likelihoods(
+    innovation: Float[np.ndarray, " n"], least: float
+) -> tuple[Float[np.ndarray, " freedoms"], Float[np.ndarray, " freedoms"]]:
+    """Return for each of `_FREEDOMS` the largest ln L of the innovations over s² ≥ `least`, and s².
 
-    The result is at least `least`.
+    Here s is the scale of Student's distribution.
     """
-    least = max(least, 1e-300)
-    squares, count = innovation**2, len(innovation)
-    found = np.full(len(freedoms), max(float(squares.sum()) / count, least))
+    squares, freedoms = innovation**2, np.array(_FREEDOMS)[:, None]
+    scales = np.full_like(freedoms, max(squares.mean(), least, 1e-300))
     for _ in range(_SCALES):
-        weight = (freedoms + 1)[:, None] / (freedoms[:, None] + squares / found[:, None])
-        found = np.maximum(weight @ squares / count, least)
-    return found
-
-
-def _best_likelihood(
-    innovation: Float[np.ndarray, " n"], least: float, free: float
-) -> tuple[float, float]:
-    """Return the largest ln L of the innovations over scale and ν ≥ `free`, and this ν."""
-    count, freedoms = len(innovation), np.array(_FREEDOMS)
-    width = freedoms * _scales(innovation, freedoms, least)
-    constant = _LOG_RATIO - 0.5 * np.log(np.pi * width)
-    tails = np.log1p(innovation**2 / width[:, None]).sum(axis=1)
-    found = np.where(freedoms >= free, count * constant - 0.5 * (freedoms + 1) * tails, -np.inf)
-    best = int(np.argmax(found))
-    return float(found[best]), float(freedoms[best])
+        shares = (freedoms + 1) / (freedoms + squares / scales)
+        scales = np.maximum((shares @ squares / len(squares))[:, None], max(least, 1e-300))
+    width = freedoms * scales
+    logs = _LOG_RATIO - 0.5 * np.log(np.pi * width[:, 0])
+    tails = 0.5 * (freedoms + 1) * np.log1p(squares / width)
+    return len(squares) * logs - tails.sum(axis=1), scales[:, 0]

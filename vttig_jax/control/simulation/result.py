@@ -68,6 +68,12 @@ def _sentences(run: "Simulation") -> Iterator[str]:
             f" {_angle(values['thrown_back_deg'])} of the gap: it crosses the gap too"
             f" quickly; choose a longer judgement.jump_s than {run.spec.judgement.jump_s:g} s."
         )
+    rest = float(run.case.motion.duration_s) - float(run.case.motion.turn_s)
+    if run.turns and run.controller == "feedforward" and run.spec.judgement.jump_s > rest:
+        yield (
+            f"The motor is still crossing the gap when the run ends, {rest:.3g} s after the turn;"
+            f" choose a shorter judgement.jump_s than {run.spec.judgement.jump_s:g} s."
+        )
     if outcome != "ok":
         yield _ending(run)
     if t.interference > NEAR_MM and not t.blocked:
