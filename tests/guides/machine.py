@@ -18,7 +18,7 @@ from tests.control.compensation.linuxcnc import moved
 from tests.control.compensation.test_linuxcnc import gears
 from vttig_jax.base.units import ARCSEC, DEG
 
-PACE, EVERY, AFTER = 120.0, 5, 100
+PACE, EVERY, AFTER = 240.0, 3, 100
 """Speed of the axis, °/s; samples of 1 ms to a row; samples that are kept of a standstill, whose
 length depends on how busy the computer is."""
 

@@ -103,7 +103,7 @@ HOME_HERE = "HOME_OFFSET = 0\nHOME = 0\n"
 def home_at(switch_deg: float, offset_deg: float) -> str:
     """An axis that finds a switch of the motor at an angle, and calls this place `offset_deg`."""
     return (
-        f"HOME_SEARCH_VEL = 40\nHOME_LATCH_VEL = 0.05\nHOME_OFFSET = {offset_deg:.7f}\nHOME = 0\n"
+        f"HOME_SEARCH_VEL = 20\nHOME_LATCH_VEL = 0.05\nHOME_OFFSET = {offset_deg:.7f}\nHOME = 0\n"
         f"HOME_FINAL_VEL = 100\nSWITCH_DEG = {switch_deg}\n"
     )
 

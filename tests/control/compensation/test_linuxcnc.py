@@ -15,7 +15,7 @@ from vttig_jax.control.compensation.correction import (
     left_over,
     size,
 )
-from vttig_jax.control.compensation.table_formats import linuxcnc
+from vttig_jax.control.compensation.table_formats import linuxcnc, read_linuxcnc
 from vttig_jax.identify.identification import fit
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_error import errors_at
@@ -200,6 +200,25 @@ def test_a_table_from_a_noisy_log_leaves_what_its_band_says(second):
         low, high = fitted.after95[direction]
         assert low <= size(left).rms <= high
         assert size(left).rms < 0.05 * size(left_over(truth, None, direction, where)).rms
+
+
+def test_linuxcnc_reads_of_a_file_what_the_check_says(tmp_path):
+    """A comment first, a blank line, and lines of the longest length and one character more."""
+    rows = [f"{10 * k} 0.0{k} -0.0{k}" for k in range(1, 7)]
+    long = [
+        f"{row} ; ".ljust(length, "x") for row, length in zip(rows[2:4], (253, 254), strict=True)
+    ]
+    files = [["# angle", *rows], [*rows[:3], "", *rows[3:]], [*rows[:2], *long, *rows[4:]]]
+    texts = ["\n".join([*lines, "70+.01-.02", "end"]) + "\n" for lines in files]
+    moves = ["G1 F6000 A80 B80 C80", "G4 P0.2"]
+    command, motor, speed = moved(tmp_path, texts, moves)
+    steady = speed[:, 0] > 0.999 * speed[:, 0].max()
+    assert steady.sum() > 500
+    for text, rows, asked, stood in zip(texts, (0, 3, 4), command.T, motor.T, strict=True):
+        held = read_linuxcnc(text).rows
+        assert len(held) == rows
+        added = np.interp(asked[steady], held[:, 0], held[:, 1]) if rows else 0.0
+        np.testing.assert_allclose(stood[steady] - asked[steady], added, atol=2e-6)
 
 
 SWITCH = 10.0

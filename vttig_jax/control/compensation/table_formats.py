@@ -88,7 +88,7 @@ FAULTS = {
     "comma": "has a comma: LinuxCNC ends its table there; separate numbers by blanks, and write"
     " decimals with a point",
     "blank-line": "is blank: LinuxCNC ends its table there; remove it",
-    "long-line": f"is longer than {_LINE} characters: LinuxCNC ends its table there; shorten it",
+    "long-line": f"is longer than {_LINE} characters: LinuxCNC ends its table behind it; cut it",
     "no-numbers": "does not begin with three numbers: LinuxCNC ends its table there; move it behind"
     " the last row",
     "no-rows": "and all others do not begin with three numbers; give position, forward and reverse",
@@ -144,24 +144,24 @@ def read_linuxcnc(text: str) -> CompFile:
     rows, faults, lines = [], {}, text.removesuffix("\n").split("\n")
     for number, line in enumerate(lines, 1):
         found = _ROW.match(line)
-        slug = None
+        if found is not None:
+            row, slug = np.array(found.groups(), float), None
+            if not np.isfinite(row).all():
+                slug = "not-finite"
+            elif rows and np.float32(row[0]) <= np.float32(rows[-1][0]):
+                slug = "not-increasing"
+            elif len(rows) == LINUXCNC_ROWS:
+                slug = "too-many-rows"
+            if slug is None:
+                rows.append(row)
+            else:
+                faults.setdefault(slug, []).append(number)
         if found is None or len(line) > _LINE:
-            if any(map(_LIKE_A_ROW.match, lines[number - 1 :])):
-                seen = (not line.strip(), len(line) > _LINE, "," in line, True)
-                slug = ("blank-line", "long-line", "comma", "no-numbers")[seen.index(True)]
+            if any(map(_LIKE_A_ROW.match, lines[number - (found is None) :])):
+                seen = (found is not None, not line.strip(), "," in line, True)
+                slug = ("long-line", "blank-line", "comma", "no-numbers")[seen.index(True)]
                 faults[slug] = [number]
             break
-        row = np.array(found.groups(), float)
-        if not np.isfinite(row).all():
-            slug = "not-finite"
-        elif rows and np.float32(row[0]) <= np.float32(rows[-1][0]):
-            slug = "not-increasing"
-        elif len(rows) == LINUXCNC_ROWS:
-            slug = "too-many-rows"
-        if slug is None:
-            rows.append(row)
-        else:
-            faults.setdefault(slug, []).append(number)
     held = np.array(rows, float).reshape(-1, 3)
     added, off = np.abs([held[:, 1:], held[:, 1:] - held[:, :1]]).sum(axis=(1, 2))
     kind = 1 if 2 * added < off else 0 if 2 * off < added else None
