@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.report.words import meanings
 
 
@@ -22,3 +23,24 @@ def test_every_parameter_of_a_fit_has_one_meaning(run_folder):
     names = [*fitted["parameters"], "driving_amplitude_arcsec", "gap_over_angles_covered", "ratio"]
     assert len(names) > 10
     assert [name for name in names if name not in " ".join(meanings(name))] == []
+
+
+def test_the_fields_of_error_tables_have_a_meaning():
+    common = {
+        "schema",
+        "source",
+        "pair",
+        "sha256",
+        "quantity",
+        "meaning",
+        "sentence",
+        "logs",
+        "ini",
+    }
+    common |= {"value", "change", "conditional_on", "zero_readings"}
+    for name in ("vttig.correction/1", "vttig.verify/1"):
+        schema = load_schema(name)
+        items = schema["properties"].get("logs", {}).get("items", {}).get("properties", {})
+        own = {*schema["properties"], *items} - common
+        assert len(own) > 4 and [word for word in own if not meanings(word)] == []
+    assert meanings("over-compensation") == meanings("over_compensation_deg") != {}

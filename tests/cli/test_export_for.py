@@ -8,6 +8,7 @@ import pytest
 
 from tests.cli.test_error_quantity import GAP_ARCSEC, error_arcsec, fitted, worm_arcsec
 from vttig_jax.base.files.json_io import load_schema
+from vttig_jax.control.compensation.table_formats import read_linuxcnc
 
 
 @pytest.fixture(scope="module")
@@ -41,16 +42,11 @@ def left_arcsec(rows, flank, column, shift_deg=0.0):
     return 3600 * added + error_arcsec(flank, driving) - level
 
 
-def linuxcnc_rows(path):
-    lines = path.read_text().splitlines()
-    return np.array([line.split() for line in lines if not line.startswith(";")], float)
-
-
 def test_a_table_takes_out_the_error_of_both_directions(export, both):
     code, record, out = export(both, "linuxcnc", "--acceleration-deg-s2", "1000")
     assert code == 0
     jsonschema.validate(record, load_schema("vttig.correction/1"))
-    rows = linuxcnc_rows(out)
+    rows, *_ = read_linuxcnc(out.read_text())
     assert len(rows) == 256 and record["ini"] == {"COMP_FILE": "table", "COMP_FILE_TYPE": 1}
     for column, (flank, name) in enumerate((("A", "forward"), ("B", "reverse")), 1):
         left = left_arcsec(rows, flank, column)
@@ -144,3 +140,37 @@ def test_the_mean_of_the_turns(export, run_folder):
     for name, before in record["before_arcsec"].items():
         assert record["after_arcsec"][name]["rms"] < before["rms"]
     assert json.dumps(record)
+
+
+def test_what_linuxcnc_would_read_of_a_file(vttig, vttig_json, export, both):
+    *_, out = export(both, "linuxcnc")
+    code, record = vttig_json("inspect", out, "--for", "linuxcnc")
+    assert code == 0 and (record["rows"], record["comp_file_type"]) == (256, 1)
+    jsonschema.validate(record, load_schema("vttig.comp-file/1"))
+    code, said, _ = vttig("inspect", out, "--for", "linuxcnc")
+    assert code == 0 and "COMP_FILE_TYPE" in said
+    assert vttig("inspect", out, "--for", "linuxcnc", "--ratio", "1:2")[0] == 2
+    out.write_text("# forward, reverse\n1, 2, 3\n")
+    code, record = vttig_json("inspect", out, "--for", "linuxcnc")
+    assert code == 3 and "Line 1 " in record["message"]
+    assert vttig("inspect", out.with_name("none"), "--for", "linuxcnc")[0] == 3
+
+
+def test_beckhoff_is_twincat_and_c_is_a_header(export, both):
+    texts = []
+    for control in ("twincat", "beckhoff", "c"):
+        *_, out = export(both, control, "--name", "axis_2", "--overwrite")
+        texts.append(out.read_text())
+    assert texts[0] == texts[1] and "axis_2_forward_deg(double position_deg)" in texts[2]
+    code, _, _ = export(both, "c", "--name", "2 x", "--overwrite")
+    assert code == 2
+
+
+@pytest.mark.parametrize("name", ["run.toml", "fit.json", "summary.npz", "pair.toml", "../log.csv"])
+def test_a_file_of_the_run_itself_is_never_replaced(vttig, both, name):
+    path = both / name
+    if name == "pair.toml":  # as `vttig demo --out` keeps it in its run folder
+        path.write_bytes((both.parent / name).read_bytes())
+    kept = path.read_bytes()
+    code, _, _ = vttig("export", both, "--for", "csv", "--out", path, "--overwrite")
+    assert code == 3 and path.read_bytes() == kept

@@ -51,6 +51,12 @@ ARITHMETIC = """
         y[3] = y[4] = 0.0;
 """
 
+TABLE = """
+        y[0] = {name}_forward_deg(x[0]);
+        y[1] = {name}_reverse_deg(x[0]);
+        y[2] = y[3] = y[4] = 0.0;
+"""
+
 READINGS = """
         y[0] = {name}_driving_rad(x[0]);
         y[1] = {name}_driven_rad(x[1]);

@@ -4,9 +4,11 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 import tomli_w
 
 from tests.cli.drive import write_drive
+from tests.control.compensation.linuxcnc import why_not
 from tests.guides.pages import REPOSITORY, fences, text_of
 from vttig_jax.cli.verbs.demo import log_csv
 from vttig_jax.pair.gear_pair import spec_of
@@ -94,6 +96,12 @@ def with_worm(folder: Path) -> None:
     shutil.copytree(REPOSITORY / worm, folder / worm)
 
 
+def with_linuxcnc(folder: Path) -> None:
+    """Leave the folder empty; the page is skipped where LinuxCNC cannot run."""
+    if reason := why_not():
+        pytest.skip(f"LinuxCNC: {reason}")
+
+
 def with_nothing(folder: Path) -> None:
     """Leave the folder empty."""
 
@@ -101,6 +109,7 @@ def with_nothing(folder: Path) -> None:
 HAVE: dict[str, Callable[[Path], None]] = {
     "README.md": with_nothing,
     "docs/calibration.md": with_nothing,
+    "docs/commissioning.md": with_linuxcnc,
     "docs/from_log_to_map.md": with_nothing,
     "docs/gear.md": with_fits,
     "docs/logs.md": with_own_log,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 SWEEP = "sweep.parquet"
 
-_FILES = ("run.toml", "fit.json", "summary.npz", "posterior.json")
+_FILES = ("run.toml", "pair.toml", "fit.json", "summary.npz", "posterior.json")
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,10 @@
 It is isolated from every other process: private mounts, processes, shared memory and network.
 """
 
+import re
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,23 +32,43 @@ sampler = subprocess.Popen(["halsampler"], stdout=samples)
 for state in (linuxcnc.STATE_ESTOP_RESET, linuxcnc.STATE_ON):
     command.state(state)
     command.wait_complete(20)
-command.mode(linuxcnc.MODE_MANUAL)
-command.wait_complete(20)
-for joint in range(JOINTS):
-    command.home(joint)
-for _ in range(200):
-    time.sleep(0.05)
-    status.poll()
-    if all(status.homed[:JOINTS]):
-        break
-command.teleop_enable(1)
-command.wait_complete(20)
-command.mode(linuxcnc.MODE_MDI)
-command.wait_complete(20)
+def manual():
+    command.mode(linuxcnc.MODE_MANUAL)
+    command.wait_complete(20)
+    command.teleop_enable(0)
+    command.wait_complete(20)
+
+def home():
+    manual()
+    command.home(-1)
+    time.sleep(0.3)
+    for _ in range(400):
+        time.sleep(0.05)
+        status.poll()
+        if all(status.homed[:JOINTS]):
+            break
+    command.teleop_enable(1)
+    command.wait_complete(20)
+    command.mode(linuxcnc.MODE_MDI)
+    command.wait_complete(20)
+
+def jog(distance):
+    manual()
+    command.unhome(-1)
+    command.wait_complete(20)
+    for joint in range(JOINTS):
+        command.jog(linuxcnc.JOG_INCREMENT, True, joint, 100, distance)
+    time.sleep(abs(distance) / 100 + 0.5)
+
 for line in open("moves.txt"):
-    command.mdi(line.strip())
-    while command.wait_complete(60) == -1:
-        pass
+    if line.startswith("JOG"):
+        jog(float(line.split()[1]))
+    elif line.startswith("HOME"):
+        home()
+    else:
+        command.mdi(line.strip())
+        while command.wait_complete(60) == -1:
+            pass
 time.sleep(0.3)
 with open("messages.txt", "w") as out:
     while message := errors.poll():
@@ -74,12 +96,26 @@ def why_not() -> str | None:
     )
 
 
+HOME_HERE = "HOME_OFFSET = 0\nHOME = 0\n"
+"""An axis that is homed where it stands."""
+
+
+def home_at(switch_deg: float, offset_deg: float) -> str:
+    """An axis that finds a switch of the motor at an angle, and calls this place `offset_deg`."""
+    return (
+        f"HOME_SEARCH_VEL = 20\nHOME_LATCH_VEL = 0.05\nHOME_OFFSET = {offset_deg:.7f}\nHOME = 0\n"
+        f"HOME_FINAL_VEL = 100\nSWITCH_DEG = {switch_deg}\n"
+    )
+
+
 def moved(
-    folder: Path, tables: list[str], moves: list[str]
+    folder: Path, tables: list[str], moves: list[str], homing: Sequence[str] = (HOME_HERE,) * 3
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Move the axes A, B, … with one table each, and return what was sampled each millisecond.
 
-    A machine on which the controller does not end in time skips the test.
+    A move is a line of G-code; the line HOME homes all axes, first of all by default, and the line
+    JOG 37 moves them by 37° unhomed. `homing` are lines of the INI file for each axis. An empty
+    table is none. A machine on which the controller does not end in time skips the test.
 
     **Returns** command, motor position and speed, °, shapes (samples, axes).
     """
@@ -88,12 +124,14 @@ def moved(
     source.mkdir()
     for number, table in enumerate(tables):
         (source / f"axis_{number}.comp").write_text(table)
+    if "HOME" not in moves:
+        moves = ["HOME", *moves]
     (source / "moves.txt").write_text("\n".join(moves) + "\n")
     drive = source / "drive.py"
     drive.write_text(_DRIVE.replace("JOINTS", str(len(tables))))
     drive.chmod(0o755)
     (source / "axis.nml").write_text(_nml())
-    (source / "axis.ini").write_text(_ini(axes))
+    (source / "axis.ini").write_text(_ini(axes, homing))
     joined = {
         "pos-cmd": "command",
         "motor-pos-cmd": "motor",
@@ -103,6 +141,7 @@ def moved(
         f"loadrt trivkins coordinates={axes}",
         f"loadrt motmod servo_period_nsec={round(1e9 * SERVO_S)} num_joints={len(tables)}",
         f"loadrt sampler depth=60000 cfg={'fff' * len(tables)}",
+        f"loadrt comp count={len(tables)}",
         "addf motion-command-handler servo-thread",
         "addf motion-controller servo-thread",
         "addf sampler.0 servo-thread",
@@ -115,6 +154,13 @@ def moved(
             hal.append(
                 f"net {name}{joint} joint.{joint}.{pin} =>{back} sampler.0.pin.{3 * joint + place}"
             )
+        if switch := re.search("SWITCH_DEG = (.*)", homing[joint]):
+            hal += [
+                f"setp comp.{joint}.in0 {switch[1]}",
+                f"net motor{joint} => comp.{joint}.in1",
+                f"net switch{joint} comp.{joint}.out => joint.{joint}.home-sw-in",
+                f"addf comp.{joint} servo-thread",
+            ]
     (source / "axis.hal").write_text("\n".join(hal) + "\n")
     result = folder / "result"
     result.mkdir()
@@ -163,7 +209,7 @@ def _nml() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _ini(axes: str) -> str:
+def _ini(axes: str, homing: Sequence[str]) -> str:
     limits = (
         f"MIN_LIMIT = -100000\nMAX_LIMIT = 100000\nMAX_VELOCITY = {SPEED_DEG_S}\n"
         f"MAX_ACCELERATION = {ACCELERATION_DEG_S2}\n"
@@ -184,7 +230,7 @@ def _ini(axes: str) -> str:
         parts.append(f"[AXIS_{axis}]\n{limits}")
         parts.append(
             f"[JOINT_{joint}]\nTYPE = ANGULAR\n{limits}FERROR = 10\nMIN_FERROR = 10\n"
-            "HOME_SEQUENCE = 0\nHOME = 0\nHOME_OFFSET = 0\n"
+            f"HOME_SEQUENCE = 0\n{homing[joint]}"
             f"COMP_FILE = axis_{joint}.comp\nCOMP_FILE_TYPE = 1\n"
         )
     return "".join(parts)

@@ -6,8 +6,10 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from tests.control.headers import TABLE, called, compiled, needs_cc
 from vttig_jax.base.errors import NoAnswerError, UsageError
 from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.control.compensation.c_header import table_header
 from vttig_jax.control.compensation.correction import (
     AxisError,
     CorrectionTable,
@@ -16,7 +18,13 @@ from vttig_jax.control.compensation.correction import (
     left_over,
     size,
 )
-from vttig_jax.control.compensation.table_formats import csv, linuxcnc, plain, twincat
+from vttig_jax.control.compensation.table_formats import (
+    csv,
+    linuxcnc,
+    plain,
+    read_linuxcnc,
+    twincat,
+)
 from vttig_jax.pair.gear_pair import Flank
 
 FLANKS: tuple[Flank, ...] = get_args(Flank)
@@ -124,29 +132,76 @@ def table() -> CorrectionTable:
 
 
 def test_a_linuxcnc_file_gives_the_curve(table):
-    text = linuxcnc(table, ("pair *) G0 A0 ; of\nÖ", "x" * 400))
-    rows = [line.split() for line in text.splitlines() if not line.startswith(";")]
-    assert len(rows) == 256 and all(len(row) == 3 for row in rows)
-    assert text.splitlines().index(next(t for t in text.splitlines() if t[0] == ";")) == 256
+    text = linuxcnc(table, ("pair *) G0 A0 ; of\nÖ", "x" * 400, "2026-11-28 1 2 3"))
+    rows, kind, faults = read_linuxcnc(text)
+    assert (rows.shape, kind, faults) == ((256, 3), 1, {})
+    assert all(line.startswith(";") for line in text.splitlines()[256:])
     assert max(map(len, text.splitlines())) < 255 and text.isascii()
-    found = np.array(rows, float) * DEG
-    np.testing.assert_allclose(found[:, 0], table.positions, atol=0.5e-7 * DEG)
+    np.testing.assert_allclose(rows[:, 0] * DEG, table.positions, atol=0.5e-7 * DEG)
     for column, name in ((1, "forward"), (2, "reverse")):
-        np.testing.assert_allclose(found[:, column], table.values[name], atol=0.5e-9 * DEG)
+        np.testing.assert_allclose(rows[:, column] * DEG, table.values[name], atol=0.5e-9 * DEG)
 
 
-def test_linuxcnc_holds_256_increasing_rows():
-    with pytest.raises(UsageError, match="256"):
-        linuxcnc(correction_table(axis_of(3), 0.0, REV, REV / 256), ())
-    narrow = CorrectionTable(1e3 * REV + np.arange(3) * 1e-9, {"forward": np.zeros(3)})
-    with pytest.raises(UsageError, match="single precision"):
-        linuxcnc(narrow, ())
+ROWS = [f"{10 * k} 0.0{k} -0.0{k}" for k in range(1, 7)]
+"""Six rows of corrections; those below are what stands at a line, and what LinuxCNC makes of it."""
+
+FOREIGN = {
+    "a comment first": (0, "# angle forward reverse", 0, "no-numbers", 1),
+    "letters in between": (3, "deg deg deg", 3, "no-numbers", 4),
+    "a blank line": (3, "", 3, "blank-line", 4),
+    "blanks alone": (3, "  \t", 3, "blank-line", 4),
+    "a long line": (3, "35 0 0 ; " + "x" * 250, 4, "long-line", 4),
+    "a long comment": (0, "# " + "x" * 300, 0, "no-numbers", 1),
+    "commas": (2, "25, 0.01, 0.02", 2, "comma", 3),
+    "decimal commas": (2, "25,5 0,01 0,02", 2, "comma", 3),
+    "twice": (3, ROWS[2], 6, "not-increasing", 4),
+    "back": (3, "5 0 0", 6, "not-increasing", 4),
+    "the same in single precision": (3, "30.0000001 0 0", 6, "not-increasing", 4),
+    "no number": (3, "35 nan 0", 6, "not-finite", 4),
+    "no end": (6, "inf 0 0", 6, "not-finite", 7),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_what_linuxcnc_does_without_a_word_is_named(name):
+    place, line, rows, slug, number = FOREIGN[name]
+    found = read_linuxcnc("\n".join([*ROWS[:place], line, *ROWS[place:], ""]))
+    assert len(found.rows) == rows
+    assert found.faults == {slug: [number]}
+    (said,) = found.sentences
+    assert said.startswith(f"Line {number} ")
+
+
+@pytest.mark.parametrize("end", ["", "; made by hand", "\n\nmade in 2026\n", " \r"])
+def test_what_stands_behind_the_rows_does_no_harm(end):
+    lines = [f"  {row} ; {'x' * 200}\r" for row in ROWS]
+    found = read_linuxcnc("\n".join([*lines, end]))
+    assert (len(found.rows), found.type, found.faults) == (6, 1, {})
+
+
+def test_numbers_need_no_blank_between_them():
+    """A date is three numbers, as `sscanf` reads it."""
+    found = read_linuxcnc("\n".join([*ROWS, "2026-11-28"]))
+    np.testing.assert_array_equal(found.rows[-1], [2026, -11, -28])
+
+
+def test_the_type_is_that_of_the_numbers():
+    positions = "\n".join(f"{10 * k} {10 * k}.01 {10 * k - 0.01}" for k in range(1, 7))
+    assert read_linuxcnc(positions).type == 0
+    assert list(read_linuxcnc("1 0.5 0.5\n2 1.0 1.0\n").faults) == ["type-unclear"]
+
+
+def test_no_rows_and_too_many():
+    for text in ("", "\n", "no table"):
+        assert list(read_linuxcnc(text).faults) == ["no-rows"]
+    many = read_linuxcnc("\n".join(f"{k} 0.001 0.002" for k in range(1, 300)))
+    assert len(many.rows) == 256 and many.faults == {"too-many-rows": list(range(257, 300))}
 
 
 def test_one_direction_has_the_values_of_the_other(table):
     alone = CorrectionTable(table.positions, {"reverse": table.values["reverse"]})
-    rows = [line.split() for line in linuxcnc(alone, ()).splitlines()]
-    assert all(forward == reverse for _, forward, reverse in rows)
+    rows, *_ = read_linuxcnc(linuxcnc(alone, ()))
+    np.testing.assert_array_equal(rows[:, 1], rows[:, 2])
 
 
 def test_structured_text_and_csv_give_the_curve(table):
@@ -162,6 +217,26 @@ def test_structured_text_and_csv_give_the_curve(table):
     np.testing.assert_allclose(found[:, 2], table.values["reverse"], atol=0.5e-9 * DEG)
 
 
+@needs_cc
+def test_c_gives_the_curve(table, tmp_path):
+    text = table_header(table, ("*/ int evil; /*", "Ö"), name="axis")
+    program = compiled(tmp_path, text, "axis", TABLE)
+    start, stop = np.degrees(table.positions[[0, -1]])
+    asked = np.linspace(start - 20, stop + 20, 20_001)
+    found = called(program, asked, 0.0, 0.0)
+    for row, name in zip(found, ("forward", "reverse"), strict=False):
+        # Equal steps are within half a digit of single precision of the positions.
+        np.testing.assert_allclose(row, np.degrees(table.at(name, asked * DEG)), atol=1e-7)
+    assert not called(program, np.nan, 0.0, 0.0).any()
+    far = called(program, [-np.inf, np.inf], 0.0, 0.0)
+    np.testing.assert_array_equal(far[0], np.degrees(table.values["forward"][[0, -1]]))
+    alone = CorrectionTable(table.positions, {"reverse": table.values["reverse"]})
+    assert "axis_forward_deg" not in table_header(alone, (), name="axis")
+    with pytest.raises(UsageError):
+        table_header(table, (), name="2x")
+
+
 def test_no_name_becomes_code():
     assert "*)" not in plain("a *) b") and "\n" not in plain("a\nb")
+    assert "*/" not in plain("**/ /*/") and "/*" not in plain("**/ /*/")
     assert plain("3″ at 5°") == "3arcsec at 5 deg"

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from tests.control.compensation.linuxcnc import moved, why_not
+from tests.control.compensation.linuxcnc import HOME_HERE, home_at, moved, why_not
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.compensation.correction import (
     AxisError,
@@ -15,7 +15,7 @@ from vttig_jax.control.compensation.correction import (
     left_over,
     size,
 )
-from vttig_jax.control.compensation.table_formats import linuxcnc
+from vttig_jax.control.compensation.table_formats import linuxcnc, read_linuxcnc
 from vttig_jax.identify.identification import fit
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_error import errors_at
@@ -200,3 +200,59 @@ def test_a_table_from_a_noisy_log_leaves_what_its_band_says(second):
         low, high = fitted.after95[direction]
         assert low <= size(left).rms <= high
         assert size(left).rms < 0.05 * size(left_over(truth, None, direction, where)).rms
+
+
+def test_linuxcnc_reads_of_a_file_what_the_check_says(tmp_path):
+    """A comment first, a blank line, and lines of the longest length and one character more."""
+    rows = [f"{10 * k} 0.0{k} -0.0{k}" for k in range(1, 7)]
+    long = [
+        f"{row} ; ".ljust(length, "x") for row, length in zip(rows[2:4], (253, 254), strict=True)
+    ]
+    files = [["# angle", *rows], [*rows[:3], "", *rows[3:]], [*rows[:2], *long, *rows[4:]]]
+    texts = ["\n".join([*lines, "70+.01-.02", "end"]) + "\n" for lines in files]
+    moves = ["G1 F6000 A80 B80 C80", "G4 P0.2"]
+    command, motor, speed = moved(tmp_path, texts, moves)
+    steady = speed[:, 0] > 0.999 * speed[:, 0].max()
+    assert steady.sum() > 500
+    for text, rows, asked, stood in zip(texts, (0, 3, 4), command.T, motor.T, strict=True):
+        held = read_linuxcnc(text).rows
+        assert len(held) == rows
+        added = np.interp(asked[steady], held[:, 0], held[:, 1]) if rows else 0.0
+        np.testing.assert_allclose(stood[steady] - asked[steady], added, atol=2e-6)
+
+
+SWITCH = 10.0
+"""Where the motor trips the switch of an axis, °."""
+
+
+def test_where_an_axis_is_that_is_homed_with_its_table(tmp_path):
+    """The table acts before homing too, and what it adds then goes into the zero.
+
+    An axis with a switch is at the place of its switch when it latches it, however it came there.
+    One that is homed where it stands has what the table adds at its position before.
+    """
+    error = gears(40, 80)
+    table = correction_table(error, -0.5 * REV, 0.5 * REV, REV / 255).in_float32()
+
+    def added(position: float) -> float:
+        return float(table.at("forward", np.radians([position]))[0]) / DEG
+
+    offset = SWITCH - added(SWITCH)
+    here = added(-17.3) - added(0.0)  # where the mark is then
+    again = [f"G0 B{here - 1:.6f}", f"G1 F600 B{here:.6f}", "G4 P0.2", "HOME"]
+    to, stop = "G0 A20 B20", "G4 P0.3"
+    moves = ["HOME", to, stop, "JOG -37.3", "HOME", to, stop, *again, to, stop]
+    homing = [home_at(SWITCH, offset), HOME_HERE]
+    command, motor, speed = moved(tmp_path, [linuxcnc(table, ())] * 2, moves, homing)
+    still = np.all(speed == 0.0, axis=1) & np.all(np.abs(command - 20) < 1e-9, axis=1)
+    ends = np.append(np.flatnonzero(np.diff(np.flatnonzero(still)) > 1), -1)
+    switch, mark = motor[np.flatnonzero(still)[ends]].T
+    assert len(switch) == 3
+    # The axis with the switch stands where the motor is as its table says, within a period's way.
+    np.testing.assert_allclose(switch, 20 + added(20), atol=1.0 / 3600)
+    place = 20 + added(20) - 37.3 + added(-17.3) - added(20)
+    right = place + 20 + added(20) - added(0)
+    off = added(-17.3) - added(0)
+    assert abs(off) > 20 / 3600
+    assert mark[1] - right == pytest.approx(-off, abs=0.5 / 3600)
+    assert mark[2] - right == pytest.approx(0.0, abs=0.5 / 3600)

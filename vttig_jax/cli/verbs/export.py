@@ -13,7 +13,7 @@ from ...control.scenario.axes import Gap
 from ...runs.map_table import columns_of, csv_text, map_record, map_table, resolution, shift_first
 from ...runs.maps import lowered_map
 from ...runs.run import Run
-from ...runs.run_file import CHECKPOINT, RunRecord
+from ...runs.run_file import CHECKPOINT
 from ...runs.zeros import shaft_readings
 from ..axis_options import AXIS, axis_options
 from ..options import POSITIVE, STEP_DEG, Finite, given, verb
@@ -21,14 +21,13 @@ from ..output import Output
 from .map import MOST_ROWS, QuantityName, drawn
 
 if TYPE_CHECKING:
-    from ...control.compensation.c_header import HeaderOrigin
     from ...control.compensation.compensation import Compensation
     from ...identify.result import Fit
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.flank_model import FlankModel
 
-CONTROLS = ("linuxcnc", "twincat", "csv", "json")
-"""Formats of error tables."""
+CONTROLS = ("linuxcnc", "twincat", "beckhoff", "csv", "json", "c")
+"""Formats of error tables; beckhoff is another name of twincat."""
 
 _AXIS = (*AXIS, "step_deg", "quantity")
 _HARMONICS = ("tolerance_arcsec", "accuracy_arcsec", "gap", "constant_backlash_deg", "quantity")
@@ -38,9 +37,8 @@ _OPTIONS = {
     "a .h file": (*_HARMONICS, "name"),
     "--quantity error": ("step_deg", "quantity"),
     "--for linuxcnc": (*_AXIS, "acceleration_deg_s2", "servo_period_ms"),
-    "--for twincat": (*_AXIS, "name"),
-    "--for csv": _AXIS,
-    "--for json": _AXIS,
+    **dict.fromkeys(("--for twincat", "--for beckhoff", "--for c"), (*_AXIS, "name")),
+    **dict.fromkeys(("--for csv", "--for json"), _AXIS),
 }
 """What is written → the options that are valid only for some of it and valid for this."""
 
@@ -74,7 +72,8 @@ vttig export run --for linuxcnc --out axis.comp
     type=click.Choice(CONTROLS),
     help="Write the error table of the axis for a control: what it adds to the command in each"
     " direction, in degrees at equidistant positions. LinuxCNC reads it as COMP_FILE, TwinCAT as"
-    " constants of Structured Text.",
+    " constants of Structured Text (beckhoff is the same); c is a header with a function for each"
+    " direction.",
 )
 @axis_options
 @click.option(
@@ -87,7 +86,8 @@ vttig export run --for linuxcnc --out axis.comp
 )
 @click.option(
     "--name",
-    help="With .h: what all names in C begin with; made from the name of the pair by default.",
+    help="With .h and --for c: what all names in C begin with, with --for twincat what follows"
+    " axis_; made from the name of the pair by default.",
 )
 @click.option(
     "--quantity",
@@ -189,12 +189,11 @@ def command(
             )
             interval = _interval(fit) if constant_backlash_deg is None else None
             record, shown = _record(fit, compensation, out, interval), str(compensation)
-            if lowered is not None:
-                record |= {"gap": gap, "lowered_deg": lowered[1]}
+            record |= dict(zip(("gap", "lowered_deg"), lowered or (), strict=False))
             text = dumps(record) + "\n"
             if suffix == ".h":
-                origin = _origin(opened.record, fit, interval, lowered)
-                text = _header(compensation, origin, name, shift=shift)
+                prefix = _prefix(opened, name)
+                text = _header(opened, compensation, prefix, interval, lowered, shift=shift)
     if gap is None and (run_folder / CHECKPOINT).exists() and quantity != "error":
         LOGGER.warning(
             "these are the values of the fit; its draws know how far they may be wrong:"
@@ -220,6 +219,7 @@ def _axis_table(
 
     from ...base.files.json_io import dumps
     from ...control.compensation import table_formats
+    from ...control.compensation.c_header import table_header
     from ...runs.axis_table import AxisSetting, axis_table
 
     found = axis_table(run.fit, drawn(run), AxisSetting(**axis), step_deg)
@@ -235,7 +235,9 @@ def _axis_table(
         if rate[0] is not None:
             record["fastest_deg_s"] = found.fastest_deg_s(rate[0], 1e-3 * rate[1])
             shown += f"\nfollowed exactly up to {record['fastest_deg_s']:.4g}°/s"
-    elif control == "twincat":
+    elif control == "c":
+        text = table_header(found.table, lines, name=_prefix(run, name))
+    elif control in ("twincat", "beckhoff"):
         text = table_formats.twincat(found.table, lines, name or run.pair.name)
     else:
         text = table_formats.csv(found.table) if control == "csv" else dumps(record) + "\n"
@@ -255,8 +257,8 @@ def _check_options(
     if control is None and quantity == "error":
         if suffix == ".h":
             raise UsageError(
-                "a C header contains the backlash and the shift; write the transmission error to"
-                " .csv or .json.",
+                "this C header contains the backlash and the shift; write the transmission error to"
+                " .csv or .json, or the error table of an axis with --for c.",
                 where=str(out),
             )
         kind = "--quantity error"
@@ -368,14 +370,13 @@ def _whole_period(hunting_turns: int, step_deg: float) -> float:
 
     **Raises** `UsageError` for a step that gives too many rows.
     """
-    turns = float(hunting_turns)
-    if turns * 360.0 / step_deg > MOST_ROWS:
+    if hunting_turns * 360.0 / step_deg > MOST_ROWS:
+        least = math.ceil(hunting_turns * 360 / MOST_ROWS * 100) / 100
         raise UsageError(
-            f"a hunting period of {turns:g} turns in steps of {step_deg:g}° is more than"
-            f" {MOST_ROWS} rows; give --step-deg {math.ceil(turns * 360 / MOST_ROWS * 100) / 100:g}"
-            " or more."
+            f"a hunting period of {hunting_turns} turns in steps of {step_deg:g}° is more than"
+            f" {MOST_ROWS} rows; give --step-deg {least:g} or more."
         )
-    return turns
+    return float(hunting_turns)
 
 
 def _record(
@@ -394,35 +395,29 @@ def _record(
     }
 
 
+def _prefix(run: Run, name: str | None) -> str:
+    from ...control.compensation.c_header import identifier_of
+
+    return identifier_of(run.pair.name) if name is None else name
+
+
 def _header(
-    compensation: "Compensation", origin: "HeaderOrigin", name: str | None, *, shift: bool
-) -> str:
-    from ...control.compensation.c_header import c_header, identifier_of
-
-    prefix = identifier_of(origin.pair) if name is None else name
-    return c_header(compensation, origin, name=prefix, quantity="shift" if shift else "backlash")
-
-
-def _origin(
-    run: RunRecord,
-    fit: "Fit",
+    run: Run,
+    compensation: "Compensation",
+    name: str,
     interval: tuple[float, float] | None,
     lowered: tuple[str, float] | None,
-) -> "HeaderOrigin":
+    *,
+    shift: bool,
+) -> str:
     import vttig_jax
 
-    from ...control.compensation.c_header import HeaderOrigin
+    from ...control.compensation.c_header import HeaderOrigin, c_header
 
-    return HeaderOrigin(
-        pair=fit.pair.name,
-        version=vttig_jax.__version__,
-        zero=fit.zero,
-        conditional_on=fit.conditional_on,
-        sha256=fit.sha256,
-        readings=shaft_readings(run, fit),
-        backlash_deg=interval,
-        lowered_deg=lowered,
-    )
+    fit = run.fit
+    made = fit.pair.name, vttig_jax.__version__, fit.zero, fit.conditional_on, fit.sha256
+    origin = HeaderOrigin(*made, shaft_readings(run.record, fit), interval, lowered)
+    return c_header(compensation, origin, name=name, quantity="shift" if shift else "backlash")
 
 
 def _interval(fit: "Fit") -> tuple[float, float] | None:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ...base.errors import UsageError
+from ...base.errors import InputError, UsageError
 from ...logs.readers.column_names import ROLES
 from ...logs.readers.open_table import with_standard_input
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
-from ..options import log_options, verb
+from ..options import given, log_options, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -24,16 +24,25 @@ if TYPE_CHECKING:
     example="vttig inspect log.csv\n"
     "vttig inspect log.csv --ratio 64:23\n"
     "vttig inspect log.csv --pair pair.toml\n"
-    "vttig inspect log.csv --column time=t_s --column driving=motor_deg",
+    "vttig inspect log.csv --column time=t_s --column driving=motor_deg\n"
+    "vttig inspect axis.comp --for linuxcnc",
     groups=GROUPS,
 )
 @click.argument("log", type=click.Path(path_type=Path))
+@click.option(
+    "--for",
+    "control",
+    type=click.Choice(["linuxcnc"]),
+    help="LOG is no log but an error table: say what LinuxCNC reads of this COMP_FILE, and what it"
+    " leaves out without a word.",
+)
 @pair_option
 @drive_options
 @log_options
 def command(
     output: Output,
     log: Path,
+    control: str | None,
     pair: Path | None,
     drive: DriveOptions,
     **options: Any,
@@ -47,6 +56,11 @@ def command(
     from ...logs.recognition.request import ReadingOptions, fit_command
 
     (log,) = with_standard_input([log])
+    if control is not None:
+        if wrong := given([name for names in GROUPS.values() for name in names]):
+            raise UsageError(f"--for reads no log and takes no {' and no '.join(wrong)}.")
+        output.emit(*_comp_file(log))
+        return
     reading, request = ReadingOptions(**options), drive.request
     report: Preview | Inspection
     if pair is None and not request.names_a_drive:
@@ -72,3 +86,23 @@ def command(
         names = {role: name for role in ROLES if (name := getattr(spec.log, role)) is not None}
         report = replace(report, fit_command=fit_command(log, request, names, reading))
     output.emit(report.to_json(), report)
+
+
+def _comp_file(path: Path) -> tuple[dict[str, Any], str]:
+    """Return what LinuxCNC reads of a file, as `vttig.comp-file/1` and as a sentence.
+
+    **Raises** `InputError` that says each fault of the file.
+    """
+    from ...base.files.limits import kept_bytes, read_regular
+    from ...control.compensation.table_formats import read_linuxcnc
+
+    found = read_linuxcnc((kept_bytes(path) or read_regular(path)).decode("utf-8", "replace"))
+    if found.faults:
+        raise InputError(" ".join(found.sentences), where=str(path))
+    ends, name = found.rows[[0, -1], 0].tolist(), "corrections" if found.type else "positions"
+    record = {"source": str(path), "rows": len(found.rows), "comp_file_type": found.type}
+    said = f"{path}: {len(found.rows)} rows of {name} from {ends[0]:g} to {ends[1]:g}; LinuxCNC"
+    return (
+        {"schema": "vttig.comp-file/1", **record, "positions": ends},
+        f"{said} reads all of them with COMP_FILE_TYPE = {found.type}",
+    )

@@ -1,4 +1,7 @@
-"""C header of a backlash map. Its code has no state, library call or loop of variable length."""
+"""C headers of a backlash map and of an error table.
+
+Their code has no state, no library call and no loop of variable length.
+"""
 
 import math
 import re
@@ -10,39 +13,23 @@ from string import Template
 from textwrap import wrap
 from typing import Literal
 
+import numpy as np
+
 from ...base.errors import UsageError
 from ...base.units import ARCSEC, DEG, REV
 from ...pair.gear_pair import ShaftReading
 from .compensation import Compensation, require_closing
+from .correction import CorrectionTable
+from .table_formats import WIDTH, plain, rows_of
 
 _TEMPLATE = Path(__file__).with_name("compensation.h.in")
 """Text of the header in parts that begin with `@@ name`; `$` marks what `c_header` fills in."""
-
-FUNCTION_NOTES = {
-    "backlash": (
-        "{name}_backlash(phi1, phi2): backlash in rad of the driven gear and its derivative by"
-        " phi1. A negative backlash means that the pair binds according to the map.",
-    ),
-    "shift": (
-        "{name}_shift(phi1, phi2, margin_mm): axial displacement of the driven gear towards the"
-        " thick end of the driving gear that leaves margin_mm of displacement open, mm, and its"
-        " derivative by phi1 in mm/rad. Never below 0: if the gap is smaller than the margin, both"
-        " are 0. A negative or NaN margin gives {NAME}_UNKNOWN.",
-        "The derivative times the driving speed in rad/s is the speed of the actuator in mm/s.",
-    ),
-}
 
 Quantity = Literal["shift", "backlash"]
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _LONGEST = 31
 """Longest prefix, characters: C99 compilers need to compare only 63 characters of a whole name."""
-
-_WIDTH = 88
-"""Characters of a line of comments and tables: a chosen value."""
-
-_JOINED = "\x1f"
-"""Placeholder for a space at which a line must not be broken."""
 
 _TURN = (6.283185005187988, 3.0199157663446385e-07, 2.1561211432632476e-14)
 """2π in three parts; the products of the first two with whole numbers below 2²⁸ are exact."""
@@ -135,28 +122,55 @@ def c_header(
     compensation.require_locating()
     if quantity == "shift":
         require_closing(compensation.closing_rad_per_mm)
+    values = {"about": _about(compensation, origin, name, quantity), **_numbers(compensation)}
+    names = ("comment", "arithmetic", "backlash", "shift")[: 4 if quantity == "shift" else 3]
+    parts = [(part, values) for part in names]
+    for shaft, of in zip(("driving", "driven"), origin.readings or (), strict=False):
+        scale = {"size": _number(of.radians_per_unit), "origin": _number(of.origin)}
+        parts.append(("reading", {"shaft": shaft, "unit": of.unit, **scale}))
+    return _filled(parts, name)
+
+
+def table_header(table: CorrectionTable, provenance: Sequence[str], *, name: str) -> str:
+    """Return the text of a C99 header with the error table of an axis, in degrees.
+
+    It defines `NAME_forward_deg(position_deg)` and `NAME_reverse_deg(position_deg)`, for the
+    directions of the table: what to add to the command. It is linear between the positions, held
+    beyond the ends, and 0 for a position that is no number.
+
+    **Raises** `UsageError` for a name that C does not allow.
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.control.compensation.c_header import table_header
+    >>> from vttig_jax.control.compensation.correction import CorrectionTable
+    >>> table = CorrectionTable(np.radians([0.0, 90.0]), {"forward": np.radians([0.01, 0.02])})
+    >>> text = table_header(table, ("rig",), name="axis")
+    >>> "axis_forward_deg(" in text, "axis_reverse_deg(" in text
+    (True, False)
+
+    ```
+    """
+    check_identifier(name)
+    start, stop = (float(end) for end in np.degrees(table.positions[[0, -1]]))
+    last = len(table.positions) - 1
+    about = "\n *\n".join(_paragraph(plain(line)) for line in provenance)
+    grid = {"start": _number(start), "step": _number((stop - start) / last), "last": str(last)}
+    parts = [("comment", {"about": about}), ("between", grid)]
+    for direction, values in table.values.items():
+        rows = rows_of(map(_number, np.degrees(values).tolist()))
+        parts.append(("direction", {"direction": direction, "size": str(last + 1), "rows": rows}))
+    return _filled(parts, name)
+
+
+def _filled(parts: Iterable[tuple[str, dict[str, str]]], name: str) -> str:
+    """Return the named parts of the template, each with its values, as one header."""
     sections = _TEMPLATE.read_text("ascii").split("@@ ")[1:]
-    parts = dict(section.split("\n", 1) for section in sections)
-    reading = Template(parts.pop("reading"))
-    if quantity != "shift":
-        del parts["shift"]
-    values = {
-        "name": name,
-        "NAME": name.upper(),
-        "about": _about(compensation, origin, name, quantity),
-        **_numbers(compensation),
-    }
-    text = "\n".join(Template(part).substitute(values) for part in parts.values())
-    if origin.readings is not None:
-        for shaft, of in zip(("driving", "driven"), origin.readings, strict=True):
-            text += "\n" + reading.substitute(
-                name=name,
-                shaft=shaft,
-                unit=of.unit,
-                size=_number(of.radians_per_unit),
-                origin=_number(of.origin),
-            )
-    return f"{text}\n#endif /* {name.upper()}_COMPENSATION_H */\n"
+    texts = dict(section.split("\n", 1) for section in sections)
+    names = {"name": name, "NAME": name.upper()}
+    filled = [Template(texts[part]).substitute(values, **names) for part, values in parts]
+    return "\n".join([*filled, f"#endif /* {name.upper()}_COMPENSATION_H */\n"])
 
 
 def _numbers(compensation: Compensation) -> dict[str, str]:
@@ -174,10 +188,10 @@ def _numbers(compensation: Compensation) -> dict[str, str]:
         "terms": str(len(terms)),
         "driving_count": str(len(driving)),
         "driven_count": str(len(driven)),
-        "driving_orders": _rows(map(_number, driving)),
-        "driven_orders": _rows(map(_number, driven)),
-        "places": _rows(places),
-        "waves": _rows(waves),
+        "driving_orders": rows_of(map(_number, driving)),
+        "driven_orders": rows_of(map(_number, driven)),
+        "places": rows_of(places),
+        "waves": rows_of(waves),
         "place_type": f"unsigned {'char' if max(len(driving), len(driven)) <= 256 else 'short'}",
         "ratio": _number(float(compensation.ratio)),
         "spacing": _number(compensation.spacing_rad),
@@ -195,13 +209,6 @@ def _number(value: float | int) -> str:
     return text if any(mark in text for mark in ".en") else f"{text}.0"
 
 
-def _rows(items: Iterable[str]) -> str:
-    """Return C initialisers on lines of limited width; no line breaks within an initialiser."""
-    text = ", ".join(item.replace(" ", _JOINED) for item in items)
-    lines = wrap(text, _WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8)
-    return "\n".join(lines).replace(_JOINED, " ")
-
-
 def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity: Quantity) -> str:
     """Return the text of the comment at the beginning of the header file."""
     zero = {
@@ -211,8 +218,8 @@ def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity
     ratio, turns = compensation.ratio, compensation.hunting_turns
     upper = name.upper()
     paragraphs = [
-        f"Backlash of: {_plain(origin.pair) or 'a gear pair without a name'}. Made by vttig-jax"
-        f" {_plain(origin.version)}; do not edit.",
+        f"Backlash of: {plain(origin.pair) or 'a gear pair without a name'}. Made by vttig-jax"
+        f" {plain(origin.version)}; do not edit.",
         f"It holds {len(compensation.terms)} harmonics of the driving angle phi1 and the driven"
         f" angle phi2 of a fitted backlash map; ratio {ratio} (driven over driving speed), hunting"
         f" period {turns} driving turns. They are within {compensation.error_rad / ARCSEC:.1e}"
@@ -229,10 +236,17 @@ def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity
         f" {compensation.tolerance_rad / DEG:.6f} deg away from each of the {turns} angles,"
         f" {compensation.spacing_rad / DEG:.6g} deg apart, that the pair can have. Value and"
         " derivative are then 0, which closes nothing.",
+        f"{name}_backlash(phi1, phi2): backlash in rad of the driven gear and its derivative by"
+        " phi1. A negative backlash means that the pair binds according to the map.",
     ]
-    paragraphs += [note.format(NAME=upper, name=name) for note in FUNCTION_NOTES["backlash"]]
     if quantity == "shift":
-        paragraphs += [note.format(NAME=upper, name=name) for note in FUNCTION_NOTES["shift"]]
+        paragraphs += [
+            f"{name}_shift(phi1, phi2, margin_mm): axial displacement of the driven gear towards"
+            " the thick end of the driving gear that leaves margin_mm of displacement open, mm, and"
+            " its derivative by phi1 in mm/rad. Never below 0: if the gap is smaller than the"
+            f" margin, both are 0. A negative or NaN margin gives {upper}_UNKNOWN.",
+            "The derivative times the driving speed in rad/s is the speed of the actuator in mm/s.",
+        ]
     if origin.backlash_deg:
         low, high = origin.backlash_deg
         paragraphs.append(
@@ -245,20 +259,13 @@ def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity
             f" the edge {edge} of its band."
         )
     if origin.conditional_on:
-        assumed = ", ".join(map(_plain, origin.conditional_on))
+        assumed = ", ".join(map(plain, origin.conditional_on))
         paragraphs.append(f"Holds under the assumptions of the fit: {assumed}.")
     if origin.sha256:
-        paragraphs.append(f"SHA-256 of the logs: {_plain(origin.sha256)}.")
+        paragraphs.append(f"SHA-256 of the logs: {plain(origin.sha256)}.")
     return "\n *\n".join(map(_paragraph, paragraphs))
 
 
 def _paragraph(text: str) -> str:
-    lines: Sequence[str] = wrap(text, _WIDTH, break_long_words=False, break_on_hyphens=False)
+    lines = wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)
     return "\n".join(f" * {line}" for line in lines)
-
-
-def _plain(text: str) -> str:
-    """Return a text as one line of printable ASCII that neither opens nor ends a C comment."""
-    folded = unicodedata.normalize("NFKD", " ".join(text.split()))
-    letters = "".join(letter for letter in folded if not unicodedata.combining(letter))
-    return re.sub(r"[^ -~]", "_", letters).replace("*/", "*|").replace("/*", "|*")

@@ -1,12 +1,17 @@
-"""Error tables in the formats of controls: LinuxCNC, TwinCAT, CSV and JSON.
+"""Error tables in the formats of controls: LinuxCNC, TwinCAT and CSV; and how LinuxCNC reads one.
 
 Numbers alone decide what a control does. Text that comes from a log or a pair file stands in
 comments only, in plain characters, so that no name becomes code.
 """
 
 import re
+import unicodedata
+from collections.abc import Iterable
+from textwrap import wrap
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ...base.errors import UsageError
 from .correction import DIRECTIONS, CorrectionTable
@@ -14,8 +19,18 @@ from .correction import DIRECTIONS, CorrectionTable
 LINUXCNC_ROWS = 256
 """Rows that LinuxCNC reads of a compensation file (EMCMOT_COMP_SIZE)."""
 
-_LINE = 240
-"""Longest line of a comment: LinuxCNC reads lines of up to 255 characters."""
+_LINE = 253
+"""Longest line that LinuxCNC reads as one; what follows would be a line of its own."""
+
+WIDTH = 88
+"""Characters of a line of comments and arrays: a chosen value."""
+
+_JOINED = "\x1f"
+"""Placeholder for a space at which a line must not be broken."""
+
+_NUMBER = r"(?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?i:inf(?:inity)?|nan))"
+_ROW = re.compile(rf"\s*({_NUMBER})\s*({_NUMBER})\s*({_NUMBER})")
+_LIKE_A_ROW = re.compile(rf"\s*{_NUMBER}[\s,;]+{_NUMBER}")
 
 
 def linuxcnc(table: CorrectionTable, provenance: tuple[str, ...]) -> str:
@@ -57,11 +72,8 @@ def twincat(table: CorrectionTable, provenance: tuple[str, ...], name: str) -> s
     text += [f"  // {plain(line)}" for line in provenance]
     text += [f"  {prefix}_last : UDINT := {last};"]
     for key, values in arrays.items():
-        text.append(f"  {prefix}_{key}_deg : ARRAY[0..{last}] OF LREAL := [")
-        shown = [f"{value:.9f}" for value in np.degrees(values)]
-        text += [f"    {', '.join(shown[k : k + 8])}," for k in range(0, len(shown), 8)]
-        text[-1] = text[-1].removesuffix(",")
-        text.append("  ];")
+        rows = rows_of(f"{value:.9f}" for value in np.degrees(values))
+        text.append(f"  {prefix}_{key}_deg : ARRAY[0..{last}] OF LREAL := [\n{rows}\n  ];")
     return "\n".join([*text, "END_VAR"]) + "\n"
 
 
@@ -72,7 +84,103 @@ def csv(table: CorrectionTable) -> str:
     return "\n".join([",".join(names), *(",".join(f"{v:.9f}" for v in row) for row in rows)]) + "\n"
 
 
+FAULTS = {
+    "comma": "has a comma: LinuxCNC ends its table there; separate numbers by blanks, and write"
+    " decimals with a point",
+    "blank-line": "is blank: LinuxCNC ends its table there; remove it",
+    "long-line": f"is longer than {_LINE} characters: LinuxCNC ends its table behind it; cut it",
+    "no-numbers": "does not begin with three numbers: LinuxCNC ends its table there; move it behind"
+    " the last row",
+    "no-rows": "and all others do not begin with three numbers; give position, forward and reverse",
+    "not-increasing": "is not above the position before it in single precision: LinuxCNC leaves it"
+    " out; sort the rows and remove what is there twice",
+    "not-finite": "has a number that is not finite; remove it",
+    "too-many-rows": f"is beyond the {LINUXCNC_ROWS} rows that LinuxCNC takes; give a larger step",
+    "type-unclear": "and all others have numbers that are neither small beside their position nor"
+    " near it: with the wrong COMP_FILE_TYPE the axis moves by its whole position; write"
+    " corrections, for COMP_FILE_TYPE = 1",
+}
+"""Slug → what LinuxCNC does with a line of a COMP_FILE without a word, and the cure."""
+
+
+class CompFile(NamedTuple):
+    """What LinuxCNC reads of a COMP_FILE.
+
+    **Arguments**
+    - `rows`: nominal, forward, reverse in the units of the file. - `type`: COMP_FILE_TYPE that its
+      numbers need, 1 for corrections and 0 for positions; None if they do not tell.
+    - `faults`: slug of `FAULTS` → lines, from 1.
+    """
+
+    rows: Float[np.ndarray, "rows 3"]
+    type: int | None
+    faults: dict[str, list[int]]
+
+    @property
+    def sentences(self) -> list[str]:
+        """One sentence for each fault."""
+        more = {
+            slug: f" (and {len(at) - 1} more)" * (len(at) > 1) for slug, at in self.faults.items()
+        }
+        return [f"Line {at[0]}{more[s]} {FAULTS[s]}." for s, at in self.faults.items()]
+
+
+def read_linuxcnc(text: str) -> CompFile:
+    """Return what LinuxCNC reads of a COMP_FILE, and where that is not what stands there.
+
+    It reads up to the first line that does not begin with three numbers, drops rows whose position
+    is not above the one before, and takes 256 rows (`usrmotLoadComp` of its source). What stands
+    behind the last row is no fault.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.control.compensation.table_formats import read_linuxcnc
+    >>> found = read_linuxcnc("0 0.01 0.02\\n90 0.03 0.04\\n\\n180 0.01 0.02\\n")
+    >>> len(found.rows), found.type, found.faults
+    (2, 1, {'blank-line': [3]})
+
+    ```
+    """
+    rows, faults, lines = [], {}, text.removesuffix("\n").split("\n")
+    for number, line in enumerate(lines, 1):
+        found = _ROW.match(line)
+        if found is not None:
+            row, slug = np.array(found.groups(), float), None
+            if not np.isfinite(row).all():
+                slug = "not-finite"
+            elif rows and np.float32(row[0]) <= np.float32(rows[-1][0]):
+                slug = "not-increasing"
+            elif len(rows) == LINUXCNC_ROWS:
+                slug = "too-many-rows"
+            if slug is None:
+                rows.append(row)
+            else:
+                faults.setdefault(slug, []).append(number)
+        if found is None or len(line) > _LINE:
+            if any(map(_LIKE_A_ROW.match, lines[number - (found is None) :])):
+                seen = (found is not None, not line.strip(), "," in line, True)
+                slug = ("long-line", "blank-line", "comma", "no-numbers")[seen.index(True)]
+                faults[slug] = [number]
+            break
+    held = np.array(rows, float).reshape(-1, 3)
+    added, off = np.abs([held[:, 1:], held[:, 1:] - held[:, :1]]).sum(axis=(1, 2))
+    kind = 1 if 2 * added < off else 0 if 2 * off < added else None
+    if not faults and kind is None:
+        faults["type-unclear" if rows else "no-rows"] = [1]
+    return CompFile(held, kind, faults)
+
+
+def rows_of(items: Iterable[str]) -> str:
+    """Return the elements of an array on lines of limited width; no element is broken."""
+    text = ", ".join(item.replace(" ", _JOINED) for item in items)
+    lines = wrap(text, WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8)
+    return "\n".join(lines).replace(_JOINED, " ")
+
+
 def plain(text: str) -> str:
-    """Return text in printable ASCII without characters that end a comment, cut to one line."""
-    kept = text.replace("*)", ")").replace("″", "arcsec").replace("°", " deg").replace("…", "to")
-    return "".join(c if " " <= c <= "~" else "?" for c in kept)[:_LINE]
+    """Return text as one line of printable ASCII that neither opens nor ends a comment."""
+    marked = text.replace("″", "arcsec").replace("°", " deg").replace("…", "to")
+    folded = unicodedata.normalize("NFKD", " ".join(marked.split()))
+    letters = "".join(letter for letter in folded if not unicodedata.combining(letter))
+    kept = re.sub(r"[^ -~]", "_", letters).replace("*/", "*|").replace("/*", "|*")
+    return kept.replace("*)", "*|")[: _LINE - 2]
