@@ -18,7 +18,7 @@ from jaxtyping import Float, Real
 from ...base.errors import LogError, UsageError, VttigError
 from ...base.units import REV
 from ..channel.unwrap import find_modulus, unwrap
-from ..readers.column_names import ANGLES, TIME_UNITS, NameReading
+from ..readers.column_names import ANGLES, DIRECTION, TIME_UNITS, NameReading, words_of
 from ..slope import DEVIATIONS, slope
 from ..source import LEAST_RANGE
 
@@ -114,6 +114,31 @@ class Candidate:
         if self.values is None or self.rows < 2 or not np.isfinite(self.values).all():
             return False
         return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
+
+    @property
+    def is_voltage(self) -> bool:
+        """Whether the name says volts, and the values are numbers that change."""
+        return self.reading.other in ("v", "mv", "volt", "volts") and self.turns
+
+    @property
+    def has_levels(self) -> bool:
+        """Whether nearly all values are near the lowest or the highest one, such as 0 or 5 V."""
+        values = np.zeros(1) if self.values is None else self.values
+        off = np.abs(values - values.min() - 0.5 * np.ptp(values)) > 0.4 * np.ptp(values)
+        return self.turns and self.rows > SHOWN**2 and float(np.mean(off)) > 0.99
+
+    @property
+    def span(self) -> str:
+        """Text on readings that jump over nearly their whole range, which may be a turn, or ""."""
+        size = 0.0 if self.values is None or self.has_levels else float(np.ptp(self.values))
+        said = f"; `{self.name}` jumps over {size:.3g}, which --counts gives if it is a turn"
+        return said * (size > 0 and int(np.sum(np.abs(self.steps) > 0.9 * size)) > 1)
+
+    @property
+    def says_way(self) -> bool:
+        """Whether the name says a direction, and the values are +1 and −1, and perhaps 0."""
+        named = self.rows > 0 and not DIRECTION.isdisjoint(words_of(self.name))
+        return named and {-1, 1} <= {*np.unique(self.values).tolist()} <= {-1, 0, 1}
 
     @cached_property
     def is_constant(self) -> bool:
@@ -291,7 +316,7 @@ QUESTIONS = {
     "no-lead": "the column {facts} for {role} is a length; {options}.",
     "unused-counts": "--counts is given, but no column is in counts; leave it out.",
     "no-time": "no column is certainly the time; give --column time=NAME, or --sample-rate"
-    " HZ{seen}.",
+    " HZ (1 for readings at standstill){seen}.",
     "two-clocks": "`{b}` has the stamps `{a}` and `{d}` has `{c}`, and the clocks run apart, so"
     " that no row holds one instant; interpolate one channel at the stamps of the other, or write"
     " both as a long table of time, channel and value, which is brought onto one clock.",
@@ -310,6 +335,7 @@ UNIT_TOO = f" No name states the unit of the angles either: {_UNIT_OR_COUNTS} bo
 
 GUESSES = {
     "by-name": "column `{name}`, by its name",
+    "by-words": "column `{name}`, which says one in every row",
     "by-ratio": "column `{name}`, the only one that has the given ratio",
     "same-stamps": "column `{name}`, the same stamps as `{other}`",
     "only-dates": "column `{name}`, the only one of dates or times",
