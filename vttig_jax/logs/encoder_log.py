@@ -177,15 +177,14 @@ class EncoderLog:
         return len(self.time)
 
     def __str__(self) -> str:
+        if self.driven is None:
+            driven = f"transmission error, {np.ptp(self.transmission_error) / ARCSEC:.4g}″ wide"
+        else:
+            driven = f"{self.driven.turns:.4g} turns, in {self.driven.unit}"
         rows = [
             ("samples", f"{len(self)} in {np.ptp(self.time):.6g} s"),
             ("driving shaft", f"{self.driving.turns:.4g} turns, in {self.driving.unit}"),
-            (
-                "driven shaft",
-                f"{self.driven.turns:.4g} turns, in {self.driven.unit}"
-                if self.driven is not None
-                else f"transmission error, {np.ptp(self.transmission_error) / ARCSEC:.4g}″ wide",
-            ),
+            ("driven shaft", driven),
             ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
             ("angle zero", "first sample" if self.zero == "start" else "reading zero"),
         ]
@@ -318,7 +317,7 @@ class EncoderLog:
         driving, driven = channels["driving"], channels.get("driven")
         _ = [one.resolution for one in channels.values()]  # before the angles take memory
         if driven is not None and statement.ratio is not None:
-            steps = steps_of(driving.angle, REV)
+            steps = steps_of(driving.reading, REV / abs(driving.radians_per_unit))
             if is_at_standstill(steps, time, clock="time" in place.columns):
                 driving, driven = together(driving, driven, float(statement.ratio))
         error = values.get("transmission_error")

@@ -174,13 +174,15 @@ def steps_of(values: Real[np.ndarray, " n"], turn: float | None) -> Float[np.nda
     """Return the steps between readings, the shortest way where they wrap at `turn`."""
     step = np.diff(values.astype(np.float64, copy=False))
     if turn is not None and len(step) and float(np.ptp(values)) < turn:
-        step -= turn * np.rint(step / turn)
+        np.subtract(step, turn, out=step, where=step > 0.5 * turn)
+        np.add(step, turn, out=step, where=step < -0.5 * turn)
     return step
 
 
 def usual_step(step: Float[np.ndarray, " m"]) -> float:
     """Return the size of the steps that make half of the travel of a channel."""
-    ordered = np.sort(np.abs(step))
+    ordered = np.abs(step)
+    ordered.sort()
     travel = np.cumsum(ordered)
     return float(ordered[np.searchsorted(travel, 0.5 * travel[-1])]) if len(travel) else 0.0
 

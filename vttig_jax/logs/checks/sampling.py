@@ -57,7 +57,8 @@ class Commensurate:
 
     `speed_rpm` is the signed speed of the driving shaft. `rounding_arcsec` is the standard
     deviation of what the rounding of the counts adds to cosine or sine of an order, as an angle of
-    the driven shaft: that of all of it, q/√12, over the root of the counts over which it strays.
+    the driven shaft: that of all of it, q/√12, over the root of the counts over which it strays; 0
+    for a driving shaft that does not stray.
     """
 
     shaft: str
@@ -71,8 +72,8 @@ class Commensurate:
         return (
             f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
             f" {self.counts_per_sample:.4f} counts a sample, a whole number: its quantisation"
-            f" does not average out and moves gap and orders by some {self.rounding_arcsec:.2g}″;"
-            " change the speed or the rate slightly"
+            f" ({self.rounding_arcsec:.2g}″ in gap and orders) does not average out; change the"
+            " speed or the rate slightly"
         )
 
 
@@ -131,7 +132,8 @@ def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
     """Return shafts with readings in whole counts that turn by a whole number of counts per sample.
 
-    Most steps between samples are then equal, which noise of the encoder would prevent. Each
+    Most steps between samples are then equal, which noise of the encoder would prevent, and their
+    mean is within 0.001 of them, which a speed nearby would prevent. Each
     combination of shaft and number of counts is reported once, for its first segment.
     """
     findings = {}
@@ -142,9 +144,12 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
         for segment in segments:
             step = np.diff(channel.reading[segment.start : segment.stop])
             whole = int(np.median(step))
-            strayed = float(np.ptp(np.cumsum(step - whole))) + 1
-            if whole and np.mean(step == whole) > 2 / 3 and strayed <= _STRAYED:
-                size = gain * channel.resolution / ARCSEC / float(np.sqrt(12 * strayed))
+            strayed = float(np.ptp(np.cumsum(step - whole)))
+            near = np.mean(step == whole) > 2 / 3 and abs(np.mean(step) - whole) < 1e-3
+            if whole and near and strayed <= _STRAYED:
+                # A driving shaft that moves by whole counts alone has one rounding error.
+                size = 0.0 if shaft == "driving" and strayed <= 1 else gain * channel.resolution
+                size /= ARCSEC * float(np.sqrt(12 * max(strayed, 1.0)))
                 speeds = 60 * segment.speed / REV, abs(float(step.mean()))
                 findings.setdefault((shaft, abs(whole)), Commensurate(shaft, *speeds, size))
     return tuple(findings.values())

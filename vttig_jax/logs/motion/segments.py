@@ -425,12 +425,10 @@ def still_segments(log: EncoderLog) -> Segments:
     """
     sense, how = _approach(log.driving.angle), "that of the approach"
     if log.direction is not None:
-        moved = np.sign(np.diff(log.driving.angle, prepend=log.driving.angle[0]))
-        against = int(np.count_nonzero(log.direction * moved < 0))
+        against = np.count_nonzero(log.direction[1:] * np.diff(log.driving.angle) < 0)
         sense, how = log.direction.astype(np.int64), "that of the direction column"
-        if against:
-            how += f", which in {against} rows is not that of the step to their position (--invert"
-            how += " driving --invert driven exchange both directions)"
+        said = f", which in {against} rows is not that of the step to their position (--invert"
+        how += f"{said} driving --invert driven exchange both directions)" * bool(against)
     count = max(map(places, (log.driving.angle, float(log.ratio) * log.driving.angle)))
     ends = np.flatnonzero(np.diff(sense)) + 1
     spans = zip([0, *ends.tolist()], [*ends.tolist(), len(log)], strict=True)

@@ -113,7 +113,8 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
 
     The file has one header line and one reading per line. It needs a column `driving_deg` (or
     `_rad`, `_rev`) and a column `backlash_deg` (or `_arcsec`, `_urad`, `_rad`) with the angle of
-    the driven gear. Other columns are ignored; several readings may have the same angle.
+    the driven gear, or names that say the same in a log, such as `motor [°]` and `play [°]`. Other
+    columns are ignored; several readings may have the same angle.
 
     **Arguments**
     - `path`: path of the file.

@@ -239,16 +239,13 @@ class TextTable(Table):
 
     def starts_with_a_number(self, index: int) -> bool:
         """Return whether the first field of a column is a number."""
-        needed = self.needed([index])
-        first = (self._first[k] if k < len(self._first) else "" for k in needed)
-        numbers = all(looks_like_number(text) or text in self._nulls for text in first)
-        return numbers or self._ways.issuperset(needed)
+        first = [self._first[k] if k < len(self._first) else "" for k in self.needed([index])]
+        return all(looks_like_number(t) or t in self._nulls or fold(t) in WAYS for t in first)
 
     def says_way(self, index: int) -> bool:
         """Return whether the fields of a column are words for directions, of both senses."""
-        if index not in self._ways:
-            return False
-        words = {row[index] if index < len(row) else "" for _, row in self.rows()}
+        rows = self.rows() if index in self._ways else ()
+        words = {row[index] if index < len(row) else "" for _, row in rows}
         return {WAYS.get(fold(word)) for word in words} == {1, -1}
 
     def is_dated(self, index: int) -> bool:

@@ -18,6 +18,7 @@ from ...pair.schema import PairSpec, UnitTable, as_fraction
 from ..channel.unwrap import complete
 from ..readers.column_names import (
     ANGLES,
+    DIRECTION,
     ROLES,
     ROW,
     ROW_INDEX,
@@ -32,6 +33,7 @@ from ..readers.column_names import (
     read_name,
     scale_of,
     unit_of,
+    words_of,
 )
 from ..readers.table import Table
 from ..readers.times import epoch_unit
@@ -234,8 +236,9 @@ class Search:
             if index is not None and (free or self.statement.in_file):
                 self.roles[role] = index
         if "direction" not in self.roles:
-            said = [one for one in self.free() if self.table.says_way(one.index)]
-            said = said or [one for one in self.free() if one.says_way]
+            named = [k for k, n in enumerate(self.table.names) if DIRECTION & {*words_of(n)}]
+            found = [k for k in range(self.table.own) if self.table.says_way(k)] or named
+            said = [c for c in map(self.candidate, found) if c.is_sign and c in self.free()]
             if len(said) > 1:
                 self.asked.append(self._several("direction", said))
             elif said:
@@ -437,10 +440,9 @@ class Search:
         if others and (given is False or not turning):
             shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
             seen += f"; left out, as their names say another quantity: {shown}"
-        if len(levels := [one.name for one in moving + others if one.has_levels]) > 1:
-            seen += "; channels with two levels are counted with"
-            for role, a, b in zip(missing, levels[::2], levels[1::2], strict=False):
-                seen += f" --quadrature {role}='{a},{b}'"
+        levels = [one.name for one in moving + others if one.has_levels]
+        for role, a, b in zip(missing, levels[::2], levels[1::2], strict=False):
+            seen += f"; channels with two levels are counted with --quadrature {role}='{a},{b}'"
         seen += "".join(one.span for one in moving if self.statement.counted)
         for one in others:
             if one.reading.unit in ANGLE_UNITS and "driven" in missing and self.roles:

@@ -18,7 +18,7 @@ from jaxtyping import Float, Real
 from ...base.errors import LogError, UsageError, VttigError
 from ...base.units import REV
 from ..channel.unwrap import find_modulus, unwrap
-from ..readers.column_names import ANGLES, DIRECTION, TIME_UNITS, NameReading, words_of
+from ..readers.column_names import ANGLES, TIME_UNITS, NameReading
 from ..slope import DEVIATIONS, slope
 from ..source import LEAST_RANGE
 
@@ -131,14 +131,14 @@ class Candidate:
     def span(self) -> str:
         """Text on readings that jump over nearly their whole range, which may be a turn, or ""."""
         size = 0.0 if self.values is None or self.has_levels else float(np.ptp(self.values))
-        said = f"; `{self.name}` jumps over {size:.3g}, which --counts gives if it is a turn"
-        return said * (size > 0 and int(np.sum(np.abs(self.steps) > 0.9 * size)) > 1)
+        often = size > 0 and int(np.sum(np.abs(self.steps) > 0.9 * size)) > 1
+        return f"; `{self.name}` jumps over {size:.3g}: --counts gives a turn" * often
 
     @property
-    def says_way(self) -> bool:
-        """Whether the name says a direction, and the values are +1 and −1, and perhaps 0."""
-        named = self.rows > 0 and not DIRECTION.isdisjoint(words_of(self.name))
-        return named and {-1, 1} <= {*np.unique(self.values).tolist()} <= {-1, 0, 1}
+    def is_sign(self) -> bool:
+        """Whether the values are +1 and −1, and perhaps 0."""
+        values = np.unique(() if self.values is None else self.values).tolist()
+        return {-1, 1} <= {*values} <= {-1, 0, 1}
 
     @cached_property
     def is_constant(self) -> bool:
