@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (669, 1),  # 560
     "kinematics": (1101, 17),  # 780
     "geometry": (3529, 56),  # 2800
-    "logs": (10103, 274),  # 7400
+    "logs": (10163, 274),  # 7400
     "rig": (324, 1),  # 260
     "model": (2154, 44),
     "identify": (3470, 24),  # 9000 together with posterior

@@ -29,6 +29,31 @@ def test_mean_and_first_order(dial, vttig_json):
     assert found["largest"]["driving_deg"] == pytest.approx(40.0, abs=10.0)
 
 
+def test_the_rounding_of_a_display_does_not_average_out(dial, vttig_json):
+    """Five equal readings at each place tell what one does: q/√12 at twelve places."""
+    step = 0.01
+    shown = step * np.round((0.053 + 0.02 * np.sin(np.radians(PLACES + 50.0))) / step)
+    rows = "".join(f"{a:g},{g:.2f}\n" for a, g in zip(PLACES, shown, strict=True))
+    dial.write_text("driving_deg,backlash_deg\n" + 5 * rows)
+    code, found = vttig_json("fit", "--readings", dial, "--ratio", "45:1")
+    assert code == 0 and found["count"] == 60
+    assert found["std_deg"] >= 0.99 * step / 12
+    assert found["low95_deg"] < 0.053 < found["high95_deg"]
+    first = found["orders"][0]
+    assert first["std_deg"] >= 0.99 * step / 72**0.5
+    assert abs(first["amplitude_deg"] - 0.02) < 2 * first["std_deg"]
+
+
+@pytest.mark.parametrize(
+    "names", ["motor [°];Spiel [°]", "input_deg;lash_deg", "entrée (deg);jeu (deg)"]
+)
+def test_names_that_a_log_knows(dial, names, vttig_json):
+    text = dial.read_text().replace(",", ";").replace("driving_deg;backlash_deg", names)
+    dial.write_text(text, encoding="utf-8")
+    code, found = vttig_json("fit", "--readings", dial, "--ratio", "45:1")
+    assert code == 0 and found["low95_deg"] < 0.1 < found["high95_deg"]
+
+
 def test_one_reading_has_no_error(dial, vttig_json):
     dial.write_text("driving_deg,backlash_deg\n0,0.1\n")
     code, found = vttig_json("fit", "--readings", dial, "--ratio", "45:1")

@@ -1,5 +1,7 @@
 """Fits of tables of readings at standstill."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ import vttig_jax
 from vttig_jax.base.errors import NoAnswerError
 
 ARCSEC = 1 / 3600
+CORPUS = Path(__file__).parents[1] / "corpus"
 
 
 def table(tmp_path, angle, *, gap=0.0, noise=2.0, ratio=1, wrapped=False):
@@ -57,6 +60,52 @@ def test_the_reversal_value(tmp_path):
     assert gap.value is not None and gap.std is not None
     assert gap.std / ARCSEC < 1.0
     assert abs(gap.value / ARCSEC - 20.0) < 4 * gap.std / ARCSEC
+
+
+POSITION = {"driving": "position_deg", "driven": "measured_deg"}
+
+
+@pytest.mark.parametrize(
+    ("name", "ratio", "columns"),
+    [
+        ("still_signs_at_each_place", "1:1", POSITION),
+        ("still_words_ccw_rises", "1:1", POSITION),
+        ("passes_side_by_side", "1:1", {}),
+        ("passes_of_errors", "1:1", {"driving": "target [°]"}),
+        ("still_motor_wraps", "20:1", {}),
+    ],
+)
+def test_directions_in_words_or_columns_and_wraps(name, ratio, columns):
+    """The tables of the corpus have a gap of 0.05° and a first order of 60″, with a noise of 1″."""
+    path = CORPUS / f"{name}.csv"
+    log = vttig_jax.read_log(path, ratio=ratio, columns=columns, sample_rate_hz=1.0)
+    result = vttig_jax.fit(log)
+    gap = result.checks.gap_over_angles_covered
+    assert gap.value is not None and gap.std is not None
+    assert abs(gap.value - 0.05) < 4 * gap.std < 0.002
+    first = [one for one in result.orders if (one.shaft, one.order) == ("driving", 1)]
+    assert {one.flank for one in first} == {"A", "B"}
+    for one in first:
+        assert abs(one.amplitude_arcsec - 60) < 4 * one.std_arcsec < 8.0
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_readings_that_repeat_their_rounding_are_no_surer(tmp_path, seed):
+    """Three passes of a display of 0.01° at twelve places tell no more than one of them."""
+    generator = np.random.default_rng(seed)
+    start, gap = generator.uniform(0, 0.01), generator.uniform(0.04, 0.06)
+    up = np.arange(0.0, 360.0, 30.0)
+    driven = up + start + 0.02 * np.sin(np.radians(up) + generator.uniform(0, 6))
+    passes = [100 * (driven + gap * (k % 2) + generator.normal(0, 5e-4, 12)) for k in range(6)]
+    path = tmp_path / "table.csv"
+    head = ",".join(f"{way}{k}_deg" for k in (1, 2, 3) for way in ("up", "down"))
+    rows = np.column_stack([up, *np.round(passes) / 100])
+    np.savetxt(path, rows, "%.2f", ",", header=f"position_deg,{head}", comments="")
+    result = vttig_jax.fit(vttig_jax.read_log(path, ratio="1:1", sample_rate_hz=1.0))
+    one, covered = result.parameters["driving_amplitude_arcsec"], result.checks
+    assert one.low95 is not None and one.high95 is not None and one.low95 < 72 < one.high95
+    low, high = (getattr(covered.gap_over_angles_covered, f"{end}95") for end in ("low", "high"))
+    assert low < gap < high
 
 
 def test_few_places_leave_out_high_orders(tmp_path):

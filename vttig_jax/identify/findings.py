@@ -14,6 +14,7 @@ import numpy as np
 
 from ..base.units import DEG, duration_text
 from ..logs.checks.ratio import SeenRatio
+from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import hidden_shaft
 from ..logs.motion.segments import Segments
@@ -319,6 +320,14 @@ def jumps(case: Case) -> Iterator[Finding]:
     )
 
 
+def locked_counts(case: Case) -> Iterator[Finding]:
+    """Say that counts are locked to the clock of the samples."""
+    for number, (log, own) in enumerate(zip(case.logs, case.segments, strict=True)):
+        for one in () if own.still else commensurate(log, own.segments):
+            said, _, cure = one.sentence.partition("; ")
+            yield Finding("counts-locked", "warning", case.name(number) + said, cure)
+
+
 def outliers(case: Case) -> Iterator[Finding]:
     """Say how many rows are outliers."""
     if share := case.checks.outliers:
@@ -546,6 +555,7 @@ FINDINGS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     jumps,
     ratio_off,
     other_rig,
+    locked_counts,
     outliers,
     no_noise,
     drift,

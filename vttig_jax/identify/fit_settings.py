@@ -150,8 +150,7 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     use_readings: Annotated[
         bool,
         setting(
-            "Let the backlash readings join the fit instead of only checking it.",
-            "--use-readings",
+            "Let the backlash readings join the fit instead of only checking it.", "--use-readings"
         ),
     ] = False
     lines: Annotated[

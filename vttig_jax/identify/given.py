@@ -528,10 +528,7 @@ def given_quantities(core: MixedFit, told: Quantities, given: GivenModel) -> Qua
 
 
 def given_parameters(
-    parameters: dict[str, Parameter],
-    told: Quantities,
-    pair: GearPair | Drive,
-    given: GivenModel,
+    parameters: dict[str, Parameter], told: Quantities, pair: GearPair | Drive, given: GivenModel
 ) -> dict[str, Parameter]:
     """Return the parameters of a fit with those of its flank model under their names."""
     kept = (

@@ -16,6 +16,7 @@ from ..base.errors import UsageError
 from ..base.files.text_tables import key_values, text_table
 from ..base.numerics.polar_spread import polar_spread
 from ..base.units import DEG, REV
+from ..logs.channel.unwrap import step_of
 from ..logs.motion.segments import told_orders
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.mixed_fit import CLEAR, MixedFit, waves_of
@@ -151,8 +152,8 @@ def fit_readings(
     """Fit backlash readings at single driving angles, without a log.
 
     The readings are c + Σ (a cos kφ + b sin kφ) and white noise, with the orders of both shafts
-    that their places tell; half of the readings are left for the noise. At i = 1 orders count as
-    those of the driving shaft.
+    that their places tell; half of the readings are left for the noise. Where places repeat, so
+    does the rounding of the readings. At i = 1 orders count as those of the driving shaft.
 
     **Example**
     ```python
@@ -188,7 +189,11 @@ def fit_readings(
     found = np.linalg.lstsq(columns, gap, rcond=None)[0]
     left, free = gap - columns @ found, count - columns.shape[1]
     scatter = float(np.sqrt(left @ left / free)) if free else None
-    spread = np.linalg.inv(columns.T @ columns) * (scatter or 0.0) ** 2
+    inverse = np.linalg.inv(columns.T @ columns)
+    # Readings that repeat at a place have one error of rounding, of variance q²/12, in common.
+    rounding = step_of(gap) ** 2 / 12 if steps < count else 0.0
+    shared = inverse @ columns.T @ (np.round(angle, 6)[:, None] == np.unique(np.round(angle, 6)))
+    spread = inverse * max((scatter or 0.0) ** 2 - rounding, 0.0) + rounding * shared @ shared.T
     rows = []
     for k, wave in enumerate(kept, 1):
         at = [k, k + len(kept)]
@@ -198,8 +203,7 @@ def fit_readings(
     step = max(DEG, float(np.ptp(angle)) / 1e4)
     grid = np.append(np.arange(angle.min(), angle.max(), step), angle.max())
     curve = design(grid) @ found
-    places = int(np.argmin(curve)), int(np.argmax(curve))
-    ends = [GapAt(float(grid[at] / DEG), float(curve[at])) for at in places]
+    ends = [GapAt(float(grid[k] / DEG), float(curve[k])) for k in (curve.argmin(), curve.argmax())]
     std = None if scatter is None else float(np.sqrt(spread[0, 0]))
     half = None if std is None else float(stdtrit(free, 0.975)) * std
     mean = float(found[0])

@@ -27,11 +27,12 @@ from ..base.numerics.counting import pieces
 from ..base.shown_text import name_of_file
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn
 from ..pair.schema import Encoder, PairSpec, as_fraction
-from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck
-from .channel.speed import Speed, is_at_standstill, smooth_speed
+from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck, together
+from .channel.speed import Speed, is_at_standstill, smooth_speed, steps_of
 from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped
 from .readers.column_names import (
     ACCELERATION_UNITS,
+    ROLES,
     ROW_INDEX,
     SHAFT_UNITS,
     SPEED_UNITS,
@@ -176,15 +177,14 @@ class EncoderLog:
         return len(self.time)
 
     def __str__(self) -> str:
+        if self.driven is None:
+            driven = f"transmission error, {np.ptp(self.transmission_error) / ARCSEC:.4g}″ wide"
+        else:
+            driven = f"{self.driven.turns:.4g} turns, in {self.driven.unit}"
         rows = [
             ("samples", f"{len(self)} in {np.ptp(self.time):.6g} s"),
             ("driving shaft", f"{self.driving.turns:.4g} turns, in {self.driving.unit}"),
-            (
-                "driven shaft",
-                f"{self.driven.turns:.4g} turns, in {self.driven.unit}"
-                if self.driven is not None
-                else f"transmission error, {np.ptp(self.transmission_error) / ARCSEC:.4g}″ wide",
-            ),
+            ("driven shaft", driven),
             ("ratio i", f"{self.ratio} = {float(self.ratio):.6g}"),
             ("angle zero", "first sample" if self.zero == "start" else "reading zero"),
         ]
@@ -250,16 +250,8 @@ class EncoderLog:
                 f" is {transmission_error_unit!r}."
             )
         time = as_column("time_s", time_s, None).astype(np.float64, copy=False)
-        columns = {
-            "driving": driving,
-            "driven": driven,
-            "transmission_error": transmission_error,
-            "direction": direction,
-            "axial_mm": axial_mm,
-            "torque": torque,
-            "speed": speed,
-            "acceleration": acceleration,
-        }
+        shown = (driving, driven, transmission_error, direction, axial_mm, torque)
+        columns = dict(zip(ROLES[1:], (*shown, speed, acceleration), strict=False))
         sizes = {"transmission_error": ANGLE_UNITS[transmission_error_unit]}
         values = {
             role: as_column(role, one, len(time)) * (1 if role in SHAFTS else sizes.get(role, 1.0))
@@ -325,9 +317,9 @@ class EncoderLog:
         driving, driven = channels["driving"], channels.get("driven")
         _ = [one.resolution for one in channels.values()]  # before the angles take memory
         if driven is not None and statement.ratio is not None:
-            clock = "time" in place.columns
-            if is_at_standstill(driving.reading, time, clock=clock):
-                driven = driven.following(float(statement.ratio) * driving.angle)
+            steps = steps_of(driving.reading, REV / abs(driving.radians_per_unit))
+            if is_at_standstill(steps, time, clock="time" in place.columns):
+                driving, driven = together(driving, driven, float(statement.ratio))
         error = values.get("transmission_error")
         if driven is None and layout.driven_scale != 1:
             raise LogError(
@@ -363,6 +355,10 @@ class EncoderLog:
                     where=place.at("direction", row),
                 )
             direction = direction.astype(np.int8)
+            if word := units.get("direction"):  # such as `cw`, from the one side or the other
+                direction = direction * (1 if direction[1:] @ np.diff(driving.angle) >= 0 else -1)
+                way = "rise" if direction[0] > 0 else "fall"
+                notes.append(f"direction: the positions {way} in the rows `{word}`, by their order")
         return cls(
             time=time,
             driving=driving,
@@ -532,11 +528,7 @@ def _common_size(
 
 
 def _seconds(
-    table: Table,
-    column: Column,
-    values: Real[np.ndarray, " n"] | None,
-    size: int,
-    place: Source,
+    table: Table, column: Column, values: Real[np.ndarray, " n"] | None, size: int, place: Source
 ) -> tuple[Float[np.ndarray, " n"], tuple[str, ...]]:
     """Return the time in s of `size` rows, and notes; `values` is None for dates.
 

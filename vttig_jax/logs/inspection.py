@@ -168,7 +168,7 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
         ratio=seen_ratio(log),
         segments=segments,
         plateaus=plateaus,
-        commensurate=commensurate(log, segments.segments),
+        commensurate=() if segments.still else commensurate(log, segments.segments),
         aliased=aliased(plateaus, sampling.rate_hz, orders),
         spectrum=spectrum,
         support=support_of(log, segments.segments),
@@ -224,25 +224,22 @@ def _motion_table(report: "Inspection") -> str:
     if report.segments.still:
         return ""
     motion = report.segments.motion
-    rows = [
-        (m.kind, str(m.start), str(m.stop), f"{60 * m.speed / REV:.4g}")
-        for m in motion[:MOST_LINES]
-    ]
-    if len(motion) > MOST_LINES:
-        rows.append((f"and {len(motion) - MOST_LINES} more", "", "", ""))
-    return text_table(rows, ["motion", "from sample", "to", ("mean speed", "rpm")])
+    rows = [(m.kind, str(m.start), str(m.stop), f"{60 * m.speed / REV:.4g}") for m in motion]
+    return text_table(_first(rows), ["motion", "from sample", "to", ("mean speed", "rpm")])
+
+
+def _first(rows: list[tuple[str, str, str, str]]) -> list[tuple[str, str, str, str]]:
+    """Return the first `MOST_LINES` rows of a table, and how many more there are."""
+    more = (f"and {len(rows) - MOST_LINES} more", "", "", "")
+    return [*rows[:MOST_LINES], *[more] * (len(rows) > MOST_LINES)]
 
 
 def _plateau_table(report: "Inspection") -> str:
-    rows = [
-        (p.flank, f"{p.speed_rpm:.5g}", str(p.segments), str(p.samples))
-        for p in report.plateaus[:MOST_LINES]
-    ]
-    if not rows or report.segments.still:
+    if not report.plateaus or report.segments.still:
         return ""
-    if len(report.plateaus) > MOST_LINES:
-        rows.append((f"and {len(report.plateaus) - MOST_LINES} more", "", "", ""))
-    return text_table(rows, ["flank", ("mean driving speed", "rpm"), "segments", "samples"])
+    seen = report.plateaus
+    rows = [(p.flank, f"{p.speed_rpm:.5g}", str(p.segments), str(p.samples)) for p in seen]
+    return text_table(_first(rows), ["flank", ("mean driving speed", "rpm"), "segments", "samples"])
 
 
 def _spectrum_table(report: "Inspection") -> str:
@@ -294,13 +291,7 @@ def _remarks(report: "Inspection") -> list[str]:
     if ratio.verdict not in ("agrees", "none") or ratio.better or ratio.is_doubtful:
         remarks.append(ratio.sentence)
     remarks += report.notes[: report.problems]
-    for plateau in report.commensurate:
-        remarks.append(
-            f"at {plateau.speed_rpm:.5g} rpm the {plateau.shaft} encoder passes"
-            f" {plateau.counts_per_sample:.4f} counts a sample, a whole number: its quantisation"
-            " does not average out and biases the first order; change the speed or the rate"
-            " slightly"
-        )
+    remarks += [plateau.sentence for plateau in report.commensurate]
     for alias in report.aliased:
         name = "tooth-mesh" if alias.shaft == "mesh" else alias.shaft
         several = alias.order != alias.highest

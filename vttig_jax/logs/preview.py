@@ -402,10 +402,7 @@ def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
 
 
 def _report(
-    name: str,
-    role: str | None,
-    values: Real[np.ndarray, " n"],
-    found: Roles,
+    name: str, role: str | None, values: Real[np.ndarray, " n"], found: Roles
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
     """Return a row of the column table, and the unwrapped readings if the column is a shaft.
 

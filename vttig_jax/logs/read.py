@@ -160,9 +160,7 @@ class OpenLog:
 
 
 def open_log(
-    path: str | Path,
-    drive: DriveRequest | TwoShafts,
-    reading: ReadingOptions = ReadingOptions(),
+    path: str | Path, drive: DriveRequest | TwoShafts, reading: ReadingOptions = ReadingOptions()
 ) -> OpenLog:
     """Open a log, and find the columns by the options of a user or by a pair file.
 

@@ -10,6 +10,7 @@ times these (their difference), and has a prior:
 | ratio of a drive | N(0, (3·10⁻³ i)²): a ratio is misstated by a rounded number of teeth |
 | first orders, tooth mesh, lines | N(0, (3 u)²), u: robust deviation of the transmission error |
 | order k > 1 of each shaft, difference between the flanks | N(0, (τ/k)²), one τ each |
+| rounding that repeats, beside every harmonic and the gap | N(0, r²) |
 | start angles of a log | N(0, (360°)²/12) |
 | drift: a random walk of each log in K ramps | N(0, τ²/K) |
 | delay of a part of a log; bends of the gap over the speed | N(0, τ²) |
@@ -82,6 +83,7 @@ class Shape:
     - `clear`: shaft and order of higher orders that stand out, with the prior of first orders.
     - `still`: whether all logs are readings at standstill, without speed.
     - `drift`: whether the logs tell a drift: a table that has every place once does not.
+    - `rounding`: r of every log on one flank, rad, 0 where rounding does not repeat.
     """
 
     starts: tuple[Start, ...]
@@ -94,10 +96,17 @@ class Shape:
     clear: frozenset[tuple[str, int | float]] = frozenset()
     still: bool = False
     drift: bool = True
+    rounding: tuple[float, ...] = ()
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
     """Yield the columns of the model."""
+
+    def rounded(row: Name, logs: Sequence[int], *, differs: bool) -> Iterator[Column]:
+        for log in [k for k in logs if any(shape.rounding) and shape.rounding[k] > 0]:
+            width = shape.rounding[log] * (1 + differs) ** 0.5
+            yield Column(("rounding", *row, differs, log), row, (log,), differs, KNOWN, width)
+
     for log, start in enumerate(shape.starts):
         yield Column(("offset", log), ("one",), (log,))
         for shaft, std in zip(SHAFTS, start.spread, strict=True):
@@ -106,6 +115,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                 yield Column(*name, (log,), prior=KNOWN, width=2 * UNTOLD)
     if shape.both:
         yield Column(("gap",), ("one",), differs=True)
+        yield from rounded(("one",), range(len(shape.starts)), differs=True)
     if assumed.delay == "fitted":
         yield Column(("delay",), ("delay",), prior=KNOWN)
     if shape.drive and assumed.ratio > 0:
@@ -132,6 +142,7 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                 for part in ("cos", "sin"):
                     row = (wave.shaft, wave.order, part)
                     yield Column((*row, differs, log), row, logs, differs, prior, width)
+                    yield from rounded(row, logs, differs=differs)
     for log in range(len(shape.starts)):
         for k in range(KNOTS if shape.drift else 0):
             width = KNOTS**-0.5

@@ -165,11 +165,7 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     slopes = jnp.concatenate([(bends @ residual)[:, :-1], (diagonals * at[:, None]).T]).T
     by_std = -2 * (jnp.eye(size - 1) - spread * prior[None])
     moved = jnp.concatenate(
-        [
-            spread @ bends[:LAGS, :-1, :-1],
-            by_std[None],
-            spread[None] * diagonals.T[:, None, :],
-        ]
+        [spread @ bends[:LAGS, :-1, :-1], by_std[None], spread[None] * diagonals.T[:, None, :]]
     )
     traces = jnp.einsum("sij,tji->st", moved, moved)
     curve = jax.hessian(rest)(theta) - traces - 2 * slopes.T @ spread @ slopes

@@ -26,12 +26,7 @@ POINTS = 8
 """Points per turn of each shaft. Orders below 4 are exact; only terms of order e⁶ alias to them."""
 
 GEARS = ("driving_x", "driving_y", "driven_x", "driven_y")
-ENCODERS = (
-    "driving_encoder_x",
-    "driving_encoder_y",
-    "driven_encoder_x",
-    "driven_encoder_y",
-)
+ENCODERS = ("driving_encoder_x", "driving_encoder_y", "driven_encoder_x", "driven_encoder_y")
 _TERMS = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("both", -1): (1, -1)}
 
 

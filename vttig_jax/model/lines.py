@@ -128,9 +128,7 @@ class Shifts:
 
 
 def refined(
-    lines: Sequence[Line],
-    turns: float,
-    fit: Callable[[tuple[float, ...], Shifts], MixedFit],
+    lines: Sequence[Line], turns: float, fit: Callable[[tuple[float, ...], Shifts], MixedFit]
 ) -> tuple[MixedFit, list[Line]]:
     """Return the fit with lines as orders, and the lines with the frequencies of that fit.
 

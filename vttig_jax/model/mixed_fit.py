@@ -196,6 +196,7 @@ def design_of(
         usual=1.0,
         still=all(one.still for one in shafts),
         drift=not all(one.still and _once(one) for one in shafts),
+        rounding=tuple(one.rounding for one in shafts),
     )
     cycles = [wave.cycles(ratio) for wave in waves]
     cycles += [] if given is None else [given.highest_order]
@@ -247,7 +248,7 @@ def mixed_fit(
         if not any(len(one.table) for one in rows):
             raise NoAnswerError(
                 f"no run of this log has {LAGS + 2} rows of {design.row_s:.2g} s; record longer"
-                " runs.",
+                " runs."
             )
         design = design.measured(rows, delay_s)
         if number <= 2 or weights is not None:  # the first pass may hold a delay
@@ -347,7 +348,7 @@ def clear_in(columns: Sequence[Column]) -> frozenset[tuple[str, int | float]]:
     return frozenset(
         c.row[:2]
         for c in columns
-        if c.prior == KNOWN and c.row[0] in SHAFTS and c.row[1] != 1 and not c.differs
+        if c.prior == KNOWN and c.name[0] in SHAFTS and c.row[1] != 1 and not c.differs
     )
 
 

@@ -74,10 +74,7 @@ class Newton(optx.AbstractMinimiser):
         damping = jnp.where(better, eased, jnp.maximum(4 * state.damping, 0.3))
         pick = lambda new, old: jnp.where(better, new, old)  # noqa: E731
         theta, value = pick(y, state.theta), pick(value, state.value)
-        gradient, hessian = (
-            pick(told.gradient, state.gradient),
-            pick(told.hessian, state.hessian),
-        )
+        gradient, hessian = (pick(told.gradient, state.gradient), pick(told.hessian, state.hessian))
         scale = 1 / jnp.sqrt(jnp.maximum(jnp.abs(jnp.diag(hessian)), _FLOOR))
         curvature, axes = jnp.linalg.eigh(hessian * scale[:, None] * scale[None])
         along, size = axes.T @ (gradient * scale), jnp.maximum(jnp.abs(curvature), _LEAST)

@@ -184,10 +184,7 @@ def polar(
         )
     return tuple(
         Parameter(name, u, v, s, v - quantile * s, v + quantile * s, True, True, freedom=freedom)
-        for name, u, v, s in (
-            (names[0], unit, amplitude, std),
-            (names[1], "deg", phase, phase_std),
-        )
+        for name, u, v, s in ((names[0], unit, amplitude, std), (names[1], "deg", phase, phase_std))
     )  # pyright: ignore[reportReturnType]
 
 

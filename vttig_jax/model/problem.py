@@ -164,7 +164,7 @@ def cleared(problem: Problem, orders: Collection[tuple[str, int | float]], width
     old, columns = problem.compressed, list(problem.columns)
     member, precision = np.array(old.member), np.array(old.precision)
     for place, column in enumerate(columns):
-        if column.row[:2] in orders and not column.differs:
+        if column.name[:2] in orders and not column.differs:
             columns[place] = replace(column, prior=KNOWN, width=width)
             precision[place] = (problem.unit * column.width / width) ** 2 * member[place].sum()
             member[place] = 0.0

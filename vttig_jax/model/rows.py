@@ -92,7 +92,8 @@ class Shafts:
     `nominal` are slope and level of the driven over the driving angle: harmonics of
     the driven shaft are taken there, since the measured angle contains the gap. Harmonics count
     from the `start`, all other angles from the zero of the log. `still`: whether the samples are
-    readings at standstill, which have no speed and no delay.
+    readings at standstill, which have no speed and no delay. `rounding`: standard deviation, on one
+    flank, of what rounding that repeats adds to a coefficient of a harmonic, rad.
     """
 
     time: Float[np.ndarray, " n"]
@@ -110,6 +111,7 @@ class Shafts:
     good: np.ndarray | None = None
     start: Start = Start()
     still: bool = False
+    rounding: float = 0.0
 
     @classmethod
     def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":

@@ -1,12 +1,15 @@
 """Runs of a log with a known flank, and ramps whose flank the fit decides."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from ..logs.channel.unwrap import step_of
+from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
-from ..logs.motion.segments import Segments
+from ..logs.motion.segments import Segments, places
 from .rows import Run, Shafts
 
 _LEAST = 16
@@ -38,7 +41,9 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
         inside = any(m.start <= first.start and second.stop <= m.stop for m in segments.motion)
         if same and inside and between.stop - between.start > 0:
             slowing.append((between.start, between.stop, _side(first.flank)))
-    return Shafts.of(log, runs, slowing)
+    locked = {one.shaft: one.rounding_arcsec for one in commensurate(log, segments.segments)}
+    rounding = float(np.radians(np.linalg.norm([*locked.values()]) / 3600))
+    return replace(Shafts.of(log, runs, slowing), rounding=rounding)
 
 
 def _still(log: EncoderLog, segments: Segments) -> Shafts:
@@ -55,6 +60,10 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
     ratio, speed = float(log.ratio), np.zeros(len(order))
     # Over one turn a first order has a slope of its own, which is no error of the ratio.
     phase = np.outer(ratio * driving, np.arange(1, 5))
+    # Readings that repeat at n places have one rounding, 2/n of its variance at every harmonic, of
+    # which a ratio that is free lets as little as a third be seen.
+    count, most = max(map(places, (driving, ratio * driving))), max(count, len(order) - count)
+    step = step_of(error) if log.driven is None else log.driven.resolution
     columns = np.column_stack([driving, np.ones(len(order)), np.cos(phase), np.sin(phase)])
     slope, level = np.linalg.lstsq(columns, error, rcond=1e-6)[0][:2]
     return Shafts(
@@ -71,6 +80,7 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
         log.driving.resolution,
         None if log.torque is None else log.torque[order],
         still=True,
+        rounding=step / (2 * count) ** 0.5 if most > 1.5 * count else 0.0,
     )
 
 

@@ -1,5 +1,7 @@
 """Tables of readings at standstill: which logs are one, and on which flank every reading lies."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from vttig_jax import read_log
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
 
+CORPUS = Path(__file__).parents[2] / "corpus"
 PLACES = np.arange(0.0, 360.0, 15.0)
 
 
@@ -51,6 +54,19 @@ def test_the_flank_is_that_of_the_approach(angle, seen):
 def test_a_column_of_directions_says_the_approach():
     direction = np.tile([1, -1, 0], 8)
     assert flanks(table(PLACES, direction=direction)) == "AB-" * 8
+
+
+def test_words_decide_and_what_they_contradict_is_said():
+    """Words decide the flank also against the order of the rows, and the sentence has a cure."""
+    columns = {"driving": "position_deg", "driven": "measured_deg"}
+    log = read_log(
+        CORPUS / "still_words_against_the_order.csv",
+        ratio="1:1",
+        columns=columns,
+        sample_rate_hz=1.0,
+    )
+    assert flanks(log) == "B" * 12 + "A" * 12
+    assert "--invert driving" in assigned_segments(log).notes[0]
 
 
 def test_a_shaft_that_turns_is_no_table():

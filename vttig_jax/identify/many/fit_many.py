@@ -217,13 +217,7 @@ def parameter_names(pair: GearPair | Drive) -> tuple[str, ...]:
     gears, encoders = (
         [f"{shaft}_{name}" for shaft in ("driving", "driven") for name in kind] for kind in kinds
     )
-    return (
-        *gears,
-        "constant_backlash_deg",
-        *encoders,
-        "delay_s",
-        "gap_over_angles_covered",
-    )
+    return (*gears, "constant_backlash_deg", *encoders, "delay_s", "gap_over_angles_covered")
 
 
 def _failed(name: str, error: VttigError) -> Row:

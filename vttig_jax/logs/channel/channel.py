@@ -20,7 +20,7 @@ from ...base.numerics.counting import pieces
 from ...base.units import DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ...pair.schema import Encoder, as_fraction
 from ..source import LEAST_RANGE, Source
-from .speed import is_at_standstill, repeats, spikes, stalls, without_spikes
+from .speed import is_at_standstill, repeats, spikes, stalls, steps_of, usual_step, without_spikes
 from .unwrap import digits_note, find_modulus, step_of, stray_jump, unwrap, wrap_steps
 
 GAP = 5.001
@@ -68,7 +68,8 @@ def make_continuous(
     hide wraps. Spikes keep their values and are reported in a note.
     """
     quantum = 1.0 if origin.unit == "counts" else 0.0
-    if is_at_standstill(values, time, clock="time" in origin.source.columns):
+    turn = None if origin.per_turn is None else float(origin.per_turn)
+    if is_at_standstill(steps_of(values, turn), time, clock="time" in origin.source.columns):
         # There is no motion that a reading could contradict, and a step tells no wrap.
         return Continuous(values, np.zeros(len(values), bool), None, 0, ())
     raw_spikes = spikes(values, time, quantum)
@@ -268,6 +269,27 @@ class RawChannel:
     lead_mm: float | None = None
 
 
+def together(driving: "Channel", driven: "Channel", ratio: float) -> tuple["Channel", "Channel"]:
+    """Return both channels of a table of readings at standstill with the turns that it leaves out.
+
+    Such a table does not show where a channel wraps; the other shaft does. Of the ways of the
+    slower shaft, the step that was read and one turn less or more, that counts from which the other
+    shaft lies the fewest whole turns off, and of equal ones a way no longer than twice the usual
+    step. A channel that covers a turn does not wrap, except that the driven one follows.
+    """
+    both, gain = ((driving, driven), ratio) if ratio >= 1 else ((driven, driving), 1 / ratio)
+    slow, fast = (np.diff(one.angle) for one in both)
+    turns = np.array([0.0, -1.0, 1.0])[: 3 if both[0].turns < 1 else 1, None]
+    way = slow + REV * turns
+    follows = np.rint((gain * way - fast) / REV) * (ratio >= 1 or driving.turns < 1)
+    off = np.abs(gain * way - fast - REV * follows) / gain
+    usual = min(2 * usual_step(steps_of(both[0].angle, REV)), REV / 4)
+    best = np.argmin(off + 1e-6 * (turns != 0) * np.where(np.abs(way) > usual, 1, -1), axis=0)
+    own = turns[best, 0], follows[best, np.arange(len(slow))]
+    moved = [one.turned(counts) for one, counts in zip(both, own, strict=True)]
+    return (moved[0], moved[1]) if ratio >= 1 else (moved[1], moved[0])
+
+
 @dataclass(frozen=True, eq=False)
 class Channel:
     """Encoder channel with shaft angle φ = `radians_per_unit` · (`reading` − `origin`).
@@ -327,17 +349,14 @@ class Channel:
             return self.angle
         return without_spikes(self.angle, time, self.spikes)
 
-    def following(self, expected: Float[np.ndarray, " n"]) -> "Channel":
-        """Return the channel with whole turns added where it steps by them beside an angle, rad.
-
-        A table of readings at standstill does not show where a channel wraps; the other shaft does.
-        """
-        turns = np.concatenate([[0.0], np.cumsum(np.rint(np.diff(expected - self.angle) / REV))])
+    def turned(self, turns: Float[np.ndarray, " n"]) -> "Channel":
+        """Return the channel with whole turns added to the steps between its readings."""
         if not turns.any():
             return self
-        turn = REV / self.radians_per_unit
-        added = turns * (turn if self.reading.dtype.kind == "f" else round(turn))
-        return replace(self, reading=self.reading + added.astype(self.reading.dtype))
+        turn, wraps = REV / self.radians_per_unit, int(np.count_nonzero(turns))
+        turn = round(turn, 9) if self.reading.dtype.kind == "f" else round(turn)
+        added = np.append(0.0, np.cumsum(turns * turn)).astype(self.reading.dtype)
+        return replace(self, reading=self.reading + added, modulus=abs(turn), wraps=wraps)
 
     @cached_property
     def resolution(self) -> float:

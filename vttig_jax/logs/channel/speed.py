@@ -170,18 +170,27 @@ _RESTS = 0.9
 """Least share of steps behind which a shaft rests for at least one more reading (chosen)."""
 
 
-def usual_step(values: Real[np.ndarray, " n"]) -> float:
+def steps_of(values: Real[np.ndarray, " n"], turn: float | None) -> Float[np.ndarray, " m"]:
+    """Return the steps between readings, the shortest way where they wrap at `turn`."""
+    step = np.diff(values.astype(np.float64, copy=False))
+    if turn is not None and len(step) and float(np.ptp(values)) < turn:
+        np.subtract(step, turn, out=step, where=step > 0.5 * turn)
+        np.add(step, turn, out=step, where=step < -0.5 * turn)
+    return step
+
+
+def usual_step(step: Float[np.ndarray, " m"]) -> float:
     """Return the size of the steps that make half of the travel of a channel."""
-    ordered = np.diff(values.astype(np.float64, copy=False))
-    np.abs(ordered, out=ordered).sort()
+    ordered = np.abs(step)
+    ordered.sort()
     travel = np.cumsum(ordered)
     return float(ordered[np.searchsorted(travel, 0.5 * travel[-1])]) if len(travel) else 0.0
 
 
 def is_at_standstill(
-    values: Real[np.ndarray, " n"], time: Float[np.ndarray, " n"], *, clock: bool
+    signed: Float[np.ndarray, " m"], time: Float[np.ndarray, " n"], *, clock: bool
 ) -> bool:
-    """Return whether a channel was read at standstill.
+    """Return whether a channel whose readings are the steps `signed` apart was read at standstill.
 
     No step between two readings is then a part of the usual step, as on a ramp or at a reversal,
     and readings have no `clock` but a stated rate of at most two a second. With a clock the
@@ -189,9 +198,7 @@ def is_at_standstill(
     turning shaft are not, or if unequal times made steps that are alike.
     Small steps that go on in one direction are motion beside the wraps of a large counter.
     """
-    usual = usual_step(values)
-    signed = np.diff(values.astype(np.float64, copy=False))
-    step = np.abs(signed)
+    usual, step = usual_step(signed), np.abs(signed)
     moved = step > SAME * usual
     if len(step) < 3 or np.any(moved & (step < _PART * usual)):
         return False

@@ -82,7 +82,7 @@ def find_modulus(
             candidates.append(power)
         if per_turn is not None and per_turn > span:
             candidates.append(int(per_turn))
-    elif per_turn is not None and span <= per_turn:
+    elif per_turn is not None and span <= 1.01 * per_turn:  # with noise of an analogue encoder
         candidates.append(per_turn)
     best, lowest = None, MAX_ROUGHNESS
     for candidate in candidates:

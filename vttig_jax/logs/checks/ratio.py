@@ -28,7 +28,7 @@ from jaxtyping import Float
 
 from ...base.errors import LogError
 from ...base.numerics.student_noise import fit_student_noise
-from ...base.units import DEG, REV
+from ...base.units import DEG, LENGTH_UNITS, REV
 from ..encoder_log import EncoderLog
 from ..slope import (
     DEVIATIONS,
@@ -64,11 +64,7 @@ class SlopeGains:
     @property
     def cause(self) -> Cause:
         """The best explanation, if it is clearly better than the others and than noise."""
-        gains: dict[Cause, float] = {
-            "ratio": self.ratio,
-            "delay": self.delay,
-            "drift": self.drift,
-        }
+        gains: dict[Cause, float] = {"ratio": self.ratio, "delay": self.delay, "drift": self.drift}
         best = max(gains, key=gains.__getitem__)
         others = max(0.0, *(gain for name, gain in gains.items() if name != best))
         return best if gains[best] > others + CLEAR else "open"
@@ -212,6 +208,7 @@ class SeenRatio:
     - `verdict`: whether `seen` agrees with `given`, or else with its inverse or its negative.
     - `cause`: what explains best that `seen` deviates from `given` by more than chance.
     - `travel`: path of the driving shaft from its lowest to its highest angle, rad.
+    - `lead`: text on the lead of a linear axis with which the log has the given ratio, or "".
     """
 
     seen: float | None
@@ -220,6 +217,7 @@ class SeenRatio:
     verdict: Verdict
     cause: Cause = "open"
     travel: float = 0.0
+    lead: str = ""
 
     @property
     def better(self) -> Fraction | None:
@@ -306,9 +304,9 @@ class SeenRatio:
             "sign": "give --invert driven, or take it away if it is given; in a pair file set"
             " `sign = -1` for the encoder that does, or take it away where it is set",
             "swapped_sign": f"{exchanged}, and give --invert driven (in the pair file `sign = -1`)",
-            "differs": f"correct the teeth or the ratio ({self._option} is that of the log;"
-            " --teeth, or [drive] ratio in a pair file), or the counts and units (--counts, --unit,"
-            " or counts_per_rev and scale of the pair file)",
+            "differs": f"correct {self.lead}the teeth or the ratio ({self._option} is that of the"
+            " log; --teeth, or [drive] ratio in a pair file), or the counts and units (--counts,"
+            " --unit, or counts_per_rev and scale of the pair file)",
         }[self.verdict]
 
     @property
@@ -395,6 +393,11 @@ def _seen(log: EncoderLog, followed: FollowedMotion | None) -> SeenRatio:
     tolerance = max(TOLERANCE, min(MOST_TOLERANCE, SHIFT_TURNS / turns))
     verdict = _verdict(seen, std, float(log.ratio), tolerance)
     found = SeenRatio(seen, std, log.ratio, verdict, travel=float(np.ptp(log.driving_angle)))
+    for one, power in ((log.driving, -1), (log.driven, 1)):
+        if one is not None and one.unit in LENGTH_UNITS:
+            lead = abs(seen / log.ratio) ** power * REV / abs(one.radians_per_unit)
+            text = f"the lead (--lead-mm {lead * LENGTH_UNITS[one.unit]:.4g}), or "
+            found = replace(found, lead=text)
     if not found.is_doubtful:
         return found
     return replace(found, cause=slope_gains(log).cause)

@@ -16,9 +16,9 @@ from ..channel.channel import GAP
 from ..encoder_log import EncoderLog
 from ..motion.segments import HIGHEST, Segment, turns_of
 
-COMMENSURATE = 1e-3
-"""If the counts per sample are this close to a whole number, the quantisation error is constant
-(chosen)."""
+_STRAYED = 16
+"""Largest range of counts beside a line of whole counts a sample over which their rounding goes
+with the angle and does not average out (chosen)."""
 
 SAME_SPEED = 0.03
 """Segments with a smaller relative difference of speed belong to one plateau (chosen)."""
@@ -55,12 +55,26 @@ class SpeedPlateau:
 class Commensurate:
     """Segment in which `shaft` turns by a whole number of counts per sample.
 
-    `speed_rpm` is the signed speed of the driving shaft.
+    `speed_rpm` is the signed speed of the driving shaft. `rounding_arcsec` is the standard
+    deviation of what the rounding of the counts adds to cosine or sine of an order, as an angle of
+    the driven shaft: that of all of it, q/√12, over the root of the counts over which it strays; 0
+    for a driving shaft that does not stray.
     """
 
     shaft: str
     speed_rpm: float
     counts_per_sample: float
+    rounding_arcsec: float
+
+    @property
+    def sentence(self) -> str:
+        """Sentence on what it does to a fit, with a cure."""
+        return (
+            f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
+            f" {self.counts_per_sample:.4f} counts a sample, a whole number: its quantisation"
+            f" ({self.rounding_arcsec:.2g}″ in gap and orders) does not average out; change the"
+            " speed or the rate slightly"
+        )
 
 
 @dataclass(frozen=True)
@@ -118,20 +132,26 @@ def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
     """Return shafts with readings in whole counts that turn by a whole number of counts per sample.
 
-    Each combination of shaft and number of counts is reported once, for its first segment.
+    Most steps between samples are then equal, which noise of the encoder would prevent, and their
+    mean is within 0.001 of them, which a speed nearby would prevent. Each
+    combination of shaft and number of counts is reported once, for its first segment.
     """
     findings = {}
-    for shaft, channel in (("driving", log.driving), ("driven", log.driven)):
+    sides = ("driving", log.driving, abs(float(log.ratio))), ("driven", log.driven, 1.0)
+    for shaft, channel, gain in sides:
         if channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
             continue
         for segment in segments:
-            last = segment.stop - 1
-            moved = int(channel.reading[last] - channel.reading[segment.start])
-            per_sample = abs(moved) / (last - segment.start)
-            whole = round(per_sample)
-            if whole >= 1 and abs(per_sample - whole) < COMMENSURATE:
-                speed = 60 * segment.speed / REV
-                findings.setdefault((shaft, whole), Commensurate(shaft, speed, per_sample))
+            step = np.diff(channel.reading[segment.start : segment.stop])
+            whole = int(np.median(step))
+            strayed = float(np.ptp(np.cumsum(step - whole)))
+            near = np.mean(step == whole) > 2 / 3 and abs(np.mean(step) - whole) < 1e-3
+            if whole and near and strayed <= _STRAYED:
+                # A driving shaft that moves by whole counts alone has one rounding error.
+                size = 0.0 if shaft == "driving" and strayed <= 1 else gain * channel.resolution
+                size /= ARCSEC * float(np.sqrt(12 * max(strayed, 1.0)))
+                speeds = 60 * segment.speed / REV, abs(float(step.mean()))
+                findings.setdefault((shaft, abs(whole)), Commensurate(shaft, *speeds, size))
     return tuple(findings.values())
 
 

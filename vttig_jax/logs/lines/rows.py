@@ -24,6 +24,7 @@ from scipy.linalg import get_blas_funcs, qr
 from ...base.numerics.autoregression import whitening_filter
 from ...base.numerics.counting import whole_below
 from ...base.units import REV
+from ..channel.speed import usual_step
 
 _ROWS_PER_CYCLE = 6.0
 """Rows per cycle of the highest frequency; denser rows are averaged in blocks (chosen)."""
@@ -187,9 +188,7 @@ def typical_step(runs: Sequence[Stretch]) -> float:
 
     Half of the total travel consists of steps up to this size.
     """
-    steps = np.sort(np.concatenate([np.abs(np.diff(run.angle)) for run in runs])) / REV
-    path = np.cumsum(steps)
-    return float(steps[np.searchsorted(path, 0.5 * path[-1])]) if len(steps) and path[-1] else 0.0
+    return usual_step(np.concatenate([np.diff(run.angle) for run in runs])) / REV
 
 
 def _averaged(run: Stretch, block: int) -> tuple[Stretch, Float[np.ndarray, " m"]]:

@@ -333,7 +333,7 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
     The regressors of each flank are an offset, time, its square, speed and torque. Therefore drift
     or a delay between the channels is not detected as a line.
     """
-    if not segments:
+    if max((s.stop - s.start for s in segments), default=0) < 2:
         return ()
     angle = log.driving.steady_angle(log.time)
     usable = ~log.spikes

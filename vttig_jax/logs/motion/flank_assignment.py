@@ -340,10 +340,7 @@ def _profiled(
 
 
 def _place(
-    log: EncoderLog,
-    motion: Int[np.ndarray, " n"],
-    excess: Float[np.ndarray, " n"],
-    gap: float,
+    log: EncoderLog, motion: Int[np.ndarray, " n"], excess: Float[np.ndarray, " n"], gap: float
 ) -> Float[np.ndarray, " n"]:
     """Return the place of the load in the gap at every sample: 0 on flank A, 1 on flank B.
 
@@ -496,7 +493,7 @@ def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segment
 
     Both models have a step between the flanks. If both assignments nearly agree, return True.
     """
-    torque, motion = _flanks(log, by_torque), _flanks(log, by_motion)
+    torque, motion = (flank_rows(log, one)[0] for one in (by_torque, by_motion))
     both = np.flatnonzero((torque != 0) & (motion != 0))
     if np.mean(torque[both] != motion[both]) < _DISAGREEING:
         return True
@@ -505,36 +502,18 @@ def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segment
     return torque_misfit < _BETTER * motion_misfit
 
 
-def _flanks(log: EncoderLog, segments: Segments) -> Float[np.ndarray, " n"]:
-    """Return +1 on flank A, −1 on flank B and 0 elsewhere for every sample."""
-    flank = np.zeros(len(log))
-    for segment in segments.segments:
-        flank[segment.start : segment.stop] = 1.0 if segment.flank == "A" else -1.0
-    return flank
-
-
 def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -> float:
     """Return the residual sum of squares of a linear model of the transmission error at `rows`.
 
     The model has an offset, speed, torque, first orders, and a backlash ≥ 0 between the flanks.
     `flank` is +1 on flank A and −1 on flank B.
     """
-    speed = log.driving_speed.value[rows]
     assert log.torque is not None  # checked by the caller
-    columns = [np.ones(len(rows)), speed, log.torque[rows]]
-    for angle in (log.driving_angle[rows], log.driven_angle[rows]):
-        columns += [np.cos(angle), np.sin(angle)] if np.ptp(angle) >= REV else []
-    columns.append((flank < 0).astype(np.float64))
-    matrix = np.stack(columns, axis=1)
-    size = np.linalg.norm(matrix, axis=0)
-    size[size == 0] = 1.0
-    matrix, error = matrix / size, log.transmission_error[rows]
-    error = error - error.mean()
-    solution = np.linalg.lstsq(matrix, error)[0]
-    if solution[-1] < 0:
-        matrix = matrix[:, :-1]
-        solution = np.linalg.lstsq(matrix, error)[0]
-    return float(np.sum((error - matrix @ solution) ** 2))
+    columns = columns_of(log, rows, log.driving_speed.value[rows])
+    columns = np.column_stack([columns, log.torque[rows]])
+    error = log.transmission_error[rows] - np.mean(log.transmission_error[rows])
+    squares, step = squares_with_step(error, columns, flank)
+    return squares if step >= 0 else squares_with_step(error, columns, np.zeros(len(rows)))[0]
 
 
 @dataclass(frozen=True)

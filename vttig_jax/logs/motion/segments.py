@@ -412,8 +412,8 @@ def _crossing(
 
 def is_table(log: EncoderLog) -> bool:
     """Return whether a log holds readings at standstill."""
-    clock = "time" in log.place.columns
-    return is_at_standstill(log.driving.reading, log.time, clock=clock)
+    steps = np.diff(log.driving.angle)
+    return is_at_standstill(steps, log.time, clock="time" in log.place.columns)
 
 
 def still_segments(log: EncoderLog) -> Segments:
@@ -423,9 +423,12 @@ def still_segments(log: EncoderLog) -> Segments:
     Of twice as many readings as usual at a place where the motion turns, half belong to each side;
     a column of directions replaces all this.
     """
-    sense = _approach(log.driving.angle)
+    sense, how = _approach(log.driving.angle), "that of the approach"
     if log.direction is not None:
-        sense = log.direction.astype(np.int64)
+        against = np.count_nonzero(log.direction[1:] * np.diff(log.driving.angle) < 0)
+        sense, how = log.direction.astype(np.int64), "that of the direction column"
+        said = f", which in {against} rows is not that of the step to their position (--invert"
+        how += f"{said} driving --invert driven exchange both directions)" * bool(against)
     count = max(map(places, (log.driving.angle, float(log.ratio) * log.driving.angle)))
     ends = np.flatnonzero(np.diff(sense)) + 1
     spans = zip([0, *ends.tolist()], [*ends.tolist(), len(log)], strict=True)
@@ -436,8 +439,8 @@ def still_segments(log: EncoderLog) -> Segments:
         len(log),
         (
             f"a table of {len(log)} readings at standstill at {count} places of a turn: the flank"
-            " is that of the approach, and there is no delay; if the shafts turned while it was"
-            " recorded, say --running",
+            f" is {how}, and there is no delay; if the shafts turned while it was recorded, say"
+            " --running",
         ),
         crossing=0.0,
         still=True,
@@ -448,12 +451,12 @@ def places(angle: Float[np.ndarray, " n"]) -> int:
     """Return the number of different places in a turn."""
     near = np.sort(np.mod(angle, REV))
     apart = np.diff(near, append=near[:1] + REV)
-    return int(np.count_nonzero(apart > min(SAME * usual_step(angle), DEG)))
+    return int(np.count_nonzero(apart > min(SAME * usual_step(np.diff(angle)), DEG)))
 
 
 def _approach(angle: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """Return the direction from which every reading was approached, ±1."""
-    step, usual = np.diff(angle), usual_step(angle)
+    step, usual = np.diff(angle), usual_step(np.diff(angle))
     first = np.concatenate([[0], np.flatnonzero(np.abs(step) > SAME * usual) + 1])
     size = np.diff(first, append=len(angle))
     way = np.append(np.sign(np.diff(angle[first])), 0).astype(np.int64)

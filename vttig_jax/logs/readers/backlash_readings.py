@@ -22,12 +22,12 @@ from ...geometry.deviations import Deviations, FlankMap
 from ...geometry.tooth import SHAFTS
 from ...pair.gear_pair import GearPair
 from ...pair.schema import LogLayout
-from .column_names import name_and_unit
+from .column_names import BACKLASH, name_and_unit, read_name, words_of
 from .delimited import TextTable, find_table
 from .text import read_text
 
 UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
-"""Columns of a file of readings, and the units with which their names may end."""
+"""Columns of a file of readings, and usual units with which their names may end."""
 
 MOST_DRIVING = 1e6 * REV
 """Largest driving angle of a reading in rad (chosen: a million turns, at which the last digit of
@@ -113,7 +113,8 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
 
     The file has one header line and one reading per line. It needs a column `driving_deg` (or
     `_rad`, `_rev`) and a column `backlash_deg` (or `_arcsec`, `_urad`, `_rad`) with the angle of
-    the driven gear. Other columns are ignored; several readings may have the same angle.
+    the driven gear, or names that say the same in a log, such as `motor [°]` and `play [°]`. Other
+    columns are ignored; several readings may have the same angle.
 
     **Arguments**
     - `path`: path of the file.
@@ -163,12 +164,15 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
 
 
 def _column(table: TextTable, role: str) -> tuple[int, str]:
-    """Return the index and unit of the column of a role."""
+    """Return the index and unit of the column of a role, by the words that say it in a log too."""
     units = UNITS[role]
     matches: list[tuple[int, str]] = []
     for index, name in enumerate(table.names):
-        stem, unit = name_and_unit(name, units, f"{table.source}: column `{name}`")
-        if stem.lower() != role:
+        where = f"{table.source}: column `{name}`"
+        stem, unit = name_and_unit(name, tuple(ANGLE_UNITS), where)
+        gap = not BACKLASH.isdisjoint(words_of(stem))
+        said = gap if role == "backlash" else not gap and read_name(name, where).role == role
+        if stem.lower() != role and not (said and unit):
             continue
         if unit is None:
             raise LogError(

@@ -47,11 +47,7 @@ class ClockedColumn:
 
 
 def table_of(
-    columns: Iterable[ClockedColumn],
-    source: str,
-    *,
-    held: bool = False,
-    start: float | None = None,
+    columns: Iterable[ClockedColumn], source: str, *, held: bool = False, start: float | None = None
 ) -> Table:
     """Return the table of all columns; channels with equal stamps share one column of time.
 

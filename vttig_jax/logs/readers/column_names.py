@@ -38,11 +38,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 
 TIME_UNITS |= {"min": 60.0, "h": 3600.0}
 """Seconds in one of each unit of time."""
 
-SPEED_UNITS = {
-    "rpm": ANGLE_UNITS["rev"] / 60,
-    "deg_per_s": ANGLE_UNITS["deg"],
-    "rad_per_s": 1.0,
-}
+SPEED_UNITS = {"rpm": ANGLE_UNITS["rev"] / 60, "deg_per_s": ANGLE_UNITS["deg"], "rad_per_s": 1.0}
 """Angular speed in rad/s of one of each unit of speed."""
 
 ACCELERATION_UNITS = {"deg_per_s2": ANGLE_UNITS["deg"], "rad_per_s2": 1.0}
@@ -358,8 +354,17 @@ DRIVING, DRIVEN, OUTPUT_SIDE, TIME, QUANTITIES, SETPOINTS = (
     frozenset(fold(_WORDS_OF[key]).split())
     for key in ("driving", "driven", "output_side", "time", "quantities", "setpoints")
 )
+DIRECTION, TURNING, BACKLASH, _UP, _DOWN = (
+    frozenset(fold(_WORDS_OF[key]).split())
+    for key in ("direction", "turning", "backlash", "rising", "falling")
+)
 """Words for the shafts and for time; words such as `joint`, which are the driven shaft where no
-other name says it; and words for other quantities, and for angles that were not measured."""
+other name says it; words for other quantities, and for angles that were not measured; names of a
+column of directions, directions whose sense depends on the side from which one looks, and names of
+readings of the backlash."""
+
+WAYS = dict.fromkeys(_UP, 1.0) | dict.fromkeys(_DOWN, -1.0)
+"""Word for a direction → +1 for rising positions, −1 for falling ones."""
 
 
 COMPOUND: Final = 5

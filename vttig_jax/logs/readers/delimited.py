@@ -27,7 +27,7 @@ from jaxtyping import Real
 from ...base.errors import LogError
 from ...pair.schema import LogLayout
 from ..channel.channel import EXACT_FLOAT
-from .column_names import is_units_row, with_units
+from .column_names import WAYS, fold, is_units_row, with_units
 from .table import MOST_COLUMNS, Table
 from .text import Lines
 from .times import looks_like_stamp
@@ -194,6 +194,7 @@ class TextTable(Table):
         self._nulls = NO_NUMBERS if missing else frozenset()
         self._parsed: dict[tuple[int, str], np.ndarray] = {}
         self._first = next((fields for _, fields in self.rows()), [])
+        self._ways = {k for k, text in enumerate(self._first) if fold(text) in WAYS}
         self._leave_out_text_below()
         self._last = list(islice(self._from_below(), 4))  # line index, text and fields, from below
 
@@ -238,8 +239,14 @@ class TextTable(Table):
 
     def starts_with_a_number(self, index: int) -> bool:
         """Return whether the first field of a column is a number."""
-        first = (self._first[k] if k < len(self._first) else "" for k in self.needed([index]))
-        return all(looks_like_number(text) or text in self._nulls for text in first)
+        first = [self._first[k] if k < len(self._first) else "" for k in self.needed([index])]
+        return all(looks_like_number(t) or t in self._nulls or fold(t) in WAYS for t in first)
+
+    def says_way(self, index: int) -> bool:
+        """Return whether the fields of a column are words for directions, of both senses."""
+        rows = self.rows() if index in self._ways else ()
+        words = {row[index] if index < len(row) else "" for _, row in rows}
+        return {WAYS.get(fold(word)) for word in words} == {1, -1}
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""
@@ -278,10 +285,8 @@ class TextTable(Table):
         (row, line, fields), (_, line_above, above) = self._last[:2]
         cut = any(_value_at(above, k) and not _value_at(fields, k) for k in indices)
         if row == len(self.lines) - 1:  # no line end follows
-            counts = [
-                len(split(self._content(text), self.delimiter, trim=False))
-                for text in (line, line_above)
-            ]
+            both = map(self._content, (line, line_above))
+            counts = [len(split(text, self.delimiter, trim=False)) for text in both]
             cut = cut or counts[0] < min(self.own, counts[1])
             cut = cut or self._ends_in_a_number(indices)
         return (f"the last line ({row + 1}) is cut off and left out",) if cut else ()
@@ -481,10 +486,11 @@ class TextTable(Table):
 
     def _value(self, number: int, fields: Sequence[str], index: int, decimal: str) -> float:
         """Return the number in a field of the row in line `number`, or raise `LogError`."""
-        if self._nulls and (index >= len(fields) or fields[index] in self._nulls):
+        ways = index in self._ways
+        if self._nulls and not ways and (index >= len(fields) or fields[index] in self._nulls):
             return np.nan
         text = self._field(number, fields, index)
-        value = to_number(text, decimal)
+        value = WAYS.get(fold(text)) if ways else to_number(text, decimal)
         if value is None:
             comma = "," in text or decimal == ","
             cure = f'decimal is "{decimal}"; correct it or --decimal' if comma else "correct it"
@@ -500,10 +506,7 @@ def _value_at(fields: Sequence[str], index: int) -> bool:
 
 
 def find_table(
-    lines: Lines,
-    source: str,
-    layout: LogLayout = LogLayout(),
-    highest: int = 0,
+    lines: Lines, source: str, layout: LogLayout = LogLayout(), highest: int = 0
 ) -> TextTable:
     """Find the header and delimiter of a delimited table; lines before the header are skipped.
 
@@ -569,13 +572,17 @@ def _first_row(lines: Lines, delimiter: str | None) -> int | None:
     A row of numbers has at least two fields, at least half of them numbers. A line such as
     `Channels:;3` above the table is skipped, because the next line is not a row of numbers and the
     rows of the table have another number of fields. Several such lines are skipped if at least
-    twice as many rows have another number of fields.
+    twice as many rows have another number of fields, or begin with no word as these lines do.
     """
     head = lines[: PREAMBLE + 1]
     widths_of_lines = [_width_of_numbers(line, delimiter) for line in head[:PREAMBLE]]
     for k, line in enumerate(head[1:]):
         if widths_of_lines[k] and is_units_row(split(line, delimiter)):
             widths_of_lines[k] = 0  # names such as `x-axis,1,2` are above units, not above numbers
+    begun = [split(line, delimiter)[:1] or [""] for line in head]
+    worded = [w * bool(_WORD.match(one)) for (one,), w in zip(begun, widths_of_lines, strict=False)]
+    if 3 * np.count_nonzero(worded) <= np.count_nonzero(widths_of_lines):
+        widths_of_lines = [a - b for a, b in zip(widths_of_lines, worded, strict=True)]
     found = [(k, width) for k, width in enumerate(widths_of_lines) if width]
     if not found:
         return None

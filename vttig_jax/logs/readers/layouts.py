@@ -437,6 +437,6 @@ def _is_header(fields: list[str], lines: Sequence[str], number: int, mark: str) 
 
 
 def _has_numbers(fields: list[str]) -> bool:
-    """Return whether the first field or most of the fields are numbers or dates."""
+    """Return whether the first field is a number or a date, or more than half of the fields are."""
     kinds = list(map(is_value, fields))
-    return kinds[0] or 2 * sum(kinds) >= len(kinds)
+    return kinds[0] or 2 * sum(kinds) > len(kinds)

@@ -20,7 +20,7 @@ from .layouts import read_increment, read_lvm, read_sections, read_twincat
 from .matlab import HDF5_SIGNATURE, check_objects, hdf5_leaves, matlab_leaves, object_leaves
 from .records import read_brackets, read_json, read_pairs, read_side
 from .samples import read_changes, read_frames, read_guide_log, read_halsampler, read_long
-from .table import Table, matrix_columns, with_computed
+from .table import Table, matrix_columns, one_pass, with_computed
 from .text import NESTED, printable, read_bytes, read_text
 
 LAYOUTS = (
@@ -51,10 +51,7 @@ SIGNATURES = (
 _BY_PATH = (".mcap", ".bag", ".db3")  # their libraries open only files
 
 
-def open_table(
-    path: str | Path,
-    layout: LogLayout = LogLayout(),
-) -> Table:
+def open_table(path: str | Path, layout: LogLayout = LogLayout()) -> Table:
     """Return the table of a file; its columns are parsed when they are used.
 
     `layout` says the form of a text, and names columns. A number such as `#4` among the names says
@@ -92,7 +89,7 @@ def open_table(
         else:
             table, notes = found[0], (*notes, *found[1])
         table.digest, table.notes = digest, (*notes, *table.notes)
-    return with_computed(table, requested)
+    return with_computed(one_pass(table, requested), requested)
 
 
 def _read_nested(path: str | Path) -> Table:

@@ -34,6 +34,7 @@ from ...base.errors import LogError
 from ...base.units import DEG
 from ..source import Source
 from .binary import ClockedColumn, table_of
+from .column_names import WAYS, fold
 from .delimited import looks_like_number, split, to_number
 from .layouts import SPARE, Cell, Found, Row, content, cut_at, numbers
 from .table import MOST_COLUMNS, Table
@@ -239,7 +240,7 @@ def roles_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, i
         elif np.mean([looks_like_number(text) for text in column]) > WHOLE:
             values.append(k)
         elif not any(map(looks_like_number, column)) and _repeats(column):
-            names.append(k)
+            names += [k] * (not WAYS.keys() >= {*map(fold, column)})
     if not times and len(values) == 2:
         times = [values.pop(0)]
     if len(names) == len(times) == len(values) == 1:
@@ -346,10 +347,7 @@ _DITHER = re.compile(rf"INFO: DITHER by {_POINT}")
 _NEW_LOCK = re.compile(rf"INFO: .*new lock pos = {_POINT}")
 _MOVING = re.compile(r"INFO: LOCK SHIFT, enabled = 1")
 _BY_HAND = re.compile(r"INFO: Manual guide \(Mount\) (West|East) (\d+) ms")
-_NEEDED = {
-    "scale": "`Pixel scale = 2.00 arc-sec/px`",
-    "declination": "`Dec = 20.0 deg`",
-}
+_NEEDED = {"scale": "`Pixel scale = 2.00 arc-sec/px`", "declination": "`Dec = 20.0 deg`"}
 
 
 @dataclass

@@ -1,5 +1,7 @@
 """Table: named columns of one file, of which some are computed from others.
 
+Passes up and down side by side: readings of a place in one row, such as `position,up1,down1`.
+
 Table: named columns of one file, each of which is read once, when it is used.
 
 Columns computed from others: a formula such as `0.5*(m1+m2)`, or `quadrature(A,B)`.
@@ -20,7 +22,7 @@ import numpy as np
 from jaxtyping import Int64, Real, Shaped
 
 from ...base.errors import LogError
-from .column_names import SHAFT_UNITS, index_of, name_and_unit
+from .column_names import ANGLES, SHAFT_UNITS, TIME, WAYS, index_of, name_and_unit, words_of
 
 MOST_COLUMNS = 256
 """Largest number of channels in one matrix, its shorter side, and of columns of a text that has
@@ -116,6 +118,10 @@ class Table:
         """Return whether the first field of a column is a date with time, or a time of day."""
         return False
 
+    def says_way(self, index: int) -> bool:
+        """Return whether the fields of a column are words for directions, of both senses."""
+        return False
+
     @property
     def line_of(self) -> Callable[[int], int] | None:
         """Function from row to its line number in the file, from 1; None without lines."""
@@ -141,6 +147,42 @@ def matrix_columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Shaped[n
         yield from ((f"{name}({k + 1},:)", array[k]) for k in range(rows))
     elif columns < rows:
         yield from ((f"{name}(:,{k + 1})", array[:, k]) for k in range(columns))
+
+
+def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
+    """Return a table of passes up and down side by side as one of one reading a row.
+
+    The rows of a pass up are in the order of rising positions and those of a pass down in that of
+    falling ones. Readings that do not follow the positions (with a correlation of 0.99) are errors.
+    A table with a time, or of which one of these columns is `requested`, stays as it is.
+    """
+    words = [[w for w in words_of(name) if w != "pos"] or [name[:1]] for name in table.names]
+    senses = [{WAYS[word] for word in own if word in WAYS} for own in words]
+    up, down = ([k for k, own in enumerate(senses) if own == {sign}] for sign in (1, -1))
+    passes = [k for both in zip(up, down, strict=False) for k in both]
+    names = [table.names[k] for k in passes]
+    timed = any(word in TIME for own in words for word in own)
+    if timed or not up or len(up) != len(down) or {*names} & {*requested}:
+        return table
+    values = table.numeric()
+    kept = [k for k, own in enumerate(senses) if not own and k in values]
+    stems, units = zip(*(name_and_unit(name, ANGLES, table.source) for name in names), strict=True)
+    steps = np.diff(values[kept[-1]]) if kept else np.zeros(1)
+    if {*passes} - values.keys() or abs(np.sign(steps).sum()) < len(steps) or len({*units}) > 1:
+        return table
+    rising = np.arange(len(steps) + 1)[:: int(np.sign(steps[0]))]
+    order = np.concatenate([rising, rising[::-1]] * len(up))
+    reading = np.stack([values[k] for k in passes])[np.arange(len(order)) // len(rising), order]
+    ways = np.tile(np.repeat([1, -1], len(rising)), len(up))
+    name = " ".join(word for word in words_of(stems[0]) if word not in WAYS) or "driven"
+    if abs(np.corrcoef(values[kept[-1]][order], reading)[0, 1]) < 0.99:
+        name = "transmission_error"
+    name += f" [{units[0]}]" * (units[0] is not None)
+    said = ", ".join(f"`{name}`" for name in names)
+    note = f"{said} are passes up and down side by side, read as one pass after the other"
+    arrays = (*(values[k][order] for k in kept), reading, ways)
+    named, told = (*(table.names[k] for k in kept), name, "direction"), (*table.notes, note)
+    return Table(named, arrays, table.source, digest=table.digest, notes=told)
 
 
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")

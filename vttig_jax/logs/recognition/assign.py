@@ -13,23 +13,27 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from ...base.errors import LogError, VttigError
-from ...base.units import LENGTH_UNITS, REV
+from ...base.units import ANGLE_UNITS, LENGTH_UNITS, REV
 from ...pair.schema import PairSpec, UnitTable, as_fraction
 from ..channel.unwrap import complete
 from ..readers.column_names import (
     ANGLES,
+    DIRECTION,
     ROLES,
     ROW,
     ROW_INDEX,
     SHAFT_UNITS,
+    TURNING,
     Column,
     default_column,
+    fold,
     index_of,
     inputs_and_outputs,
     name_and_unit,
     read_name,
     scale_of,
     unit_of,
+    words_of,
 )
 from ..readers.table import Table
 from ..readers.times import epoch_unit
@@ -231,6 +235,19 @@ class Search:
             free = index not in self.roles.values()
             if index is not None and (free or self.statement.in_file):
                 self.roles[role] = index
+        if "direction" not in self.roles:
+            named = [k for k, n in enumerate(self.table.names) if DIRECTION & {*words_of(n)}]
+            found = [k for k in range(self.table.own) if self.table.says_way(k)] or named
+            said = [c for c in map(self.candidate, found) if c.is_sign and c in self.free()]
+            if len(said) > 1:
+                self.asked.append(self._several("direction", said))
+            elif said:
+                self._take("direction", said[0], "by-words")
+
+    def _several(self, role: str, columns: Sequence[Candidate]) -> Question:
+        """Return the question for several columns of a role."""
+        options = [f"--column {role}='{one.name}'" for one in columns[:4]]
+        return self._ask("several-columns", role=role, columns=columns, options=options)
 
     def _find_named_shafts(self) -> list[str]:
         """Assign the shafts by the column names; return the roles that are still missing."""
@@ -258,8 +275,7 @@ class Search:
         if len(named) > 1:
             named = [one for one in named if one.turns] or named
         if len(named) > 1:
-            options = [f"--column {role}='{one.name}'" for one in named[:4]]
-            raise self._ask("several-columns", role=role, columns=named, options=options)
+            raise self._several(role, named)
         if not named and role == "driven" and "driving" in self.roles:
             sides = [one for one in possible if one.reading.output_side and one.turns]
             return sides[0] if len(sides) == 1 and not sides[0].reading.setpoint else None
@@ -287,9 +303,7 @@ class Search:
             for one in named[1:]
         )
         if len(named) > 1 and not same:
-            options = [f"--column time='{one.name}'" for one in named[:4]]
-            asked = self._ask("several-columns", role="time", columns=named, options=options)
-            raise self._with_units(asked)
+            raise self._with_units(self._several("time", named))
         if len(named) > 1:
             self._take("time", named[0], "same-stamps", other=named[1].name)
         elif named:
@@ -330,7 +344,7 @@ class Search:
                     self.table.columns([one.index])
             raise self._shafts_open(missing, listed, given=True)
         pairs, signs, unknown = self.fitting_pairs(fixed, possible, ratio)
-        if unknown:
+        if unknown and not pairs:
             raise self._no_unit(*unknown[0])
         if not pairs:
             raise self._shafts_open(missing, listed, given=True, turning=(fixed, possible))
@@ -398,21 +412,14 @@ class Search:
         options = " ".join(f"--column {role}=NAME" for role in missing)
         still = [one for one in candidates if one.is_constant and one.reading.is_angle]
         moving = [one for one in candidates if not one.is_constant]
-        moving.sort(
-            key=lambda one: (
-                not one.reading.is_angle,
-                one.reading.unit is None,
-                bool(one.reading.setpoint),
-            )
-        )
+        moving.sort(key=lambda one: bool(one.reading.setpoint))
+        moving.sort(key=lambda one: (not one.reading.is_angle, one.reading.unit is None))
         others = [one for one in self.free() if one.turns and one.reading.other]
         lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
         if not given:
             why = "and without a ratio the motion says nothing"
-            if not self.clocked:
-                options = (
-                    f"--ratio A:B (driving turns to driven turns) or --teeth Z1/Z2, or {options}"
-                )
+            stated = "--ratio A:B (driving turns to driven turns) or --teeth Z1/Z2, or "
+            options = stated * (not self.clocked) + options
         elif not moving:
             why = "and no other column holds numbers that change"
         else:
@@ -433,6 +440,14 @@ class Search:
         if others and (given is False or not turning):
             shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
             seen += f"; left out, as their names say another quantity: {shown}"
+        levels = [one.name for one in moving + others if one.has_levels]
+        for role, a, b in zip(missing, levels[::2], levels[1::2], strict=False):
+            seen += f"; channels with two levels are counted with --quadrature {role}='{a},{b}'"
+        seen += "".join(one.span for one in moving if self.statement.counted)
+        for one in others:
+            if one.reading.unit in ANGLE_UNITS and "driven" in missing and self.roles:
+                seen += f"; if `{one.name}` is the error of the driven shaft, give"
+                seen += f" --column transmission_error='{one.name}'"
         seen += "; a linear axis needs --lead-mm, its travel in mm in one turn" * bool(lengths)
         return self._ask(
             "shafts-open",
@@ -461,8 +476,13 @@ class Search:
                 first, second = second, first
                 found = self.slope(first, second)
             if found and not (abs(abs(found[0]) - 1) < EQUAL and is_copy(first, second)):
-                option = ratio_option(abs(found[0]), found[1])
-                seen.append(f"--ratio {option} where `{first.name}` drives `{second.name}`")
+                option = f"--ratio {ratio_option(abs(found[0]), found[1])}"
+                lengths = [one.reading.unit in LENGTH_UNITS for one in (first, second)]
+                if sum(lengths) == 1 and self.statement.ratio is not None:
+                    share = abs(found[0]) / float(self.statement.ratio)
+                    lead = (self.statement.layout.lead_mm or 0.0) * share ** (2 * lengths[1] - 1)
+                    option += f", or --lead-mm {lead:.4g},"
+                seen.append(f"{option} where `{first.name}` drives `{second.name}`")
         return f"; the log shows {', or '.join(seen[:4])}" if seen else ""
 
     def slope(self, first: Candidate, second: Candidate) -> tuple[float, float] | None:
@@ -558,9 +578,7 @@ class Search:
                 for c, d in turning:
                     a, b = named.values()
                     raise self._ask(
-                        "names-against-ratio",
-                        columns=[a, b, c, d],
-                        turns=in_words(ratio),
+                        "names-against-ratio", columns=[a, b, c, d], turns=in_words(ratio)
                     )
         self._refuse_two_clocks(named)
 
@@ -622,18 +640,16 @@ class Search:
 
     def _no_unit(self, role: str, one: Candidate) -> Question:
         in_file, scale = self.statement.in_file, scale_of(one.name)
-        about: dict[str, Any] = {"role": role, "columns": [one]}
-        if in_file:
-            about["where"] = f"{self.source}: column `{one.name}`"
-        if scale:
-            told = f"give the unit of its numbers with --unit {role}=mdeg (or mrad, deg, rad, …)"
-            if in_file:
-                told = f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]'
-            return self._ask("scaled-unit", options=[told], scale=scale, **about)
-        told = f"give --unit deg (or {role}=deg, rad, rev), or {_COUNTS}"
-        if in_file:
-            told = f'end the name with _deg, _rad, … or write `{role} = "deg"` in [unit]'
-        return self._ask("no-unit", options=[told], **about)
+        where = f"{self.source}: column `{one.name}`" if in_file else self.source
+        told = {
+            (False, False): f"give --unit deg (or {role}=deg, rad, rev), or {_COUNTS}",
+            (False, True): f'end the name with _deg, _rad, … or write `{role} = "deg"` in [unit]',
+            (True, False): "give the unit of its numbers with --unit"
+            f" {role}=mdeg (or mrad, deg, rad, …)",
+            (True, True): f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]',
+        }[bool(scale), in_file]
+        slug = "scaled-unit" if scale else "no-unit"
+        return ask(slug, where, role=role, columns=[one], options=[told], scale=scale)
 
     def _no_lead(self, role: str, one: Candidate) -> Question:
         told = "give --lead-mm with its travel in mm in one turn of the shaft"
@@ -661,7 +677,9 @@ class Search:
             name = ROW if index == ROW_INDEX else self.table.names[index]
             place = f"{self.source}: column `{name}`"
             stated = self.units.get(role)
-            columns[role] = Column(role, index, name, unit_of(role, name, stated, place))
+            unit = unit_of(role, name, stated, place)
+            word = self.table.texts(index)[0] if self.table.says_way(index) else ""
+            columns[role] = Column(role, index, name, word if fold(word) in TURNING else unit)
             twice = "".join(r for r, one in columns.items() if one.index == index and r != role)
             if twice:
                 raise LogError(
@@ -738,7 +756,11 @@ class Search:
             if reading.role is None and k in pairs:
                 reading = replace(reading, role=pairs[k])
             found.append(Candidate(k, name, reading, read, self.table.is_dated(k)))
-        return found
+        if not self.statement.counted or any(one.reading.unit == "counts" for one in found):
+            return found
+        # Volts of an analogue encoder have their counts a turn.
+        angle = lambda one: replace(one, reading=replace(one.reading, other=""))  # noqa: E731
+        return [angle(one) if one.is_voltage else one for one in found]
 
     def per_turn(self, one: Candidate, role: str) -> float | None:
         """Return the readings per revolution of a column in a role, or None without a unit.

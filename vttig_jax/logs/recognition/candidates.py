@@ -115,6 +115,31 @@ class Candidate:
             return False
         return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
 
+    @property
+    def is_voltage(self) -> bool:
+        """Whether the name says volts, and the values are numbers that change."""
+        return self.reading.other in ("v", "mv", "volt", "volts") and self.turns
+
+    @property
+    def has_levels(self) -> bool:
+        """Whether nearly all values are near the lowest or the highest one, such as 0 or 5 V."""
+        values = np.zeros(1) if self.values is None else self.values
+        off = np.abs(values - values.min() - 0.5 * np.ptp(values)) > 0.4 * np.ptp(values)
+        return self.turns and self.rows > SHOWN**2 and float(np.mean(off)) > 0.99
+
+    @property
+    def span(self) -> str:
+        """Text on readings that jump over nearly their whole range, which may be a turn, or ""."""
+        size = 0.0 if self.values is None or self.has_levels else float(np.ptp(self.values))
+        often = size > 0 and int(np.sum(np.abs(self.steps) > 0.9 * size)) > 1
+        return f"; `{self.name}` jumps over {size:.3g}: --counts gives a turn" * often
+
+    @property
+    def is_sign(self) -> bool:
+        """Whether the values are +1 and −1, and perhaps 0."""
+        values = np.unique(() if self.values is None else self.values).tolist()
+        return {-1, 1} <= {*values} <= {-1, 0, 1}
+
     @cached_property
     def is_constant(self) -> bool:
         """Whether all values are one number, so that the column shows no motion."""
@@ -291,7 +316,7 @@ QUESTIONS = {
     "no-lead": "the column {facts} for {role} is a length; {options}.",
     "unused-counts": "--counts is given, but no column is in counts; leave it out.",
     "no-time": "no column is certainly the time; give --column time=NAME, or --sample-rate"
-    " HZ{seen}.",
+    " HZ (1 for readings at standstill){seen}.",
     "two-clocks": "`{b}` has the stamps `{a}` and `{d}` has `{c}`, and the clocks run apart, so"
     " that no row holds one instant; interpolate one channel at the stamps of the other, or write"
     " both as a long table of time, channel and value, which is brought onto one clock.",
@@ -310,6 +335,7 @@ UNIT_TOO = f" No name states the unit of the angles either: {_UNIT_OR_COUNTS} bo
 
 GUESSES = {
     "by-name": "column `{name}`, by its name",
+    "by-words": "column `{name}`, which says one in every row",
     "by-ratio": "column `{name}`, the only one that has the given ratio",
     "same-stamps": "column `{name}`, the same stamps as `{other}`",
     "only-dates": "column `{name}`, the only one of dates or times",
