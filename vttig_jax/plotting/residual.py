@@ -35,7 +35,7 @@ def plot_residual(fit: Fit) -> Figure:
     return residual_picture(
         angles,
         fit.residuals,
-        highest=float(np.clip(rows / 3, 1.5, 20.0)),
+        highest=float(np.clip(rows / 3, 1.5, max(20.0, 1.2 * fit.model.highest_order))),
         whitened=[
             fit.noise.whitened(residual)
             for residual in fit.residuals
