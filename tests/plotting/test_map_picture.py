@@ -111,7 +111,7 @@ def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
         assert legend_texts(ax)[line - 1].endswith("not shown") == outside
     (whole,) = plot_map(grid).axes
     assert whole.get_xlim() == (0, 360 * 83) and whole.get_xlabel() == "driving angle [turns]"
-    ticks = whole.xaxis.get_major_formatter().format_ticks(whole.get_xticks())
+    ticks = whole.xaxis.get_major_formatter().format_ticks(whole.get_xticks().tolist())
     assert "80" in ticks and not any("28800" in tick for tick in ticks)
     assert "hunting period of 83 turns" in whole.get_title(loc="left")
     assert not any(text.endswith("not shown") for text in legend_texts(whole))
