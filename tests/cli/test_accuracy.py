@@ -4,8 +4,10 @@ import json
 import shutil
 
 import numpy as np
+import pytest
 
 
+@pytest.mark.portable
 def test_a_run(vttig, vttig_json, run_folder):
     code, record = vttig_json("accuracy", run_folder)
     assert code == 0 and {row["period"] for row in record["single_flank"]} == {

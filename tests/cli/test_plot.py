@@ -8,6 +8,7 @@ import vttig_jax
 STARTS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 
 
+@pytest.mark.portable
 @pytest.mark.parametrize(("name", "form"), [("te", "pdf"), ("map", "svg"), ("orders", "png")])
 def test_a_picture(vttig_json, run_folder, tmp_path, name, form):
     out = tmp_path / f"picture.{form}"
