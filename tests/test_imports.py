@@ -108,6 +108,7 @@ INNER_FLOORS = {
         "fit_settings",
         "records",
         "orders",
+        "accuracy",
         "door",
         "starts",
         "readings",

@@ -22,18 +22,18 @@ BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
     "base": (1268, 19),  # 950
     "pair": (669, 1),  # 560
-    "kinematics": (1101, 17),  # 780
+    "kinematics": (1228, 23),  # 780
     "geometry": (3529, 56),  # 2800
     "logs": (10163, 274),  # 7400
     "rig": (324, 1),  # 260
     "model": (2154, 44),
-    "identify": (3470, 24),  # 9000 together with posterior
+    "identify": (3801, 38),  # 9000 together with posterior
     "posterior": (2981, 46),
     "control": (5723, 77),  # 3600
-    "plotting": (1878, 51),  # 2000 together with the report
+    "plotting": (1898, 52),  # 2000 together with the report
     "runs": (2611, 11),  # 900
-    "cli": (4046, 19),  # 2600
-    "report": (600, 6),
+    "cli": (4095, 19),  # 2600
+    "report": (607, 6),
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

@@ -12,7 +12,18 @@ import tomli_w
 
 from tests.cli.drive import write_drive
 
-ALL = ("verdict", "numbers", "error", "orders", "residual", "findings", "open", "made", "data")
+ALL = (
+    "verdict",
+    "numbers",
+    "error",
+    "accuracy",
+    "orders",
+    "residual",
+    "findings",
+    "open",
+    "made",
+    "data",
+)
 PAIR = {"drive": {"ratio": "1/2"}, "fit": {"driving_orders": [1, 2], "driven_orders": [1, 2]}}
 
 

@@ -29,6 +29,14 @@ def test_the_picture_follows_the_object(make_curve, make_fit, paper_pair):
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), direct.lines[0].get_ydata())
 
 
+def test_a_name_chooses_the_picture(make_fit):
+    fit = make_fit()
+    assert fit.plot("orders").get_suptitle().startswith("order spectrum")
+    assert fit.plot("residual").get_suptitle().startswith("residual")
+    with pytest.raises(ValueError, match="`name` must be one of te, orders, residual"):
+        fit.plot("trace")
+
+
 def test_gears_have_pictures_too(paper_pair):
     figure = plot(tooth_of(paper_pair, "driving"), name="of the paper")
     assert figure.get_suptitle() == "tooth of 45 · of the paper"

@@ -102,15 +102,17 @@ def test_a_drive_is_in_degrees_only(make_fit):
 def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
     pair = GearPair(Gear(45, 3, 3), Gear(83, 3, 3), module_mm=2.0, pressure_angles_deg=20.0)
     grid = BacklashMap(exact_model(pair, paper_rig), None, pair)
-    (ax,) = plot_map(grid).axes
+    (ax,) = plot_map(grid, turns=16).axes
     assert ax.get_xlim() == (0, 5760) and data(ax, 0)[0].max() == pytest.approx(5760)
     assert "first 16 of the 83 turns" in ax.get_title(loc="left")
     for line, extreme in ((1, grid.smallest), (2, grid.largest)):
         outside = np.degrees(extreme.driving_angle) > 5760
         assert len(data(ax, line)[0]) == (0 if outside else 1)
         assert legend_texts(ax)[line - 1].endswith("not shown") == outside
-    (whole,) = plot_map(grid, turns=100).axes
-    assert whole.get_xlim() == (0, 360 * 83)
+    (whole,) = plot_map(grid).axes
+    assert whole.get_xlim() == (0, 360 * 83) and whole.get_xlabel() == "driving angle [turns]"
+    ticks = whole.xaxis.get_major_formatter().format_ticks(whole.get_xticks().tolist())
+    assert "80" in ticks and not any("28800" in tick for tick in ticks)
     assert "hunting period of 83 turns" in whole.get_title(loc="left")
     assert not any(text.endswith("not shown") for text in legend_texts(whole))
 

@@ -16,6 +16,6 @@ class TextResult:
 class PlottedResult(TextResult):
     """A result with a report and a picture."""
 
-    def plot(self, **options: Any) -> Any:
+    def plot(self, *name: str, **options: Any) -> Any:
         """Draw this result and return the matplotlib figure; see `vttig_jax.plot`."""
-        return from_front_door("plot")(self, **options)
+        return from_front_door("plot")(self, *name, **options)

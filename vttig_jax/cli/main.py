@@ -42,6 +42,14 @@ VERBS = {
         "vttig_jax.cli.verbs.report:command",
         "Write a run as a page to read, send and print.",
     ),
+    "plot": (
+        "vttig_jax.cli.verbs.plot:command",
+        "Draw one picture of a run as PNG, SVG or PDF.",
+    ),
+    "accuracy": (
+        "vttig_jax.cli.verbs.accuracy:command",
+        "Say how accurate a drive is, in the terms of standards.",
+    ),
     "compare": (
         "vttig_jax.cli.verbs.compare:command",
         "Say which differences between two runs count.",
@@ -107,7 +115,7 @@ VERBS = {
 
 GROUPS = {
     "From a log": ("inspect", "fit", "fit-many", "map", "sample", "locate", "export", "verify"),
-    "To hand over": ("report", "compare", "explain"),
+    "To hand over": ("report", "accuracy", "plot", "compare", "explain"),
     "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
     "The gear": ("measure", "surface", "contact"),
 }

@@ -6,6 +6,7 @@ import json
 import zipfile
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import msgspec
@@ -27,13 +28,14 @@ from ..model.rows import Wave
 from ..model.scope import Scope
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
+from .accuracy import Measured
 from .findings import Finding
 from .given import StoredModel
 from .orders import Order
 from .records import Checks, LogRecord, Noise
 from .result import Fit
 
-_SOLVED, _COMPRESSED = "solved_", "compressed_"
+_SOLVED, _COMPRESSED, _MEASURED = "solved_", "compressed_", "measured_"
 _READINGS = ("readings_rows", "readings_values", "readings_variance")
 
 
@@ -46,6 +48,7 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
     curves = fit.curves
     return {
         **_core_arrays(fit.core),
+        **({} if fit.measured is None else _parts(_MEASURED, fit.measured)),
         "terms": np.asarray(fit.model.terms, np.int64).reshape(-1, 2),
         "offset": np.asarray(fit.model.offset),
         "cosine": np.asarray(fit.model.cosine),
@@ -77,7 +80,6 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
         "counts": (core.passes, core.steps),
         "numbers": (problem.unit, core.delay_s, core.outliers, core.usual),
     }
-    parts = ((_SOLVED, posterior.at), (_COMPRESSED, problem.compressed))
     windows = np.asarray(problem.compressed.windows)
     return {
         "core": np.array(msgspec.json.encode(text, enc_hook=lambda x: x.tolist()).decode()),
@@ -87,14 +89,15 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
         "natural": problem.natural,
         "start": problem.start,
         **dict(zip(_READINGS, map(np.asarray, posterior.readings or ()), strict=False)),
-        **{
-            front + field.name: np.asarray(getattr(part, field.name))
-            for front, part in parts
-            for field in fields(part)
-        },
+        **_parts(_SOLVED, posterior.at),
+        **_parts(_COMPRESSED, problem.compressed),
         # every window is symmetric
         _COMPRESSED + "windows": windows[:, *np.triu_indices(windows.shape[-1])],
     }
+
+
+def _parts(front: str, part: Any) -> dict[str, np.ndarray]:
+    return {front + field.name: np.asarray(getattr(part, field.name)) for field in fields(part)}
 
 
 def _of(kind: type, front: str, arrays: dict[str, np.ndarray]) -> dict:
@@ -299,6 +302,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         checks=msgspec.convert(record["checks"], Checks),
         findings=msgspec.convert(record["findings"], tuple[Finding, ...]),
         core=_core(arrays, float(pair.ratio)),
+        stored=_stored(arrays),
         given=None
         if given is None
         else StoredModel(
@@ -307,6 +311,14 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
         regressors=tuple(Parameter(name=name, **own) for name, own in record["regressors"].items()),
         logs=msgspec.convert(record["logs"], tuple[LogRecord, ...]),
     )
+
+
+def _stored(arrays: dict[str, np.ndarray]) -> Measured | None:
+    """Return what the run keeps of the samples; None for a run of an older version."""
+    names = [field.name for field in fields(Measured)]
+    if _MEASURED + names[0] not in arrays:
+        return None
+    return Measured(**{name: arrays[_MEASURED + name] for name in names})
 
 
 def _joined(pieces: list[np.ndarray]) -> np.ndarray:

@@ -23,6 +23,7 @@ from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter
 from ..pair.gear_pair import Drive, Eccentricities, Flank, GearPair
 from ..pair.schema import HarmonicOrders
+from .accuracy import Accuracy, Measured, accuracy_of, measured
 from .coverage import covered_errors, log_coverage
 from .findings import Finding
 from .fit_settings import FitSettings
@@ -69,6 +70,7 @@ class Fit(PlottedResult):
     - `core`: the fitted mixed model, from which sampling goes on; without its rows and samples in a
       fit from `read_fit`.
     - `request`: settings and orders of the fit; None for a fit from `read_fit`.
+    - `stored`: in a fit from `read_fit`, what its folder keeps of the samples.
     """
 
     pair: GearPair | Drive
@@ -97,6 +99,7 @@ class Fit(PlottedResult):
     logs: tuple[LogRecord, ...] = ()
     request: FitRequest | None = None
     given: FittedModel | StoredModel | None = None
+    stored: Measured | None = None
 
     @property
     def flank_model(self) -> FlankModel:
@@ -134,6 +137,21 @@ class Fit(PlottedResult):
         Fractional orders are part of it; drift and regressors are not.
         """
         return covered_errors(self.flank_model, self.orders, self.coverage)
+
+    @cached_property
+    def measured(self) -> Measured | None:
+        """What the samples tell beside the fit: harmonics of turns, and readings at targets."""
+        if self.stored is not None or self.given is not None:
+            return self.stored
+        return measured(self.core, self.pair, self.orders)
+
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Accuracy in the terms of ISO 1328-1 and ISO 230-2, as `vttig accuracy` prints it.
+
+        **Raises** `NoAnswerError` where the log does not tell it.
+        """
+        return accuracy_of(self.measured, self.pair, self.source)
 
     def value(self, name: str) -> float:
         """Return the value of a parameter; NaN if it has none.

@@ -19,7 +19,7 @@ from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, grid, legend,
 _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 
 
-def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) -> Figure:
+def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int | None = None) -> Figure:
     """Plot the backlash over the hunting period, its first-order map and both extremes.
 
     Shaded angles were not covered on both flanks by the logs. A band shows the interval of a map
@@ -29,16 +29,16 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int = 16) 
     **Arguments**
     - `backlash`: the map.
     - `ax`: axes to draw on; by default a new figure.
-    - `turns`: largest number of driving turns shown. The title gives the turns shown if the hunting
-      period is longer; the extremes are those of the whole period.
+    - `turns`: largest number of driving turns shown; by default the whole hunting period. The title
+      gives the turns shown if it is longer; the extremes are those of the whole period.
 
     **Raises** `NoAnswerError` if the backlash is not a number because one flank was not measured.
     """
-    if turns < 1:
+    if turns is not None and turns < 1:
         raise ValueError(f"Argument `turns` must be at least 1, but is {turns}.")
     period = backlash.pair.hunting_turns
-    shown = min(turns, period)
-    per_turn = _PER_PERIOD * math.ceil(backlash.model.highest_order)
+    shown = min(turns or period, period)
+    per_turn = min(_PER_PERIOD * math.ceil(backlash.model.highest_order), 2**20 // shown + 1)
     angle = np.linspace(0.0, shown * REV, shown * per_turn + 1)
     gap = backlash.over(angle)
     if not np.isfinite(gap).all():

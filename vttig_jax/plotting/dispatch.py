@@ -1,5 +1,6 @@
 """Function `plot`, which draws the picture of any object that has one."""
 
+from collections.abc import Callable
 from functools import singledispatch
 from typing import Any
 
@@ -10,6 +11,7 @@ from ..control.sweeps.table import SweepTable
 from ..geometry.contact_report import Contacts
 from ..geometry.deviations import Deviations
 from ..geometry.tooth import Tooth
+from ..identify.backlash import backlash_map
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
@@ -20,21 +22,25 @@ from .contact import plot_contact
 from .corner_picture import plot_corner
 from .deviations import plot_deviations
 from .fit import plot_fit, plot_te
+from .order_spectrum import plot_orders
+from .residual import plot_residual
 from .simulation import plot_simulation
 from .sweep import plot_sweep
 from .tooth import plot_tooth
+from .trace_picture import plot_trace
 
 
 @singledispatch
-def plot(obj: object, **options: Any) -> Figure:
+def plot(obj: object, *name: str, **options: Any) -> Figure:
     """Draw an object in a matplotlib figure without a pyplot window.
 
     The options depend on the type of the object:
 
     - `TECurve`: transmission error over driving angle; `ax`, `unit`.
-    - `Fit`: measured and fitted values of each flank, and the residual; `unit`, `span_deg`.
+    - `Fit`: measured and fitted values of each flank, and the residual; `unit`, `span_deg`. With
+      the name "orders", "residual" or "map": its orders, its residual, or its backlash.
     - `BacklashMap`: backlash over the hunting period; `ax`, `turns`.
-    - `Posterior`: every pair of coordinates (`plot_trace` draws them step by step); `names`.
+    - `Posterior`: every pair of coordinates; `names`. With the name "trace": step by step.
     - `BandedMap`: backlash with its bands; `ax`, `turns`.
     - `Simulation` with a trace: the whole run, and its reversal enlarged; `unit`, `span_s`.
     - `SweepTable`: residual backlash and interference over one of its axes; `axis`, `by`.
@@ -66,10 +72,28 @@ def plot(obj: object, **options: Any) -> Figure:
     )
 
 
+def _plot_fit(fit: Fit, name: str = "te", **options: Any) -> Figure:
+    if name == "map":
+        return plot_map(backlash_map(fit), **options)
+    return _chosen({"te": plot_fit, "orders": plot_orders, "residual": plot_residual}, name)(
+        fit, **options
+    )
+
+
+def _plot_posterior(posterior: Posterior, name: str = "corner", **options: Any) -> Figure:
+    return _chosen({"corner": plot_corner, "trace": plot_trace}, name)(posterior, **options)
+
+
+def _chosen(pictures: dict[str, Callable[..., Figure]], name: str) -> Callable[..., Figure]:
+    if name not in pictures:
+        raise ValueError(f"Argument `name` must be one of {', '.join(pictures)}, but is {name!r}.")
+    return pictures[name]
+
+
 plot.register(TECurve, plot_te)
-plot.register(Fit, plot_fit)
+plot.register(Fit, _plot_fit)
 plot.register(BacklashMap, plot_map)
-plot.register(Posterior, plot_corner)
+plot.register(Posterior, _plot_posterior)
 plot.register(BandedMap, plot_band_map)
 plot.register(Simulation, plot_simulation)
 plot.register(SweepTable, plot_sweep)

@@ -35,7 +35,7 @@ def plot_residual(fit: Fit) -> Figure:
     return residual_picture(
         angles,
         fit.residuals,
-        highest=float(np.clip(rows / 3, 1.5, 20.0)),
+        highest=float(np.clip(rows / 3, 1.5, max(20.0, 1.2 * fit.model.highest_order))),
         whitened=[
             fit.noise.whitened(residual)
             for residual in fit.residuals
@@ -104,7 +104,7 @@ def _draw_residual(ax: Axes, angles: Runs, residuals: Runs, labels: Sequence[str
         style = {"color": colours[label], "markersize": 3, "markeredgewidth": 0, "alpha": 0.6}
         [handles[label]] = ax.plot(*points, ".", label=label, **style)
     rms = np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)) / ARCSEC
-    title(ax, f"{rms:.3g}″ rms")
+    title(ax, f"{rms:.3g}″ rms of averaged rows")
     ax.set_ylabel("residual [arcsec]")
     driving_axis(ax)
     if any(handles):

@@ -24,7 +24,7 @@ MODEL_COLOUR: Final = "0.1"
 SIGNS: Final = {"arcsec": "arcsec", "deg": "°"}
 
 _WIDTH_IN = 8.0  # width of a figure, inch
-_MAX_TICKS = 9  # of a driving angle axis; a chosen value
+_MAX_TICKS, _MANY_TURNS = 9, 25  # of a driving angle axis; chosen values
 _MOST_LETTERS = 120  # of a name in a heading, which is 8 inches wide; chosen value
 _LEGEND_ROW_PT = 15.0  # height of a legend row, point
 
@@ -108,12 +108,18 @@ def grid(ax: Axes) -> None:
 
 
 def driving_axis(ax: Axes) -> None:
-    """Label the driving angle axis, with ticks at whole turns if it covers three or more."""
+    """Label the driving angle axis, with ticks at whole turns if it covers three or more.
+
+    From 25 turns on the labels are turns.
+    """
     ax.set_xlabel("driving angle [°]")
     low, high = ax.get_xlim()
     turns = (high - low) / 360.0
     if turns >= 3:
         ax.xaxis.set_major_locator(MultipleLocator(360.0 * math.ceil(turns / _MAX_TICKS)))
+    if turns >= _MANY_TURNS:
+        ax.set_xlabel("driving angle [turns]")
+        ax.xaxis.set_major_formatter(lambda x, _: f"{x / 360:g}")
 
 
 def _joined(parts: tuple[str, ...]) -> str:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..base.errors import VttigError
+from ..base.errors import NoAnswerError, VttigError
 from ..base.files.limits import read_regular
 from ..base.units import REV
+from ..identify.accuracy import Accuracy
 from ..identify.backlash import backlash_map
 from ..identify.result import Fit
 from ..runs.map_table import columns_of, map_record, map_table
@@ -87,6 +88,14 @@ class RunContent:
             return error.message
         except ArrowInvalid as error:
             return f"map.csv is damaged ({error}); write it again with `vttig sample`."
+
+    @property
+    def accuracy(self) -> Accuracy | None:
+        """Accuracy in the terms of standards; None if the run does not tell it."""
+        try:
+            return self.fit.accuracy
+        except NoAnswerError:
+            return None
 
     @property
     def corner(self) -> bytes | None:

@@ -1,0 +1,110 @@
+"""Accuracy in the terms of standards, from logs with known truth."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import vttig_jax
+from benchmarks.standards import single_flank_truth
+from tests.identify.quick import quick_rig
+from tests.kinematics.test_accuracy import axis_looped
+from vttig_jax.base.errors import NoAnswerError
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.pair.gear_pair import Drive, Flank
+
+AXIS = Drive(Fraction(1), name="axis")
+
+
+def table(up: np.ndarray, down: np.ndarray, twice: int = 1) -> EncoderLog:
+    """A log of an axis that reads `up` and `down` (target, pass), ″, each reading `twice`."""
+    targets, passes = up.shape
+    place = np.append(np.arange(targets), np.arange(targets)[::-1])
+    driving, error = np.tile(place * 360.0 / targets, passes), []
+    for k in range(passes):
+        error += [*up[:, k], *down[::-1, k]]
+    driving, error = np.repeat(driving, twice), np.repeat(error, twice)
+    way = np.tile(np.repeat([1, -1], targets * twice), passes)
+    time = np.arange(len(driving), dtype=float)
+    driven = driving + error / 3600
+    return EncoderLog.from_arrays(time, driving, driven, pair=AXIS, unit="deg", direction=way)
+
+
+def accuracy(log: EncoderLog) -> dict:
+    return vttig_jax.fit(log, AXIS, standstill=True, perfect_gears=True).accuracy.to_json()
+
+
+def readings(targets: int = 12, passes: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    rng, angle = np.random.default_rng(3), 2 * np.pi * np.arange(targets) / targets
+    mean = 20 * np.sin(angle)[:, None] + np.array([0.0, 6.0])[:, None, None]
+    return tuple(mean + rng.normal(size=(2, targets, passes)))
+
+
+@pytest.mark.slow
+def test_a_gear_pair_that_runs():
+    """Every number of the paper's rig is near its truth, on each flank, shaft, and the pair."""
+    rig = quick_rig(0)
+    record = vttig_jax.fit(rig.log(0), rig.pair).accuracy.to_json()
+    assert record["circle_mm"] == 80.0 and "not a conformity statement" in record["definition"]
+    flanks: tuple[Flank, ...] = ("A", "B")
+    truth = {flank: single_flank_truth(rig, flank, 16) for flank in flanks}
+    rows = record["single_flank"]
+    assert [(row["flank"], row["period"]) for row in rows] == [
+        (flank, period) for flank in ("A", "B") for period in truth[flank]
+    ]
+    outside = 0
+    for row in rows:
+        for name, true in truth[row["flank"]][row["period"]].items():
+            one = row[name]
+            half = (one["high95_arcsec"] - one["low95_arcsec"]) / 2
+            assert abs(one["value_arcsec"] - true) < 3 * half
+            assert half < {"F_is": 0.1, "f_l": 0.1}.get(name, 0.8) * true
+            length = one["value_arcsec"] / 3600 / 180 * np.pi * 80.0 * 1e3
+            assert one["value_um"] == pytest.approx(length)
+            outside += not one["low95_arcsec"] <= true <= one["high95_arcsec"]
+    assert outside <= 4
+
+
+def test_a_table_is_that_of_its_readings():
+    up, down = readings()
+    axis = accuracy(table(up, down))["axis"]
+    truth = axis_looped(up, down)
+    assert axis["passes"] == 5 and axis["targets"] == 12
+    for name, value in truth.items():
+        assert axis["numbers"][name]["read_arcsec"] == pytest.approx(value, rel=1e-6)
+    share = axis["numbers"]["A"]["noise_share"]
+    assert 0.1 < share < 0.3  # seven of an A of about fifty
+    again = accuracy(table(up, down, twice=3))["axis"]["numbers"]
+    assert again["A"]["read_arcsec"] == pytest.approx(truth["A"], rel=1e-6)
+
+
+def test_few_passes_tell_no_repeatability():
+    record = accuracy(table(*readings(passes=4)))
+    numbers = record["axis"]["numbers"]
+    assert numbers["A"] is None and numbers["R"] is None and "5 passes" in record["open"][0]
+    assert numbers["B"]["low95_arcsec"] < 6 < numbers["B"]["high95_arcsec"]
+
+
+def test_repeated_passes_are_those_of_an_axis():
+    """A worm drive that turns five times to and fro, with a gap of 20″ and an error of 30″."""
+    rate, turns, passes = 100.0, 1.1, 10
+    time = np.arange(0, 10 * passes, 1 / rate)
+    phase = np.mod(time, 20.0)
+    driven = turns * 360 * np.clip(np.minimum(phase, 20 - phase) / 9 - 0.05, 0, 1)
+    back = phase > 10
+    error = 15 * np.sin(np.radians(driven)) + 20 * back
+    error = error + np.random.default_rng(0).normal(0, 1, len(time))
+    drive = Drive(Fraction(1, 10), name="worm")
+    log = EncoderLog.from_arrays(time, 10 * driven, driven + error / 3600, pair=drive, unit="deg")
+    record = vttig_jax.fit(log, drive).accuracy.to_json()
+    numbers = record["axis"]["numbers"]
+    assert record["axis"]["passes"] >= 5
+    assert numbers["B"]["value_arcsec"] == pytest.approx(20, abs=1)
+    assert numbers["M"]["value_arcsec"] == pytest.approx(30, abs=1)
+    assert 0 < numbers["R"]["noise_share"] < 0.5
+
+
+def test_a_short_run_is_told_why():
+    rig = quick_rig(1, reversal_deg=1.2 * 360, passes=1)
+    with pytest.raises(NoAnswerError, match="2 turns"):
+        vttig_jax.fit(rig.log(0), rig.pair).accuracy  # noqa: B018
