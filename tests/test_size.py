@@ -24,11 +24,11 @@ BOUNDS = {
     "pair": (669, 1),  # 560
     "kinematics": (1228, 23),  # 780
     "geometry": (3529, 56),  # 2800
-    "logs": (10163, 274),  # 7400
+    "logs": (10165, 274),  # 7400
     "rig": (324, 1),  # 260
     "model": (2154, 44),
     "identify": (3801, 38),  # 9000 together with posterior
-    "posterior": (2981, 46),
+    "posterior": (2980, 46),
     "control": (5723, 77),  # 3600
     "plotting": (1898, 52),  # 2000 together with the report
     "runs": (2611, 11),  # 900

@@ -15,6 +15,7 @@ from ...base.units import ARCSEC, REV
 from ..channel.channel import GAP
 from ..encoder_log import EncoderLog
 from ..motion.segments import HIGHEST, Segment, turns_of
+from ..readers.column_names import ROW
 
 _STRAYED = 16
 """Largest range of counts beside a line of whole counts a sample over which their rounding goes
@@ -133,13 +134,14 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
     """Return shafts with readings in whole counts that turn by a whole number of counts per sample.
 
     Most steps between samples are then equal, which noise of the encoder would prevent, and their
-    mean is within 0.001 of them, which a speed nearby would prevent. Each
-    combination of shaft and number of counts is reported once, for its first segment.
+    mean is within 0.001 of them, which a speed nearby would prevent. The number of the row is no
+    reading. Each combination of shaft and number of counts is reported once, for its first segment.
     """
     findings = {}
     sides = ("driving", log.driving, abs(float(log.ratio))), ("driven", log.driven, 1.0)
     for shaft, channel, gain in sides:
-        if channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
+        row = log.place.columns.get(shaft) == ROW
+        if row or channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
             continue
         for segment in segments:
             step = np.diff(channel.reading[segment.start : segment.stop])

@@ -502,7 +502,7 @@ def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segment
     return torque_misfit < _BETTER * motion_misfit
 
 
-def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -> float:
+def _misfit(log: EncoderLog, rows: np.ndarray, flank: Int[np.ndarray, " m"]) -> float:
     """Return the residual sum of squares of a linear model of the transmission error at `rows`.
 
     The model has an offset, speed, torque, first orders, and a backlash ≥ 0 between the flanks.
@@ -513,7 +513,7 @@ def _misfit(log: EncoderLog, rows: np.ndarray, flank: Float[np.ndarray, " m"]) -
     columns = np.column_stack([columns, log.torque[rows]])
     error = log.transmission_error[rows] - np.mean(log.transmission_error[rows])
     squares, step = squares_with_step(error, columns, flank)
-    return squares if step >= 0 else squares_with_step(error, columns, np.zeros(len(rows)))[0]
+    return squares if step >= 0 else squares_with_step(error, columns, np.zeros_like(flank))[0]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ import numpy as np
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG
-from ...model.columns import KNOWN
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
 from ...model.parameter import Parameter
@@ -249,7 +248,7 @@ def _delay_notes(fit: MixedFit, *, one_speed: bool) -> list[str]:
     known = math.sqrt(max(gap - both**2 / own, 0.0))
     if known > 0.9 * math.sqrt(gap):
         return []
-    width = next(c.width for c in posterior.problem.columns if c.prior == KNOWN)
+    width = next(c.width for c in posterior.problem.columns if c.name == ("delay",))
     sentences = [
         "a delay between the channels is fitted beside the constant backlash; if both channels are"
         " sampled at the same instant, plan and fit with --delay off, and the standard error of the"
