@@ -11,7 +11,7 @@ from typing import Any
 
 import jaxtyping
 
-CALLS = 5
+CALLS = 20
 """Number of calls of a function that are checked in each test (chosen value)."""
 
 _check = jaxtyping.jaxtyped

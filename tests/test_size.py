@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (669, 1),  # 560
     "kinematics": (1228, 23),  # 780
     "geometry": (3529, 56),  # 2800
-    "logs": (10165, 274),  # 7400
+    "logs": (10172, 274),  # 7400
     "rig": (324, 1),  # 260
     "model": (2154, 44),
     "identify": (3801, 38),  # 9000 together with posterior
@@ -32,7 +32,7 @@ BOUNDS = {
     "control": (5723, 77),  # 3600
     "plotting": (1898, 52),  # 2000 together with the report
     "runs": (2611, 11),  # 900
-    "cli": (4095, 19),  # 2600
+    "cli": (4104, 19),  # 2600
     "report": (607, 6),
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in

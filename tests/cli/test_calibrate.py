@@ -11,13 +11,13 @@ from vttig_jax.posterior.calibration import calibrate as room
 @pytest.mark.portable
 def test_table_and_file(vttig, run_folder, tmp_path, monkeypatch):
     out = tmp_path / "found"
-    code, text, _ = vttig("calibrate", run_folder, "--rigs", "20", "--out", out)
+    code, text, _ = vttig("calibrate", run_folder, "--rigs", "30", "--out", out)
     assert code == 0 and "calibrated: yes" in text and "driving_eccentricity_mm" in text
     record = json.loads((out / "calibration.json").read_text())
-    assert record["schema"] == "vttig.calibrate/2" and record["rigs"] == 20
+    assert record["schema"] == "vttig.calibrate/2" and record["rigs"] == 30
     assert vttig("calibrate", run_folder, "--rigs", "30", "--out", out)[0] == 2
     monkeypatch.setattr(room, "TOLERATED", 0.999999)
-    code, text, err = vttig("calibrate", run_folder, "--rigs", "20", "--seed", "1")
+    code, text, err = vttig("calibrate", run_folder, "--rigs", "30", "--seed", "1")
     assert code == 4
     assert "calibrated: NO" in text and "too narrow" in err
 

@@ -32,7 +32,6 @@ from .channel.speed import Speed, is_at_standstill, smooth_speed, steps_of
 from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped
 from .readers.column_names import (
     ACCELERATION_UNITS,
-    ROLES,
     ROW_INDEX,
     SHAFT_UNITS,
     SPEED_UNITS,
@@ -250,8 +249,16 @@ class EncoderLog:
                 f" is {transmission_error_unit!r}."
             )
         time = as_column("time_s", time_s, None).astype(np.float64, copy=False)
-        shown = (driving, driven, transmission_error, direction, axial_mm, torque)
-        columns = dict(zip(ROLES[1:], (*shown, speed, acceleration), strict=False))
+        columns = {
+            "driving": driving,
+            "driven": driven,
+            "transmission_error": transmission_error,
+            "direction": direction,
+            "axial_mm": axial_mm,
+            "torque": torque,
+            "speed": speed,
+            "acceleration": acceleration,
+        }
         sizes = {"transmission_error": ANGLE_UNITS[transmission_error_unit]}
         values = {
             role: as_column(role, one, len(time)) * (1 if role in SHAFTS else sizes.get(role, 1.0))

@@ -63,7 +63,7 @@ def _narrower(one, share):
 
 
 def test_the_seed_decides_the_rigs(fit, found):
-    some, again, other = (calibrate(fit, rigs=5, seed=seed) for seed in (1, 1, 2))
+    some, again, other = (calibrate(fit, rigs=10, seed=seed) for seed in (1, 1, 2))
     name = "driving_eccentricity_mm"
     assert again.parameters[name] == some.parameters[name]
     assert other.parameters[name].rms != some.parameters[name].rms

@@ -189,7 +189,8 @@ def command(
             )
             interval = _interval(fit) if constant_backlash_deg is None else None
             record, shown = _record(fit, compensation, out, interval), str(compensation)
-            record |= dict(zip(("gap", "lowered_deg"), lowered or (), strict=False))
+            if lowered is not None:
+                record |= {"gap": gap, "lowered_deg": lowered[1]}
             text = dumps(record) + "\n"
             if suffix == ".h":
                 prefix = _prefix(opened, name)
@@ -415,8 +416,16 @@ def _header(
     from ...control.compensation.c_header import HeaderOrigin, c_header
 
     fit = run.fit
-    made = fit.pair.name, vttig_jax.__version__, fit.zero, fit.conditional_on, fit.sha256
-    origin = HeaderOrigin(*made, shaft_readings(run.record, fit), interval, lowered)
+    origin = HeaderOrigin(
+        pair=fit.pair.name,
+        version=vttig_jax.__version__,
+        zero=fit.zero,
+        conditional_on=fit.conditional_on,
+        sha256=fit.sha256,
+        readings=shaft_readings(run.record, fit),
+        backlash_deg=interval,
+        lowered_deg=lowered,
+    )
     return c_header(compensation, origin, name=name, quantity="shift" if shift else "backlash")
 
 
