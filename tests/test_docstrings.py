@@ -48,7 +48,7 @@ def _prints(source: str) -> bool:
     return isinstance(ast.parse(source).body[0], ast.Expr) and "enable_x64" not in source
 
 
-SLOW = ("calibrate", "contact_model", "fit_many", "sampler", "sweep", "tune")
+SLOW = {"calibrate", "contact", "contact_report", "fit_many", "sampler", "sweep", "tune"}
 """Modules whose examples take over five seconds, mostly to compile; `-m slow` runs them."""
 
 FOUND = [
@@ -85,6 +85,7 @@ def test_the_examples_of_a_room(room, slow, tmp_path, monkeypatch):
 def test_public_kinematics_have_examples():
     named = {name for _, name, _ in FOUND}
     assert {"transmission_error-1", "exact_backlash-1", "GearPair-1", "BacklashMap-1"} <= named
+    assert {path.stem for path, *_ in FOUND} >= SLOW
 
 
 SOURCE = '''

@@ -9,13 +9,18 @@ from vttig_jax.posterior.calibration import calibrate as room
 
 
 @pytest.mark.portable
-def test_table_and_file(vttig, run_folder, tmp_path, monkeypatch):
+def test_table_and_file(vttig, run_folder, tmp_path):
     out = tmp_path / "found"
     code, text, _ = vttig("calibrate", run_folder, "--rigs", "30", "--out", out)
     assert code == 0 and "calibrated: yes" in text and "driving_eccentricity_mm" in text
     record = json.loads((out / "calibration.json").read_text())
     assert record["schema"] == "vttig.calibrate/2" and record["rigs"] == 30
     assert vttig("calibrate", run_folder, "--rigs", "30", "--out", out)[0] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.portable
+def test_intervals_that_are_too_narrow_are_told(vttig, run_folder, monkeypatch):
     monkeypatch.setattr(room, "TOLERATED", 0.999999)
     code, text, err = vttig("calibrate", run_folder, "--rigs", "30", "--seed", "1")
     assert code == 4

@@ -45,6 +45,7 @@ def test_leaves_a_folder_the_other_verbs_go_on_with(demo, vttig_json):
     assert again["smallest"] == saved["smallest"]
 
 
+@pytest.mark.slow
 @pytest.mark.portable
 def test_prints_the_truth_beside_the_fit_of_another_seed(demo, vttig):
     code, out, err = vttig("demo", "--seed", "3", "--steps", STEPS)

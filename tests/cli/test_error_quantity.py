@@ -196,7 +196,7 @@ def test_one_flank_of_a_gear_pair(vttig, vttig_json, rig_folder, run_folder, tmp
     assert abs(one.mean()) < 1e-9 < 0.01 < both.mean()
 
 
-@pytest.mark.parametrize("name", ["both", "worm", "sampled"])
+@pytest.mark.parametrize("name", ["both", "worm", pytest.param("sampled", marks=pytest.mark.slow)])
 def test_the_json_file_holds_the_table_and_where_it_comes_from(request, vttig_json, name, tmp_path):
     run, path = request.getfixturevalue(name), tmp_path / "table.json"
     code, record = vttig_json("export", run, "--quantity", "error", "--out", path, "--step-deg", 2)
@@ -243,6 +243,7 @@ def sampled(both, tmp_path_factory) -> Path:
     return run
 
 
+@pytest.mark.slow
 def test_bands_of_draws_hold_the_true_error(vttig_json, sampled, tmp_path):
     code, record = vttig_json("map", sampled, "--quantity", "error", "--out", tmp_path / "te.csv")
     assert code == 0
@@ -269,6 +270,7 @@ def test_bands_of_draws_hold_the_true_error(vttig_json, sampled, tmp_path):
         assert draws["low95"] < np.ptp(true) < draws["high95"]
 
 
+@pytest.mark.slow
 def test_the_probability_of_the_bands_is_asked_for_and_needs_draws(vttig, both, sampled, tmp_path):
     wanted = ("--quantity", "error", "--probability", "0.5")
     assert vttig("map", sampled, *wanted, "--out", tmp_path / "te.csv")[0] == 0

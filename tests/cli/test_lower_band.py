@@ -46,12 +46,14 @@ def widths(rows) -> dict[str, float]:
     return found
 
 
+@pytest.mark.slow
 def test_the_controller_leaves_the_half_width_of_the_band(sampled_folder, rows, table):
     mean = left_deg(sampled_folder, table, "mean")
     for edge, width in widths(rows).items():
         assert left_deg(sampled_folder, table, edge) - mean == pytest.approx(width, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 def test_a_sweep_has_it_as_an_axis(sampled_folder, rows):
     """In every draw of the rig the edge leaves more than the mean, by the half width."""
@@ -70,6 +72,7 @@ def test_a_sweep_has_it_as_an_axis(sampled_folder, rows):
         np.testing.assert_allclose(left[edge] - left["mean"], width, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_exported_harmonics_are_nowhere_above_the_edge(vttig_json, sampled_folder, rows, tmp_path):
     for edge in EDGES:
         path = tmp_path / f"{edge}.json"

@@ -36,7 +36,12 @@ def check(ended: tuple[int, str, str]) -> None:
     assert code != 3 or out == ""
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
+SLOW = {".mf4"}
+
+
+@pytest.mark.parametrize(
+    "suffix", [pytest.param(one, marks=pytest.mark.slow if one in SLOW else ()) for one in WRITERS]
+)
 def test_binary_logs(folder, vttig, suffix):
     if suffix in NEEDS:
         pytest.importorskip(NEEDS[suffix])

@@ -138,6 +138,7 @@ def test_too_much_is_as_bad_as_too_little():
         assert wrong[name] > 4 * right[name] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [-0.01, 0.0, 0.004])
 def test_the_sign_of_the_compensation_is_told(more):
     """Believed less true gap; only too much has a remark, in a run and in a sweep."""

@@ -24,6 +24,8 @@ from vttig_jax.rig import paper_eccentricities, paper_pair
 from vttig_jax.runs import simulate_paper
 from vttig_jax.runs.paper_runs import PaperRuns
 
+pytestmark = pytest.mark.slow
+
 PAPER = Path(__file__).resolve().parents[2] / "fits" / "paper"
 PER_MM = math.degrees(2 * math.tan(math.radians(3.0)) / 80.0)
 """Backlash in degrees that a mm closes, (16): both flanks 3°, R₂ = 80 mm."""

@@ -145,7 +145,7 @@ def drifting() -> EncoderLog:
     return with_angles(log, PAIR, log.driving_angle, log.driven_angle + swing)
 
 
-SLOW = {"ratio-doubtful", "jumps-disagree"}
+SLOW = {"drawing", "ratio-doubtful", "jumps-disagree"}
 
 
 @pytest.mark.parametrize(
@@ -258,6 +258,15 @@ def test_jumps_are_no_better_known_than_their_samples():
     coarse, fine = (fit(one, PAIR, delay="off").checks.jumps for one in (log, exact))
     assert coarse is not None and fine is not None
     assert fine.std_deg < 1e-5 < coarse.std_deg < 0.004
+
+
+def test_a_jump_is_compared_with_the_gap_of_its_place():
+    """All strokes turn where the gap is far from its mean."""
+    result = fit(log_of(PAIR, gap=lambda angle, _: GAP + 150 * np.sin(angle + 1)), PAIR)
+    jumps = [one.jump_deg for one in result.checks.reversals]
+    (mean,) = {result.checks.gap_over_angles_covered.value}
+    assert abs(np.median(jumps) - mean) > 0.005
+    assert "jumps-agree" in slugs(result)
 
 
 @pytest.mark.parametrize("arcsec", [30.0, 0.0])

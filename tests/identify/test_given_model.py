@@ -155,6 +155,7 @@ class Missing(TwoStages):
         return TwoStages.transmission_error(part, angle, flank)
 
 
+@pytest.mark.slow
 def test_a_model_without_the_middle_shaft_leaves_its_line(white_log, white_fit):
     result = fit(white_log, DRIVE, model=Missing(*jax.tree.leaves(START)), **PLAIN)
     assert result.residual_rms_deg > 5 * white_fit.residual_rms_deg
@@ -295,6 +296,7 @@ def test_a_model_without_finite_derivatives_is_named_with_the_place(white_log):
         fit(white_log, DRIVE, model=Kink(jnp.asarray(0.0)))
 
 
+@pytest.mark.slow
 def test_a_parameter_that_free_orders_explain_stays_at_its_start(white_log):
     result = fit(white_log, DRIVE, model=Wave(ONE), orders=HarmonicOrders((1,), (), 0), **PLAIN)
     size = parameter(result, "model.size")
@@ -323,6 +325,7 @@ class Gap(Wave):
         return self.size * jnp.sin(angle) + (self.extra if flank == "B" else 0.0)
 
 
+@pytest.mark.slow
 def test_a_gap_of_the_model_counts_beside_the_constant_backlash(white_log):
     own = fit(white_log, DRIVE, model=Gap(ONE, jnp.asarray(3 * GAP)), **PLAIN)
     plain = fit(white_log, DRIVE, model=Gap(ONE, jnp.asarray(0.0)), **PLAIN)

@@ -126,9 +126,10 @@ def test_a_kink_is_found_too():
     assert grid.largest.backlash == pytest.approx(2e-3, abs=1e-18)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("made", "name"),
-    [(exact_map, "largest"), pytest.param(meshing_map, "smallest", marks=pytest.mark.slow)],
+    [(exact_map, "largest"), (meshing_map, "smallest")],
     ids=["exact", "meshing"],
 )
 def test_gradient_is_that_of_differences(made, name):
@@ -177,6 +178,7 @@ def test_second_derivatives_contain_the_motion_of_the_place():
     assert np.max(np.abs((found - still) * size)) > 100 * np.max(np.abs((found - expected) * size))
 
 
+@pytest.mark.slow
 def test_the_place_moves_as_differences_say():
     def place(rig):
         return exact_map(rig).smallest.driving_angle
@@ -209,6 +211,7 @@ def test_a_batch_of_rigs_is_a_loop():
     assert np.ptp(batch[0].backlash) > 1e-5
 
 
+@pytest.mark.slow
 def test_every_number_of_a_model_may_be_traced():
     """Also the ratio: the number of grid points follows from the teeth."""
     grid = meshing_map(RIG)

@@ -67,7 +67,15 @@ def _combined(pair: GearPair, rig: Eccentricities) -> CombinedModel:
 
 def _of_rig(name: str, variant: str = "", **options: Any) -> Law:
     function = partial(getattr(kin, name), **options)
-    return Law(name, function, (ANGLES, PAIR, RIG), "rad", KINKS, variant)
+    return Law(
+        name,
+        function,
+        (ANGLES, PAIR, RIG),
+        "rad",
+        KINKS,
+        variant,
+        slow=variant in ("B", "reference"),
+    )
 
 
 @eqx.filter_jit

@@ -34,6 +34,7 @@ def test_a_log_keeps_its_file(path):
     np.testing.assert_array_equal(again.driven_angle, log.driven_angle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("unit", ["counts", "deg"])
 def test_a_long_log_takes_little_more_memory_than_its_text_and_columns(tmp_path, unit):
     count = 200_000

@@ -15,6 +15,7 @@ from vttig_jax.posterior.rig_draws import rig_draws, target_of, tie_of
 from vttig_jax.posterior.target import FitTarget, joint_density
 
 KINDS = {"gears": quick_fit, "a drive": drive_fit}
+EACH = [pytest.param("gears", marks=pytest.mark.slow), "a drive"]
 
 
 def covariance_of(theta: np.ndarray, count: int) -> np.ndarray:
@@ -76,7 +77,7 @@ def prior(target: FitTarget, theta: np.ndarray) -> float:
     )
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH)
 def test_it_is_the_dense_restricted_likelihood_up_to_one_constant(kind):
     target = target_of(KINDS[kind]())
     random = np.random.default_rng(0)
@@ -88,7 +89,7 @@ def test_it_is_the_dense_restricted_likelihood_up_to_one_constant(kind):
     np.testing.assert_allclose(found - found[0], np.array(known) - known[0], atol=1e-4)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EACH)
 def test_coefficients_given_theta_have_the_exact_moments(kind):
     fit = KINDS[kind]()
     target = target_of(fit)
@@ -150,6 +151,7 @@ def test_coefficients_of_sampled_eccentricities_are_those_that_they_tie():
     assert drawn.cosine[:, 0, free].std() > 1e-9
 
 
+@pytest.mark.slow
 def test_a_density_of_nothing_new_is_that_of_the_model():
     """The sampled density at the optimum of the fit is the value that the fit reports."""
     fit = quick_fit()

@@ -35,10 +35,8 @@ DIFFERENT: dict[str, Callable[[], Fit]] = {
 }
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [pytest.param(kind, marks=() if kind == "a drive" else pytest.mark.slow) for kind in DIFFERENT],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", DIFFERENT)
 def test_what_is_determined_is_sampled(kind):
     """Words, numbers, and a spread that is the fit's."""
     result = DIFFERENT[kind]()
@@ -115,6 +113,7 @@ class Wavy(eqx.Module):
         return side * self.gap + self.wave[0] * jnp.sin(angle) + self.wave[1] * jnp.cos(angle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orders", [HarmonicOrders((2, 3), (1, 2, 3), 0), None], ids=str)
 def test_a_flank_model_of_the_user_is_sampled(orders):
     rig = short_rig()

@@ -78,6 +78,7 @@ def test_a_run_folder_a_fit_and_a_map_are_the_same_flanks(run_folder, quick_fit,
         assert_flanks(runs[0], closed_model(PAIR, paper_eccentricities()), 1e-10)
 
 
+@pytest.mark.slow
 def test_a_file_of_both_flanks(tmp_path, model):
     run = simulated(write_map(tmp_path / "map.csv", model, WHOLE, *BOTH))
     assert run.case.bounds.periodic

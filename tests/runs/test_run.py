@@ -87,6 +87,7 @@ def test_arrays_are_saved_and_not_repeated(tmp_path, capsys, quick_fit):
     assert "fitted from arrays" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
     posterior = vttig_jax.sample(quick_fit, steps=40, seed=3)
     posterior.save(tmp_path / "run", figures=False)
@@ -128,6 +129,7 @@ def test_draws_that_were_continued_in_their_folder_are_reported_anew(tmp_path, q
     assert place.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_the_draws_of_another_fit_do_not_join(tmp_path, made, quick_fit):
     made.save(tmp_path / "run", figures=False)
     posterior = vttig_jax.sample(quick_fit, steps=40)

@@ -78,7 +78,7 @@ def checks_of(
         ),
         closure=closure(curves, pair),
         reversals=reversals,
-        jumps=_jumps(reversals, gap),
+        jumps=_jumps(reversals, gap, constant),
         drawing_backlash_deg=None
         if isinstance(pair, Drive)
         else float(pair.drawing_backlash) / DEG,
@@ -116,8 +116,7 @@ def gap_by_speed(core: MixedFit) -> tuple[GapAtSpeed, ...]:
         return ()
     seen = np.concatenate([rows.speed for rows in core.rows])
     speeds: list[float] = []
-    shares = (np.arange(_SPEEDS) + 0.5) / _SPEEDS
-    for speed in np.quantile(seen, shares, method="nearest"):
+    for speed in np.quantile(seen, (np.arange(_SPEEDS) + 0.5) / _SPEEDS, method="nearest"):
         if not speeds or speed > _APART * speeds[-1]:
             speeds.append(float(speed))
     if len(speeds) < 2:
@@ -145,14 +144,10 @@ def delay_by_parts(core: MixedFit) -> tuple[DelayOfPart, ...]:
     """Return the delay at equal distances in time of every log."""
     index, found = core.posterior.problem.index, []
     for log, shafts in enumerate(core.shafts):
-        rows = []
-        parts = sum(name[:2] == ("part", log) for name in index)
-        for k in range(parts):
-            row = core.posterior.row(("delay",))
-            row[index["part", log, k]] = 1.0
-            rows.append(row)
-        mean, covariance, _ = core.posterior.told(np.stack(rows))
-        times = np.linspace(shafts.time[0], shafts.time[-1], parts)
+        parts = [place for name, place in index.items() if name[:2] == ("part", log)]
+        rows = core.posterior.row(("delay",)) + np.eye(len(index))[parts]
+        mean, covariance, _ = core.posterior.told(rows)
+        times = np.linspace(shafts.time[0], shafts.time[-1], len(parts))
         stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         found += [
             DelayOfPart(log + 1, float(t), core.delay_s + float(d), float(s))
@@ -277,12 +272,21 @@ def _reversals(
     )
 
 
-def _jumps(reversals: Sequence[Reversal], gap: CoveredGap) -> JumpComparison | None:
-    """Compare the jumps behind the crossing of the gap with the gap over the covered angles."""
+def _jumps(
+    reversals: Sequence[Reversal], gap: CoveredGap, constant: float | None
+) -> JumpComparison | None:
+    """Compare the jumps behind the crossing of the gap with the gap over the covered angles.
+
+    A machine often reverses at the same few places, where the gap is not the mean one. Each jump
+    therefore counts less the amount by which the fitted gap of its place exceeds the mean.
+    """
     kept = [one for one in reversals if not one.crossing]
     if len(kept) < 2 or gap.value is None or gap.std is None:
         return None
-    jumps = np.array([one.jump_deg for one in kept])
+    places = [one.variable_backlash_deg for one in kept]
+    mean = gap.value - (constant or 0.0)
+    off = np.array([0.0 if one is None else one - mean for one in places])
+    jumps = np.array([one.jump_deg for one in kept]) - off
     median = float(np.median(jumps))
     scatter = 1.4826 * float(np.median(np.abs(jumps - median)))
     # A few jumps may be alike by chance, or be copies: none is told better than its samples do.

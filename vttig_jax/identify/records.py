@@ -202,8 +202,9 @@ class Reversal(Record, frozen=True):
 class JumpComparison(Record, frozen=True):
     """Jumps at the reversals beside the fitted gap over the angles covered, degrees.
 
-    `median_deg` is the median of the jumps and `std_deg` its standard error, from their scatter or
-    from that of their samples, whichever is larger.
+    `median_deg` is the median of the jumps, each less the amount by which the fitted gap of its
+    place exceeds the mean, and `std_deg` its standard error, from their scatter or from that of
+    their samples, whichever is larger.
     """
 
     count: int

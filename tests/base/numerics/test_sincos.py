@@ -51,6 +51,7 @@ def test_float64_is_within_the_bound():
             assert worst_error(function, GRIDS[grid]) <= BOUND
 
 
+@pytest.mark.slow
 def test_float32_is_within_the_bound():
     for function in (sincos, jitted):
         for grid in GRIDS:

@@ -288,6 +288,7 @@ def _energy(c, ways: Ways, stiffness):
     return moving + jnp.append(0.0, 0.5 * stiffness * depth**2)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=8)
 @given(seed=st.integers(0, 2**31), still=st.booleans(), friction=st.sampled_from([0.0, 0.02]))
 def test_two_shafts_left_to_themselves_never_gain_energy(seed, still, friction):

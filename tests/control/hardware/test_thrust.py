@@ -68,6 +68,7 @@ def reached(found: Simulation) -> np.ndarray:
     return np.asarray(found.trace.reached)
 
 
+@pytest.mark.slow
 def test_a_strong_actuator_does_what_one_without_limit_does():
     strong, free = held(1.01 * STEADY), held(0.0)
     np.testing.assert_array_equal(reached(strong), reached(free))

@@ -229,6 +229,7 @@ def test_one_step_is_the_same_compiled_and_batched(bounds):
     assert np.ptp(single[:, 0]) > 1e-5
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_differences_in_flight_and_through_an_impact(bounds):
     after = _after(bounds)
     batch = jax.vmap(after)

@@ -173,6 +173,7 @@ _slopes = jax.jit(jax.jacrev(_ended), **fast_to_compile())
 """Of depth and rate at the time 5, by start, pull and damping ratio."""
 
 
+@pytest.mark.slow
 def test_gradients_through_an_impact():
     point = jnp.array([-0.3, 0.8, 0.02, 0.1])
     ended = jax.jit(_ended)

@@ -175,6 +175,7 @@ def left(x: Any) -> Any:
     return run(one, rounding="none", smooth_width=0.1).metrics["residual_gap_deg"]
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_gap_left_are_those_of_differences_at_two_steps():
     slopes = np.asarray(jax.jit(jax.jacfwd(left), **fast_to_compile())(AT))
     value = jax.jit(left, **fast_to_compile())
@@ -186,6 +187,7 @@ def test_derivatives_of_the_gap_left_are_those_of_differences_at_two_steps():
     assert np.all(slopes != 0)
 
 
+@pytest.mark.slow
 def test_a_batch_is_the_loop():
     points = AT * np.array([[1.0], [1.01], [0.98]])
     together = jax.jit(jax.vmap(left), **fast_to_compile())(points)

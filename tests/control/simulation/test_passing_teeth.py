@@ -38,7 +38,10 @@ SLOW = {"actuator": {"speed_mm_s": 5.0, "acceleration_mm_s2": 200.0}}
 
 @pytest.mark.parametrize(
     ("believed", "changes"),
-    [("rig", {}), pytest.param("file", {}, marks=pytest.mark.slow), ("rig", SLOW)],
+    [
+        ("rig", {}),
+        *[pytest.param(*one, marks=pytest.mark.slow) for one in (("file", {}), ("rig", SLOW))],
+    ],
 )
 def test_teeth_that_pass_quickly_are_not_closed_too_far(believed, changes):
     one = case(1153.9, believed, **changes)
@@ -76,6 +79,7 @@ def test_with_a_quick_actuator_the_teeth_change_nothing():
     assert gaps[0] == pytest.approx(gaps[1], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_objects_with_a_traced_map_look_at_the_teeth_too():
     def metrics(more):
         waves = MODEL.orders.cosine

@@ -71,6 +71,7 @@ def test_a_run_has_the_metrics_and_samples_of_a_simulation(quantised):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_stacked_cases_run_in_one_program_like_one_after_the_other():
     specs = [
         spec_of(SHORT, {"controller": "predictive", "motion.reversal_deg": angle, MARGIN: margin})
@@ -118,6 +119,7 @@ def test_reverse_mode_gives_the_same_derivative(closing, slopes_of_closing):
     assert slope == pytest.approx(float(expected), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_rounding_hides_a_derivative_unless_straight_through_is_chosen(quantised):
     straight = build_case(
         spec_of(SHORT, {"controller": "predictive"}), PAIR, rounding="straight_through"

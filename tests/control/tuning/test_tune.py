@@ -58,7 +58,8 @@ TURNS = (300.0, 360.0, 540.0, 620.0, 700.0)
 # Known optima.
 
 
-@pytest.mark.parametrize("weight", [pytest.param(1.0, marks=pytest.mark.slow), 9.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("weight", [1.0, 9.0])
 def test_the_expected_margin_is_a_quantile_of_the_scatter(weight):
     # Cost of margin m: Σ max(0, δ + m) + w max(0, −δ − m). Its slope n − k − w k, k the number of
     # δ < −m, changes sign at the k-th smallest δ with k = ⌈n/(1 + w)⌉: −m is the quantile
@@ -105,13 +106,8 @@ CHANGES: dict[str, Any] = {
 }
 
 
-SLOW = {"draws", "interference_weight", "objective"}
-"""The believed map, the quantiles and the limits say as much in the quick tests."""
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=pytest.mark.slow if one in SLOW else ()) for one in CHANGES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CHANGES)
 def test_every_argument_changes_what_is_found(base, name):
     changed = CHANGES[name]
     other = scattered(**{"maps" if isinstance(changed, Maps) else name: changed})
@@ -124,6 +120,7 @@ def test_every_argument_changes_what_is_found(base, name):
     assert other.to_json()["values"][MARGIN]["at_limit"] is reached
 
 
+@pytest.mark.slow
 def test_progress_and_the_scenario_with_the_values(base):
     told: list[tuple[int, int]] = []
     tuned = scattered(progress=lambda done, all_: told.append((done, all_)))
@@ -149,6 +146,7 @@ def test_progress_and_the_scenario_with_the_values(base):
 # Never worse.
 
 
+@pytest.mark.slow
 def test_what_is_not_better_is_not_taken(base):
     """From the best value the search finds nothing better."""
     again = tune(base.spec, PAIR, maps=MAPS, free=[MARGIN])
@@ -245,6 +243,7 @@ def test_a_shaft_that_is_thrown_back_is_said():
     assert any("jump_s" in note for note in tune(spec, PAIR).notes)
 
 
+@pytest.mark.slow
 def test_the_gap_of_a_map_has_to_be_given_to_be_tuned():
     maps = Maps({"RUN": MAPS.named["RUN"]})
     spec = spec_of("feedforward", eccentricities=None, plant_map="RUN")

@@ -71,6 +71,7 @@ def test_every_section_of_linear_teeth_has_the_same():
     np.testing.assert_allclose(found, geometric_backlash(pair, 125.3, 2.0), rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("distance", "shift"), [(125.12, 0.0), (125.4, 1.5), (125.05, -4.0)])
 def test_it_is_what_the_surfaces_leave_when_they_touch(distance, shift):
     """First touch of both flanks, found by a search that knows no thickness."""

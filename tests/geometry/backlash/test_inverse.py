@@ -13,6 +13,7 @@ from vttig_jax.geometry.backlash import axial_for_backlash, geometric_backlash
 from vttig_jax.geometry.tooth import tooth_of
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(
     helix=st.floats(0.5, 4.0),
@@ -30,6 +31,7 @@ def test_there_and_back(helix, crowning, distance, share):
     assert abs(found) <= abs(asked) + 18.0 / 128
 
 
+@pytest.mark.slow
 def test_linear_teeth_by_equation_16():
     """s = (j₀ − j) R₂/(tan β_L + tan β_R), face widths or none."""
     for backlash_deg in (-0.3, 0.0, 0.02, 0.0627, 0.4):

@@ -163,6 +163,7 @@ def test_contact_at_the_end_of_the_face_moves_with_the_width():
     np.testing.assert_allclose(slopes["width"], lever, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_at_a_kink_the_derivative_is_that_of_one_side():
     """A tilt of nought: the flank may touch at either end of the face."""
     left, kink, right = (slopes_of(ANGLES, tilt=x)[0]["tilt"][0] for x in (-1e-6, 0.0, 1e-6))
@@ -286,6 +287,7 @@ def test_where_all_sections_touch_second_derivatives_are_finite():
     assert np.all(np.isfinite(bend)) and np.abs(bend).max() < 1.0
 
 
+@pytest.mark.slow
 def test_new_values_compile_nothing():
     def touch(scale):
         rig = jax.tree.map(lambda leaf: leaf * scale, RIG)
@@ -314,6 +316,7 @@ def test_a_batch_of_rigs_is_a_loop():
     assert np.ptp(batch, axis=0).min() > 1e-6
 
 
+@pytest.mark.slow
 def test_many_angles_are_a_few():
     """Longer rows are searched in pieces; an angle does not know of its company."""
     model = contact_model(gears((0.0, 0.0), helix=(3.0, 3.0)), RIG)

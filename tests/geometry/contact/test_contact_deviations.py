@@ -68,6 +68,7 @@ def test_a_constant_deviation_turns_the_contact_by_itself_over_the_base_radius()
             )
 
 
+@pytest.mark.slow
 def test_no_deviation_is_the_exact_relation_and_an_eccentric_gear_feels_one():
     """The driven centre moves on with φ₂: the step is not the same all around, by e/R."""
     drawn = math.degrees(float(PAIR.drawing_backlash))
@@ -81,6 +82,7 @@ def test_no_deviation_is_the_exact_relation_and_an_eccentric_gear_feels_one():
     assert 1e-5 < apart < 2 * 0.0273 / BASE[1]
 
 
+@pytest.mark.slow
 def test_deviations_of_both_gears_add():
     both = deviations((4.0, 2.0), (3.0, 1.0))
     for flank, total in zip(FLANKS, (7e-3, -3e-3), strict=True):

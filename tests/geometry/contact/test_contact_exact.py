@@ -104,6 +104,7 @@ def test_axes_that_are_not_where_the_drawing_has_them(paper_pair):
         np.testing.assert_allclose(found, there.transmission_error(SOME, flank), atol=1e-13)
 
 
+@pytest.mark.slow
 def test_the_driven_centre_can_be_held():
     """As the harmonics over both angles need it."""
     pair = make()

@@ -165,13 +165,9 @@ def same_gears(case: Case):
     return contact_model(pair, rig, misalignment=Misalignment(*case.tilt), sections=9)
 
 
-QUICK = [(name, "A") for name in CASES] + [("inclined", "B"), ("both, narrow driving gear", "B")]
-SLOW = [(name, flank) for name in CASES for flank in FLANKS if (name, flank) not in QUICK]
-
-
-@pytest.mark.parametrize(
-    ("name", "flank"), QUICK + [pytest.param(*case, marks=pytest.mark.slow) for case in SLOW]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("flank", FLANKS)
+@pytest.mark.parametrize("name", CASES)
 def test_surfaces_in_space_touch_at_the_same_angle(name, flank):
     case = CASES[name]
     touched = case.touch(ANGLES[0], "AB".index(flank), standing())
@@ -197,6 +193,7 @@ def test_small_tilts_by_first_order(tilt):
         np.testing.assert_allclose(found, abs(across) * 10.0 / BASE[1], rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tilt", "ends"),
     [

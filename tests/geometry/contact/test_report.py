@@ -88,6 +88,7 @@ def test_the_common_face_ends_where_the_narrower_face_does():
     assert face == pytest.approx((-10.0, 0.0))
 
 
+@pytest.mark.slow
 def test_faces_that_have_left_each_other_do_not_touch():
     pair = make()
     contacts = looked(pair, "B", Eccentricities(axial_mm=20.5))

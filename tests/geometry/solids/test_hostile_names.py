@@ -68,6 +68,7 @@ def test_svg(drawing):
         )
 
 
+@pytest.mark.slow
 def test_dxf(drawing):
     ezdxf = pytest.importorskip("ezdxf")
     expected = len(ezdxf.read(StringIO(dxf_bytes(drawing, "gear").decode())).modelspace())
@@ -77,6 +78,7 @@ def test_dxf(drawing):
         assert "section z = 0 mm" in document.header.custom_vars.get("Title"), name
 
 
+@pytest.mark.slow
 def test_step(tmp_path):
     """The reader of Open CASCADE names every syntax error on stdout, and reads on."""
     pytest.importorskip("OCP")

@@ -56,6 +56,7 @@ def end_areas(teeth: int, options: tuple[tuple[str, float], ...]) -> dict[float,
     return found
 
 
+@pytest.mark.slow
 def test_area_is_that_of_the_outline_and_of_the_mesh():
     kinds: list[dict[str, Any]] = [{}, {"bore_mm": 0.0}, {"teeth": 3}, {"teeth": 3, "bore_mm": 0.0}]
     for gear, z in CASES:

@@ -53,6 +53,7 @@ def test_normals_stand_on_the_surface():
             assert np.abs(np.cross(cross, tilted)).max() > 1e-6  # the comparison can fail
 
 
+@pytest.mark.slow
 def test_normals_point_out_of_the_tooth():
     """On flank and fillet towards the cutter, on the lands away from the axis."""
     for side in SIDES:

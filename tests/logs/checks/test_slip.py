@@ -81,10 +81,8 @@ def test_the_rig_of_the_paper():
     assert seen.size_deg == pytest.approx(0.1, abs=0.005)
 
 
-@pytest.mark.parametrize(
-    "count",
-    [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(6, marks=pytest.mark.slow), 9],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 4, 6, 9])
 def test_slips_do_not_hide_each_other(count):
     """An encoder that loses 0.05° again and again: place and size of every loss are told."""
     log = rig(passes=6)
@@ -101,6 +99,7 @@ def test_slips_do_not_hide_each_other(count):
     assert all(f"at {slip.time_s:.6g} s" in str(caught.value) for slip in seen)
 
 
+@pytest.mark.slow
 def test_slips_of_both_shafts_and_two_in_a_row():
     time, angle, _ = trapezoid(rate=RATE, reversal=2160.0, passes=3)
     driven = geared(angle)[0]

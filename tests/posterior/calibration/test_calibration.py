@@ -30,6 +30,7 @@ def found(fit):
     return calibrate(fit, rigs=80)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_of_rigs_like_the_own_one(found):
     assert found.is_calibrated and found.failed == ()  # by bounds for all names together
     assert set(GEARS) < set(found.parameters)
@@ -62,6 +63,7 @@ def _narrower(one, share):
     return replace(one, low95=low, high95=high)
 
 
+@pytest.mark.slow
 def test_the_seed_decides_the_rigs(fit, found):
     some, again, other = (calibrate(fit, rigs=10, seed=seed) for seed in (1, 1, 2))
     name = "driving_eccentricity_mm"
@@ -79,6 +81,7 @@ def test_one_flank_has_no_gap():
     assert "driving_encoder_arcsec" not in found.parameters
 
 
+@pytest.mark.slow
 def test_record_and_text_say_the_same(found):
     record = json.loads(dumps(found.to_json()))
     jsonschema.validate(record, load_schema("vttig.calibrate/2"))

@@ -29,6 +29,7 @@ def test_it_is_enough_and_one_turn_less_is_not(wanted):
     assert found.std(NAME) == plan(DRIVE, turns=found.run.turns, **HOW).std(NAME)
 
 
+@pytest.mark.slow
 def test_the_hardest_of_several_wishes_decides():
     easy, hard = {NAME: 1.0}, {"driving_phase_deg": 0.3}
     turns = [shortest_run(DRIVE, w, **HOW).run.turns for w in (easy, hard, easy | hard)]
@@ -49,6 +50,7 @@ def test_what_turns_cannot_tell_is_refused_at_once_with_the_reason():
         shortest_run(DRIVE, {"driving_encoder_arcsec": 1.0}, **HOW)
 
 
+@pytest.mark.slow
 def test_the_upper_bound_is_stated(monkeypatch):
     monkeypatch.setattr("vttig_jax.posterior.planning.shortest_run.MOST_SAMPLES", 50_000)
     with pytest.raises(
