@@ -81,7 +81,7 @@ settings.register_profile(
 settings.load_profile("vttig")
 
 
-_MOST = 0.2
+_MOST = 0.35
 """Share of the machine's memory above which a test worker discards its compiled programs."""
 
 

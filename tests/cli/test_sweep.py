@@ -96,6 +96,7 @@ def test_a_complete_table_of_another_sweep_is_refused(vttig, sweep, tmp_path):
     assert (out / "sweep.parquet").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_rigs_of_a_posterior(vttig, vttig_json, sampled_folder, tmp_path):
     path = tmp_path / "sweep.toml"
     text = SWEEP.format(rig="").replace("[eccentricities]\n", "").replace("pair.toml", "rig.toml")

@@ -278,6 +278,7 @@ class Plain(NoController):
     advances = True
 
 
+@pytest.mark.slow
 def test_anybody_may_move_the_motor():
     found = simulate(spec_of(BASE), PAIR, controller=Back(), trace_every=1)
     assert found.trace is not None and found.outcome == "ok"

@@ -145,7 +145,7 @@ def drifting() -> EncoderLog:
     return with_angles(log, PAIR, log.driving_angle, log.driven_angle + swing)
 
 
-SLOW = {"drawing", "ratio-doubtful", "jumps-disagree"}
+SLOW = {"crossing-short", "drawing", "ratio-doubtful", "jumps-disagree"}
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,7 @@ def test_coefficients_are_generalised_least_squares():
     np.testing.assert_allclose(spread, np.linalg.inv(whole), rtol=1e-5, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_batches_are_loops():
     problem = drawn(1).problem
     thetas = jnp.asarray(np.stack([theta_near(k, problem) for k in range(3)]))

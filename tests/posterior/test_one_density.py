@@ -111,6 +111,7 @@ def one_flank() -> Fit:
     return quick_fit(flank="A")
 
 
+@pytest.mark.slow
 def test_tied_coefficients_add_their_normal_density():
     """On one flank the encoders are perfect: p is sampled, and c_T = h(p) exactly."""
     fit = one_flank()

@@ -145,6 +145,7 @@ PI = {"servo.motor": "pi"}
 SHORT_RUN = {"motion.reversal_deg": 90.0, "motion.dwell_s": 0.1, "motion.ramp_s": 0.1}
 
 
+@pytest.mark.slow
 def test_what_a_servo_misses_is_said():
     base = {**PI, **SHORT_RUN, "controller": "none", "plant": "play"}
     found = simulate(spec_of(base), PAIR)

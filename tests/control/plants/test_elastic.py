@@ -220,6 +220,7 @@ CASES = np.array(
 """Flight; an impact on A; flight; an impact on B that is not over at the end of the step."""
 
 
+@pytest.mark.slow
 def test_one_step_is_the_same_compiled_and_batched(bounds):
     after = _after(bounds)
     with jax.disable_jit():

@@ -90,6 +90,7 @@ def test_deviations_of_both_gears_add():
         np.testing.assert_allclose(moved, total / BASE[1], rtol=0, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_single_tooth_shows_where_it_is_in_mesh():
     """Tooth 1 is between the axes at φ = 0; it carries alone while it stands out."""
     for flank in FLANKS:

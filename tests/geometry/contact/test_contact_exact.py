@@ -71,6 +71,7 @@ def test_other_rigs():
         assert apart(pair, drawn(pair, e, axial), SOME) < 1e-13
 
 
+@pytest.mark.slow
 def test_sections_that_touch_at_once_add_nothing(paper_pair):
     assert apart(paper_pair, drawn(paper_pair, axial=0.3), SOME, sections=9) < 1e-14
 

@@ -178,6 +178,7 @@ def test_surfaces_in_space_touch_at_the_same_angle(name, flank):
     assert abs(float(other[0]) - touched) > 3e-9  # a microradian is seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", [(1e-5, 0.0), (0.0, 1e-5), (-1e-5, 2e-5)])
 def test_small_tilts_by_first_order(tilt):
     """Sections of the driven gear move by (ι, η) ζ across the axes; the nearest ones touch."""

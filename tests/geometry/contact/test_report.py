@@ -29,6 +29,7 @@ def looked(
     return contact_at(contact_model(pair, rig, sections=9), angles, flank)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flank", FLANKS)
 def test_pairs_in_contact_are_the_contact_ratio(flank):
     """On a spur gear the transverse one; tapered flanks add their overlap as helical ones do."""
