@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import welch
 
 from ..base.errors import NoAnswerError
 from ..base.files.text_tables import key_values, listed, text_table
@@ -212,6 +211,8 @@ def _harmonics(
 
 def _noise(runs: list[Run], rest: np.ndarray, orders: Orders, speeds: np.ndarray) -> np.ndarray:
     """Return the standard errors of the parts of all orders, from the spectrum of what is left."""
+    from scipy.signal import welch  # imported here because it is slow and seldom needed
+
     at, cells, length = orders.order * speeds[orders.shaft], orders.cells, len(rest)
     density = np.zeros(len(at))
     for piece in np.split(rest, np.cumsum([len(one.error) for one in runs])[:-1]):

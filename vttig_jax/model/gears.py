@@ -69,8 +69,7 @@ class Relation(eqx.Module):
         value = dict(zip(self.names, parameters, strict=True))
         gears = [value.get(name, jnp.zeros(())) for name in GEARS]
         angles = 2 * np.pi * np.arange(POINTS) / POINTS
-        grid = np.meshgrid(angles, angles, indexing="ij")
-        driving, driven = (jnp.asarray(x.ravel()) for x in grid)
+        grid = np.stack([x.ravel() for x in np.meshgrid(angles, angles, indexing="ij")])
         model = ExactModel(
             ratio=self.ratio,
             centre_distance=self.centre_distance,
@@ -82,23 +81,19 @@ class Relation(eqx.Module):
         sides = np.array([0, 1] if self.both else [self.side])
         senses = np.where(sides == 0, 1.0, -1.0)[:, None]
         error = jnp.asarray(
-            model.turned(driving[None], driven[None], self.base_sum[sides][:, None], senses)
+            model.turned(*jnp.asarray(grid)[:, None], self.base_sum[sides][:, None], senses)
         )
-        mean = error.mean(0)
-        kinds = [mean, error[1] - error[0]] if self.both else [mean]
-        found = []
-        for wave in self.waves:
-            n1, n2 = _TERMS[wave]
-            phase = n1 * driving + n2 * driven
-            for place, curve in enumerate(kinds):
-                cosine = 2 * jnp.mean(curve * jnp.cos(phase))
-                sine = 2 * jnp.mean(curve * jnp.sin(phase))
-                if place == 0 and wave[1] == 1 and wave[0] != "both":
-                    gain = -self.ratio if wave[0] == "driving" else 1.0
-                    sine = sine + gain * value.get(f"{wave[0]}_encoder_x", 0.0)
-                    cosine = cosine + gain * value.get(f"{wave[0]}_encoder_y", 0.0)
-                found += [cosine, sine]
-        return jnp.stack([*found, *(jnp.mean(curve) for curve in kinds)])
+        mean = error.mean(0, keepdims=True)
+        kinds = jnp.concatenate([mean, error[1:] - error[:1]])  # the second one if both are there
+        phases = np.array([_TERMS[wave] for wave in self.waves]) @ grid
+        basis = 2 * np.stack([np.cos(phases), np.sin(phases)], axis=1) / POINTS**2
+        found = jnp.einsum("wpn,kn->wkp", basis, kinds)
+        for place, (shaft, order) in enumerate(self.waves):
+            if (x := value.get(f"{shaft}_encoder_x")) is not None and order == 1:
+                gain = -self.ratio if shaft == "driving" else 1.0
+                y = value[f"{shaft}_encoder_y"]
+                found = found.at[place, 0].add(gain * jnp.stack([y, x]))
+        return jnp.concatenate([found.ravel(), kinds.mean(1)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -241,7 +241,7 @@ def mixed_fit(
         design = replace(design, shape=shape)
     free = any(column.name == ("delay",) for column in design.columns)
     theta, searched, share, noise, steps = None, False, 0.0, 0.0, 0
-    number, last = 0, 0.0
+    number, value, last = 0, 0.0, 0.0
     while True:
         number += 1
         rows = design.rows(shafts, delay_s)
@@ -294,10 +294,10 @@ def mixed_fit(
             for log, one in enumerate(shafts)
         )
         if step is not None:
-            # A step that turns back by half or more would lead to two delays in turn.
-            value = float(step[0][0])
-            back = value * last < 0 and abs(value) > 0.5 * abs(last)
-            last = 0.5 * value if back else value
+            # The waves turn with the delay, so that a step may leave a share of itself, of either
+            # sign: the next one is that of the secant, of half to three times the length.
+            value, before = float(step[0][0]), value
+            last = value / (float(np.clip((before - value) / last, 1 / 3, 2)) if last else 1.0)
             delay_s += last
     return MixedFit(
         shafts,
@@ -459,18 +459,22 @@ def outlying(
     steady.append(Column(("late",), ("late",)))
     tables = []
     for number, one in enumerate(rows):
-        links = {side: embedding(steady, one.names, number, side) for side in (1, -1)}
-        flank = one.flank
-        table = np.where(flank[:, None] < 0, one.table @ links[1], one.table @ links[-1])
-        tables.append(table)
-    table = np.concatenate(tables)
-    norm = np.sqrt(np.mean(table[:, :-1] ** 2, axis=0))
-    x, y = table[:, :-1][:, norm > 0] / norm[norm > 0], table[:, -1]
-    hold = 1e-4 * len(y) * np.eye(x.shape[1])
-    residual = y - x @ np.linalg.solve(x.T @ x + hold, x.T @ y)
+        links = [embedding(steady, one.names, number, side) for side in (1, -1)]
+        gains = np.stack([link.sum(axis=0) for link in links])  # of one element each
+        at = np.abs(links[0]).argmax(axis=0)
+        tables.append(one.table[:, at] * gains[(one.flank >= 0).astype(int)])
+    gram = np.sum([table.T @ table for table in tables], axis=0)
+    y = np.concatenate([table[:, -1] for table in tables])
+    norm = np.sqrt(np.diag(gram)[:-1] / len(y))
+    norm[norm == 0] = 1.0
+    hold = 1e-4 * len(y) * np.eye(len(norm))
+    scaled = gram[:-1, :-1] / norm / norm[:, None]
+    away = np.linalg.solve(scaled + hold, gram[:-1, -1] / norm) / norm
+    residual = y - np.concatenate([table[:, :-1] @ away for table in tables])
     clean = spread(residual) < _CLEAN * float(np.std(y))  # the rest is that of the ridge
     if clean or not (certain or is_heavy(residual)):
         return None, 0.0, spread(residual)
+    x = np.concatenate(tables)[:, :-1] / norm
     weight, share = weights_of(x, y)
     heavy = x * weight[:, None]
     residual = y - x @ np.linalg.solve(heavy.T @ x + hold, heavy.T @ y)
