@@ -40,6 +40,13 @@ def test_readings_that_stand_alone_are_outliers(kind, seed):
     assert is_heavy(1e-6 * _noise(kind, seed))
 
 
+@pytest.mark.parametrize("wrong", [1, 6])
+def test_one_reading_of_thousands_may_be_an_outlier(wrong):
+    noise = np.random.default_rng(wrong).normal(size=6000)
+    noise[500 :: 6000 // wrong] += 100.0
+    assert is_heavy(noise)
+
+
 @pytest.mark.parametrize("kind", ["few", "one_sided"])
 def test_weights_find_them_and_the_fit_is_that_of_the_others(kind):
     noise = _noise(kind, 1)

@@ -35,7 +35,9 @@ class Relation(eqx.Module):
 
     `names` are the parameters: eccentricities (mm) and encoder errors (rad) in Cartesian form.
     `waves` are the tied harmonics of the model, `both` whether both flanks were measured, and
-    `side` the flank of a fit of one flank, 0 for A and 1 for B.
+    `side` the flank of a fit of one flank, 0 for A and 1 for B. The columns take the driven gear at
+    one nominal angle for both flanks. Flank A is half the mean `gap` (rad) behind it and flank B
+    half ahead.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -45,6 +47,7 @@ class Relation(eqx.Module):
     ratio: Float[Array, ""]
     centre_distance: Float[Array, ""]
     base_sum: Float[Array, "2"]
+    gap: Float[Array, ""]
 
     @property
     def sizes(self) -> Float[np.ndarray, " p"]:
@@ -80,19 +83,18 @@ class Relation(eqx.Module):
         )
         sides = np.array([0, 1] if self.both else [self.side])
         senses = np.where(sides == 0, 1.0, -1.0)[:, None]
-        error = jnp.asarray(
-            model.turned(*jnp.asarray(grid)[:, None], self.base_sum[sides][:, None], senses)
-        )
+        driving = jnp.asarray(grid[:1])
+        driven = grid[1:] - 0.5 * self.gap * senses
+        error = jnp.asarray(model.turned(driving, driven, self.base_sum[sides][:, None], senses))
+        for shaft, angle, gain in (("driving", driving, -self.ratio), ("driven", driven, 1.0)):
+            if (x := value.get(f"{shaft}_encoder_x")) is not None:
+                y = value[f"{shaft}_encoder_y"]
+                error = error + gain * (x * jnp.sin(angle) + y * jnp.cos(angle))
         mean = error.mean(0, keepdims=True)
         kinds = jnp.concatenate([mean, error[1:] - error[:1]])  # the second one if both are there
         phases = np.array([_TERMS[wave] for wave in self.waves]) @ grid
         basis = 2 * np.stack([np.cos(phases), np.sin(phases)], axis=1) / POINTS**2
         found = jnp.einsum("wpn,kn->wkp", basis, kinds)
-        for place, (shaft, order) in enumerate(self.waves):
-            if (x := value.get(f"{shaft}_encoder_x")) is not None and order == 1:
-                gain = -self.ratio if shaft == "driving" else 1.0
-                y = value[f"{shaft}_encoder_y"]
-                found = found.at[place, 0].add(gain * jnp.stack([y, x]))
         return jnp.concatenate([found.ravel(), kinds.mean(1)])
 
 
@@ -119,11 +121,13 @@ def relation_of(
     side: int,
     encoders: bool = True,
     gears: bool = True,
+    gap: float = 0.0,
 ) -> Relation | None:
     """Return the relation of a model with these waves, or None if no first order is among them.
 
     A shaft whose first order is not in the model has no parameters. With one flank, or without
-    `encoders`, the encoders are perfect; without `gears` the gears are.
+    `encoders`, the encoders are perfect; without `gears` the gears are. `gap` is the mean backlash,
+    rad, which one flank alone has not.
     """
     present = [(w.shaft, int(w.order)) for w in waves if (w.shaft, w.order) in _TERMS]
     shafts = [shaft for shaft in ("driving", "driven") if (shaft, 1) in present]
@@ -140,6 +144,7 @@ def relation_of(
         jnp.asarray(float(pair.ratio)),
         jnp.asarray(float(pair.centre_distance_mm)),
         jnp.asarray(pair.base_radii.sum(axis=0)),
+        jnp.asarray(gap),
     )
 
 
@@ -154,10 +159,13 @@ def fitted_gears(
     gears: bool = True,
 ) -> Gears | None:
     """Return the parameters of the gears and encoders; the arguments are those of `relation_of`."""
-    relation = relation_of(pair, waves, both=both, side=side, encoders=encoders, gears=gears)
+    index = posterior.problem.index
+    gap = float(posterior.moved[index["gap",]]) if both else 0.0
+    relation = relation_of(
+        pair, waves, both=both, side=side, encoders=encoders, gears=gears, gap=gap
+    )
     if relation is None:
         return None
-    index = posterior.problem.index
     rows = np.eye(len(index))[relation.places(index)]
     mean, covariance, _ = posterior.told(rows, moved=True)
     start = 1e-6 * jnp.asarray(relation.sizes)

@@ -26,7 +26,7 @@ def is_heavy(residual: Float[np.ndarray, " n"]) -> bool:
     good, bad = _mixture(alone, deviation, share)
     mixed = np.sum(np.log((good + bad + 1e-300) / deviation))
     normal = -0.5 * len(alone) * (1 + np.log(np.mean(alone**2) + 1e-300))
-    return bool(mixed - normal > _ENOUGH and share > 2e-3)
+    return bool(mixed - normal > _ENOUGH)
 
 
 def weights_of(
