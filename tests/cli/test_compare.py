@@ -3,11 +3,13 @@
 import json
 import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from vttig_jax.cli.main import main
+from vttig_jax.report import compare_runs
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,20 @@ def test_what_counts(vttig_json, run_folder, tmp_path, stds, counts):
     row = rows(record)["constant_backlash_deg"]
     assert row["counts"] == counts and row["difference"] / row["std"] == pytest.approx(stds)
     assert ("constant_backlash_deg" in record["verdict"][1]) is (counts == "yes")
+
+
+def test_the_verdict_says_which_way_and_names_few(run_folder):
+    comparison = compare_runs(run_folder, run_folder)
+    judged = [one for one in comparison.differences if one.counts]
+    assert len(judged) > 10
+    fallen = [replace(one, difference=-0.1, std=0.01, counts="yes") for one in judged]
+    first, second, _ = replace(comparison, differences=tuple(fallen)).verdict
+    assert "falls from" in first and "which counts" in first
+    assert second.endswith(f", and {len(judged) - 7} more.") and second.count(",") == 7
+    risen = [replace(one, difference=0.1) for one in fallen]
+    assert "rises from" in replace(comparison, differences=tuple(risen[:3])).verdict[0]
+    assert "more." not in replace(comparison, differences=tuple(risen[:3])).verdict[1]
+    assert "goes from" in comparison.verdict[0]
 
 
 def test_what_one_run_does_not_tell(vttig_json, run_folder, one_flank_folder):

@@ -29,7 +29,7 @@ def test_three_panels_and_their_words():
     )
     figure.draw_without_rendering()
     axes = figure.axes
-    assert figure.get_suptitle() == "residual · rig · log.csv"
+    assert figure.get_suptitle() == "residual, which should look like noise · rig · log.csv"
     assert [ax.get_ylabel() for ax in axes] == [
         "residual [arcsec]",
         "autocorrelation",
@@ -41,7 +41,10 @@ def test_three_panels_and_their_words():
         "cycles per driving revolution",
     ]
     legend = axes[0].get_legend()
-    assert legend is not None and [t.get_text() for t in legend.get_texts()] == ["A", "B"]
+    assert legend is not None and [t.get_text() for t in legend.get_texts()] == [
+        "flank A",
+        "flank B",
+    ]
     x, y = axes[0].lines[0].get_data()
     np.testing.assert_allclose(np.asarray(x), ANGLE / DEG)
     np.testing.assert_allclose(np.asarray(y), NOISE / ARCSEC)
@@ -55,7 +58,7 @@ def test_without_lines_and_names():
         [ANGLE], [np.zeros(1000)], highest=8.0, whitened=[np.zeros(1000)], order=0
     )
     figure.draw_without_rendering()
-    assert figure.axes[2].get_title(loc="left") == "no line found"
+    assert figure.axes[2].get_title(loc="left") == "no line that the noise does not explain"
     assert figure.axes[0].get_legend() is None
 
 

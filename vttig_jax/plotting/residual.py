@@ -84,7 +84,7 @@ def residual_picture(
         )
     figure = new_figure(7.6)
     top, middle, bottom = figure.subplots(3, 1)
-    heading(figure, "residual", name, source)
+    heading(figure, "residual, which should look like noise", name, source)
     _draw_residual(top, angles, residuals, labels)
     _draw_correlation(middle, whitened, order)
     _draw_spectrum(bottom, angles, residuals, highest, lines)
@@ -102,7 +102,8 @@ def _draw_residual(ax: Axes, angles: Runs, residuals: Runs, labels: Sequence[str
     for angle, residual, label in zip(angles, residuals, labels, strict=True):
         points = thinned(angle / DEG, residual / ARCSEC, max(MOST_POINTS // len(angles), 4))
         style = {"color": colours[label], "markersize": 3, "markeredgewidth": 0, "alpha": 0.6}
-        [handles[label]] = ax.plot(*points, ".", label=label, **style)
+        words = f"flank {label}" if label in FLANK_COLOURS else label
+        [handles[label]] = ax.plot(*points, ".", label=words, **style)
     rms = np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)) / ARCSEC
     title(ax, f"{rms:.3g}″ rms of averaged rows")
     ax.set_ylabel("residual [arcsec]")
@@ -149,7 +150,7 @@ def _draw_spectrum(
         )
         top = max(top, line.amplitude_arcsec)
     count = f"{len(lines)} line{'' if len(lines) == 1 else 's'} found"
-    title(ax, count if lines else "no line found")
+    title(ax, count if lines else "no line that the noise does not explain")
     ax.set_xlim(0.0, highest)
     ax.set_ylim(0.0, 1.25 * top if top > 0 else 1.0)
     ax.set_ylabel("amplitude [arcsec]")
