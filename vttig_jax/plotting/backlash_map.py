@@ -210,8 +210,7 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
 
 
 def _add_title(ax: Axes, banded: BandedMap, handles: list[Artist]) -> None:
-    turns = banded.turns
-    period = banded.map.pair.hunting_turns
+    turns, period = banded.turns, banded.map.pair.hunting_turns
     seen, rows = "backlash, and where it is smallest", math.ceil(len(handles) / 2)
     title(ax, seen, banded.map.pair.name, _span(turns, period), legend_rows=rows)
     legend(ax, handles)

@@ -139,16 +139,8 @@ def _draw_residuals(ax: Axes, runs: list[CurveAndResidual], flanks: list[str]) -
 def _dots(
     ax: Axes, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], flank: str, label: str
 ) -> list[Line2D]:
-    return ax.plot(
-        x,
-        y,
-        ".",
-        color=FLANK_COLOURS[flank],
-        markersize=4,
-        markeredgewidth=0,
-        alpha=0.6,
-        label=label,
-    )
+    style = {"color": FLANK_COLOURS[flank], "markersize": 4, "markeredgewidth": 0, "alpha": 0.6}
+    return ax.plot(x, y, ".", label=label, **style)
 
 
 def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveAndResidual]:
