@@ -22,7 +22,7 @@ def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
     - `fit`: result of a fit.
     - `log`: whether the axis is logarithmic, so that small pitch orders are readable.
     """
-    figure = new_figure(3.8)
+    figure = new_figure(4.2)
     shafts = [shaft for shaft in _SHAFTS if any(o.shaft == shaft for o in fit.orders)]
     if not shafts:
         ax = figure.add_subplot()
@@ -70,7 +70,7 @@ def _draw(ax: Axes, orders: list[Order], named_arcsec: float) -> None:
         if o.amplitude_arcsec >= named_arcsec:
             ax.bar_label(bars, fmt="%.3g", rotation=90, padding=3, fontsize="x-small")
     names = [f"{number:.5g}" for number in numbers]
-    ax.set_xticks(range(len(numbers)), names, rotation=60 if max(map(len, names)) > 4 else 0)
+    ax.set_xticks(range(len(numbers)), names, rotation=30 if max(map(len, names)) > 4 else 0)
     ax.set_xlim(-0.75, len(numbers) - 0.25)
     grid(ax)
     ax.grid(False, axis="x")
