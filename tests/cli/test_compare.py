@@ -2,6 +2,7 @@
 
 import json
 import math
+import random
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -105,10 +106,14 @@ def test_runs_of_two_drives(vttig, run_folder, tmp_path, monkeypatch):
 
 
 def test_the_page_of_two_runs(vttig_json, run_folder, half_folder, tmp_path):
-    out = tmp_path / "two.html"
-    code, record = vttig_json("report", run_folder, half_folder, "--out", out)
+    out, half = tmp_path / "two.html", tmp_path / "half"
+    shutil.copytree(half_folder, half)
+    (half / "large.csv").write_text(random.Random(0).randbytes(400_000).hex())
+    code, record = vttig_json("report", run_folder, half, "--out", out)
     page = out.read_text("utf-8")
     assert code == 0 and len(page) < 3_000_000 and "differences" in record["sections"]
-    assert record["comparison"] == vttig_json("compare", run_folder, half_folder)[1]
+    assert record["comparison"] == vttig_json("compare", run_folder, half)[1]
     assert record["verdict"] == record["comparison"]["verdict"]
+    # Two runs share the room that the files of one may take.
+    assert "large.csv (800000 bytes, too large" in page and 'download="large.csv' not in page
     assert page.count("<h3>First run") == page.count("<h3>Second run") > 5

@@ -106,6 +106,7 @@ def test_a_telephone_sees_all_of_it(page):
         page.emulate(1100)
 
 
+@pytest.mark.slow
 def test_tables_of_two_runs_are_not_cut_off(sampled_folder, run_folder, tmp_path):
     out = tmp_path / "two.html"
     assert main(["report", str(sampled_folder), str(run_folder), "--out", str(out)]) == 0
