@@ -2,12 +2,15 @@
 
 import json
 import math
+import random
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from vttig_jax.cli.main import main
+from vttig_jax.report import compare_runs
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +73,20 @@ def test_what_counts(vttig_json, run_folder, tmp_path, stds, counts):
     assert ("constant_backlash_deg" in record["verdict"][1]) is (counts == "yes")
 
 
+def test_the_verdict_says_which_way_and_names_few(run_folder):
+    comparison = compare_runs(run_folder, run_folder)
+    judged = [one for one in comparison.differences if one.counts]
+    assert len(judged) > 10
+    fallen = [replace(one, difference=-0.1, std=0.01, counts="yes") for one in judged]
+    first, second, _ = replace(comparison, differences=tuple(fallen)).verdict
+    assert "falls from" in first and "which counts" in first
+    assert second.endswith(f", and {len(judged) - 7} more.") and second.count(",") == 7
+    risen = [replace(one, difference=0.1) for one in fallen]
+    assert "rises from" in replace(comparison, differences=tuple(risen[:3])).verdict[0]
+    assert "more." not in replace(comparison, differences=tuple(risen[:3])).verdict[1]
+    assert "goes from" in comparison.verdict[0]
+
+
 def test_what_one_run_does_not_tell(vttig_json, run_folder, one_flank_folder):
     _, record = vttig_json("compare", run_folder, one_flank_folder)
     gap = rows(record)["constant_backlash_deg"]
@@ -89,10 +106,14 @@ def test_runs_of_two_drives(vttig, run_folder, tmp_path, monkeypatch):
 
 
 def test_the_page_of_two_runs(vttig_json, run_folder, half_folder, tmp_path):
-    out = tmp_path / "two.html"
-    code, record = vttig_json("report", run_folder, half_folder, "--out", out)
+    out, half = tmp_path / "two.html", tmp_path / "half"
+    shutil.copytree(half_folder, half)
+    (half / "large.csv").write_text(random.Random(0).randbytes(400_000).hex())
+    code, record = vttig_json("report", run_folder, half, "--out", out)
     page = out.read_text("utf-8")
     assert code == 0 and len(page) < 3_000_000 and "differences" in record["sections"]
-    assert record["comparison"] == vttig_json("compare", run_folder, half_folder)[1]
+    assert record["comparison"] == vttig_json("compare", run_folder, half)[1]
     assert record["verdict"] == record["comparison"]["verdict"]
+    # Two runs share the room that the files of one may take.
+    assert "large.csv (800000 bytes, too large" in page and 'download="large.csv' not in page
     assert page.count("<h3>First run") == page.count("<h3>Second run") > 5

@@ -141,3 +141,25 @@ def test_inspect_imports_no_jax(files):
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_a_picture_before_any_fit(files, capsys, tmp_path, suffix):
+    (log, pair), picture = files, tmp_path / f"raw.{suffix}"
+    code, out, err = run(capsys, log, "--pair", pair, "--picture", picture)
+    assert code == 0 and err == "" and out.endswith(f"picture: {picture}\n")
+    starts = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
+    assert picture.read_bytes().startswith(starts[suffix])
+    code, out, err = run(capsys, log, "--pair", pair, "--picture", picture)
+    assert (code, out) == (2, "") and "--overwrite" in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(("--picture", "raw.png"), "--ratio"), (("--teeth", "45/80", "--picture", "raw.txt"), ".svg")],
+)
+def test_a_picture_that_cannot_be(files, capsys, monkeypatch, tmp_path, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = run(capsys, files[0], *arguments)
+    assert (code, out) == (2, "") and said in err and err.count("\n") == 1
+    assert not list(tmp_path.glob("raw.*"))

@@ -106,6 +106,20 @@ def test_a_telephone_sees_all_of_it(page):
         page.emulate(1100)
 
 
+@pytest.mark.slow
+def test_tables_of_two_runs_are_not_cut_off(sampled_folder, run_folder, tmp_path):
+    out = tmp_path / "two.html"
+    assert main(["report", str(sampled_folder), str(run_folder), "--out", str(out)]) == 0
+    with Page(tmp_path / "profile") as page:
+        page.emulate(1100)
+        page.open(out, DRAWN)
+        widths = page.run(
+            "[...document.querySelectorAll('section > .parts .wide, section > .wide')]"
+            ".filter(one => one.clientWidth).map(one => one.scrollWidth - one.clientWidth)"
+        )
+    assert len(widths) >= 4 and max(widths) == 0
+
+
 def test_the_charts_follow_the_colour_scheme(page):
     ink = f"getComputedStyle({EVERYWHERE}('svg text[fill=\"#444444\"]')[0]).fill"
     paper = "getComputedStyle(document.body).backgroundColor"

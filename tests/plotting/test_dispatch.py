@@ -50,7 +50,9 @@ def test_options_reach_the_picture(make_curve, make_fit):
 
 
 def test_an_object_without_a_picture_is_refused():
-    with pytest.raises(ValueError, match=r"`obj` must be a TECurve, .* Deviations, but is int\."):
+    with pytest.raises(
+        ValueError, match=r"`obj` must be an EncoderLog, .* Deviations, but is int\."
+    ):
         plot(3)
 
 

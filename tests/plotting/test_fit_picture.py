@@ -64,7 +64,7 @@ def test_the_words(make_fit):
         "residual [arcsec]",
     ]
     assert [ax.get_xlabel() for ax in axes] == ["", "", "driving angle [°]"]
-    assert figure.get_suptitle() == "transmission error · VTTIG rig · log.csv"
+    assert figure.get_suptitle() == "transmission error and its fit · VTTIG rig · log.csv"
     assert legend_texts(axes[0]) == legend_texts(axes[1]) == ["measured", "fitted"]
     rms = [np.sqrt(np.mean(residual**2)) / ARCSEC for residual in fit.residuals]
     assert legend_texts(axes[2]) == [f"flank A: {rms[0]:.3g}″ rms", f"flank B: {rms[1]:.3g}″ rms"]

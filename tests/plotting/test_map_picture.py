@@ -68,7 +68,8 @@ def test_the_words(grid):
     (ax,) = plot_map(grid).axes
     assert ax.get_xlabel() == "driving angle [°]"
     assert ax.get_ylabel() == "backlash, angle of the driven gear [°]"
-    assert ax.get_title(loc="left") == "backlash · VTTIG rig · hunting period of 16 turns"
+    words = "backlash, and where it is smallest · VTTIG rig · hunting period of 16 turns"
+    assert ax.get_title(loc="left") == words
 
 
 def test_the_right_axis_of_a_tapered_pair_is_the_axial_displacement(grid, paper_pair):
@@ -114,7 +115,14 @@ def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
     ticks = whole.xaxis.get_major_formatter().format_ticks(whole.get_xticks().tolist())
     assert "80" in ticks and not any("28800" in tick for tick in ticks)
     assert "hunting period of 83 turns" in whole.get_title(loc="left")
-    assert not any(text.endswith("not shown") for text in legend_texts(whole))
+    turn = f"turn {float(grid.smallest.driving_angle) / (2 * np.pi):.2f}"
+    assert legend_texts(whole)[0].endswith(turn) and "turn" not in legend_texts(ax)[0]
+
+
+def test_extremes_that_are_not_known_are_not_marked(grid):
+    (ax,) = plot_map(replace(grid, unknown="the driven shaft turned too little")).axes
+    assert legend_texts(ax)[0] == "backlash map"
+    assert ax.get_title(loc="left").startswith("backlash of the fitted orders · ")
 
 
 def test_the_turns_can_be_fewer(grid):

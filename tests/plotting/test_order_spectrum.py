@@ -44,7 +44,7 @@ def test_the_words(make_fit):
     assert axes[0].get_ylabel() == "amplitude at the driven gear [arcsec]"
     assert [ax.get_xlabel() for ax in axes] == ["driving order", "driven order", "mesh order"]
     assert [text.get_text() for text in axes[0].get_xticklabels()] == ["1", "3"]
-    assert figure.get_suptitle() == "order spectrum · VTTIG rig"
+    assert figure.get_suptitle() == "order spectrum: the largest is driven 1, 92″ · VTTIG rig"
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["flank A", "flank B", "not significant"]
 
@@ -67,6 +67,21 @@ def test_every_bar_is_in_view(make_fit, log):
     low, high = plot_orders(fit, log=log).axes[-1].get_ylim()
     assert low < min(o.amplitude_arcsec for o in fit.orders)
     assert high > max(o.amplitude_arcsec + o.std_arcsec for o in fit.orders)
+
+
+def test_noise_takes_no_room_and_names_stay_apart(make_fit):
+    """An amplitude far below its standard error does not stretch the axis."""
+    sizes = ((1.550484, 20.0, 0.1), (3.089837, 1.9, 0.1), (4, 0.001, 0.03))
+    orders = tuple(Order("driving", n, "A", size, std, 0.0) for n, size, std in sizes)
+    figure = plot_orders(make_fit(orders=orders))
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert ax.get_ylim()[0] == pytest.approx(0.01)
+    assert [text.get_text() for text in ax.texts] == ["20"]  # no number on bars under a tenth
+    names = [text.get_text() for text in ax.get_xticklabels()]
+    assert names == ["1.5505", "3.0898", "4"]
+    box = ax.texts[0].get_window_extent()
+    assert box.y1 < ax.bbox.y1 and len(bars(ax)) == 3
 
 
 def test_one_flank_stands_on_its_tick(worm_fit):

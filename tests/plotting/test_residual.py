@@ -1,14 +1,23 @@
+from dataclasses import replace
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.lines.search import Line
+from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.plotting.residual import (
     amplitude_spectrum,
     autocorrelation,
+    plot_log,
     residual_picture,
 )
+from vttig_jax.rig.motion import PassMotion
+from vttig_jax.rig.paper import paper_rig
 
 ANGLE = REV * np.linspace(0.0, 10.0, 1000)
 NOISE = np.random.default_rng(0).standard_normal(1000) * ARCSEC
@@ -29,7 +38,7 @@ def test_three_panels_and_their_words():
     )
     figure.draw_without_rendering()
     axes = figure.axes
-    assert figure.get_suptitle() == "residual · rig · log.csv"
+    assert figure.get_suptitle() == "residual, which should look like noise · rig · log.csv"
     assert [ax.get_ylabel() for ax in axes] == [
         "residual [arcsec]",
         "autocorrelation",
@@ -41,7 +50,10 @@ def test_three_panels_and_their_words():
         "cycles per driving revolution",
     ]
     legend = axes[0].get_legend()
-    assert legend is not None and [t.get_text() for t in legend.get_texts()] == ["A", "B"]
+    assert legend is not None and [t.get_text() for t in legend.get_texts()] == [
+        "flank A",
+        "flank B",
+    ]
     x, y = axes[0].lines[0].get_data()
     np.testing.assert_allclose(np.asarray(x), ANGLE / DEG)
     np.testing.assert_allclose(np.asarray(y), NOISE / ARCSEC)
@@ -55,7 +67,7 @@ def test_without_lines_and_names():
         [ANGLE], [np.zeros(1000)], highest=8.0, whitened=[np.zeros(1000)], order=0
     )
     figure.draw_without_rendering()
-    assert figure.axes[2].get_title(loc="left") == "no line found"
+    assert figure.axes[2].get_title(loc="left") == "no line that the noise does not explain"
     assert figure.axes[0].get_legend() is None
 
 
@@ -69,6 +81,31 @@ def test_the_correlation_of_whitened_rows_stays_in_the_band():
     assert pairs[5] == 1499 - 5 + 2499 - 5
     raw, _ = autocorrelation([path], 60)
     np.testing.assert_allclose(raw[1:4], [0.9, 0.81, 0.729], atol=0.04)
+
+
+def test_a_log_before_any_fit_shows_both_flanks_and_its_waves():
+    rig = paper_rig(0, PassMotion(reversal_deg=4 * 360.0))
+    log = replace(rig, rate_hz=500.0).log(0)
+    figure = plot_log(log)
+    figure.draw_without_rendering()
+    top, bottom = figure.axes
+    legend = top.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["flank A", "flank B"]
+    assert "before any fit" in figure.get_suptitle() and "[arcsec]" in top.get_ylabel()
+    shown = np.concatenate([np.asarray(line.get_ydata()) for line in top.lines])
+    assert np.isin(shown, log.transmission_error / ARCSEC).all() and len(shown) > 1000
+    cycles, size = (np.asarray(values) for values in bottom.lines[0].get_data())
+    near = np.abs(cycles - 45) < 0.5  # the mesh of 45 teeth
+    assert size[near].max() > 5 * np.median(size[np.abs(cycles - 45) < 5])
+    assert bottom.get_xlim()[1] > 45
+
+
+def test_a_log_without_a_run_has_no_picture():
+    angle = np.arange(12.0)
+    log = EncoderLog.from_arrays(angle, angle, angle / 2, pair=Drive(Fraction(1, 2)), unit="deg")
+    with pytest.raises(NoAnswerError, match="no run of this log has 16 samples"):
+        plot_log(log)
 
 
 def test_runs_too_short_to_correlate():

@@ -26,26 +26,17 @@ VERBS = {
         "vttig_jax.cli.verbs.inspect:command",
         "Say what a log holds and what is wrong with it.",
     ),
-    "fit": (
-        "vttig_jax.cli.verbs.fit:command",
-        "Identify eccentricities and backlash from a log.",
-    ),
+    "fit": ("vttig_jax.cli.verbs.fit:command", "Identify eccentricities and backlash from a log."),
     "fit-many": (
         "vttig_jax.cli.verbs.fit_many:command",
         "Identify many logs, each of a rig of its own, in one table.",
     ),
-    "map": (
-        "vttig_jax.cli.verbs.map:command",
-        "Write the backlash at every angle from a fit.",
-    ),
+    "map": ("vttig_jax.cli.verbs.map:command", "Write the backlash at every angle from a fit."),
     "report": (
         "vttig_jax.cli.verbs.report:command",
         "Write a run as a page to read, send and print.",
     ),
-    "plot": (
-        "vttig_jax.cli.verbs.plot:command",
-        "Draw one picture of a run as PNG, SVG or PDF.",
-    ),
+    "plot": ("vttig_jax.cli.verbs.plot:command", "Draw one picture of a run as PNG, SVG or PDF."),
     "accuracy": (
         "vttig_jax.cli.verbs.accuracy:command",
         "Say how accurate a drive is, in the terms of standards.",
@@ -62,10 +53,7 @@ VERBS = {
         "vttig_jax.cli.verbs.calibrate:command",
         "Check on simulated rigs that stated uncertainties hold.",
     ),
-    "plan": (
-        "vttig_jax.cli.verbs.plan:command",
-        "Say how well a run would tell every parameter.",
-    ),
+    "plan": ("vttig_jax.cli.verbs.plan:command", "Say how well a run would tell every parameter."),
     "simulate": (
         "vttig_jax.cli.verbs.simulate:command",
         "Simulate a reversal with an anti-backlash controller.",

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from ..base.errors import NoAnswerError
 from ..base.units import DEG, REV
 from ..kinematics.backlash_map import BacklashMap, Extreme
-from ..pair.gear_pair import Drive
 from ..posterior.summary.bands import BandedMap, millimetres
 from .curves import thinned
 from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, grid, legend, new_figure, title
@@ -61,15 +60,18 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int | None
         x, y = thinned(angle / DEG, first / DEG)
         lines += ax.plot(x, y, "--", color=COLOURS[1], linewidth=1.3, label="first order only")
     lines += _shade(ax, backlash, angle)
-    marks: list[Artist] = _mark(ax, backlash.smallest, "v", "smallest", shown)
-    marks += _mark(ax, backlash.largest, "^", "largest", shown)
-    ax.set_ylabel("backlash, angle of the driven gear [°]")
     ax.set_xlim(0.0, 360.0 * shown)
+    driving_axis(ax)
+    marks: list[Artist] = []
+    if not backlash.unknown:
+        marks += _mark(ax, backlash.smallest, "v", "smallest", shown)
+        marks += _mark(ax, backlash.largest, "^", "largest", shown)
+    ax.set_ylabel("backlash, angle of the driven gear [°]")
     _add_mm_axis(ax, backlash)
     rows = math.ceil(len(marks + lines) / 2)
-    title(ax, "backlash", backlash.pair.name, _span(shown, period), legend_rows=rows)
+    seen = "backlash, and where it is smallest" if marks else "backlash of the fitted orders"
+    title(ax, seen, backlash.pair.name, _span(shown, period), legend_rows=rows)
     grid(ax)
-    driving_axis(ax)
     legend(ax, marks + lines)
     return figure_of(ax)
 
@@ -94,9 +96,9 @@ def _shade(ax: Axes, backlash: BacklashMap, angle: Float[np.ndarray, " n"]) -> l
     return [*spans[:1]]
 
 
-def _span(shown: int, period: int) -> str:
+def _span(shown: int | float, period: int) -> str:
     if shown < period:
-        return f"first {shown} of the {period} turns of the hunting period"
+        return f"first {shown:.6g} of the {period} turns of the hunting period"
     return f"hunting period of {period} turn{'s' if period > 1 else ''}"
 
 
@@ -105,24 +107,25 @@ def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> lis
     visible = extreme.driving_angle <= shown * REV
     place = [float(extreme.driving_angle) / DEG], [float(extreme.backlash) / DEG]
     point = place if visible else ([], [])
-    label = f"{name}: {extreme}" + ("" if visible else ", not shown")
+    turn = f", turn {float(extreme.driving_angle) / REV:.2f}" if "turns" in ax.get_xlabel() else ""
+    label = f"{name}: {extreme}{turn}" + ("" if visible else ", not shown")
     style = {"color": MODEL_COLOUR, "markersize": 7, "markerfacecolor": "none"}
     return [*ax.plot(*point, marker, label=label, **style)]
 
 
 def _add_mm_axis(ax: Axes, backlash: BacklashMap) -> None:
     """Add the right axis, mm: s = j R₂/(tan β_L + tan β_R), or j R₂ for a pair without taper."""
-    pair = backlash.pair
-    if isinstance(pair, Drive):
+    radius, axial = millimetres(backlash.pair)
+    if not np.isfinite(radius):
         return
-    size, label = float(pair.reference_radii[1]) * DEG, "at the reference circle [mm]"
-    if thinning := float(pair.thinning):
-        size, label = size / thinning, "axial displacement that closes it [mm]"
+    tapered = np.isfinite(axial)
+    size = (axial if tapered else radius) * DEG
     right = ax.secondary_yaxis(
         "right",
         functions=(lambda deg: np.asarray(deg) * size, lambda mm: np.asarray(mm) / size),
     )
-    right.set_ylabel(label)
+    label = "axial displacement that closes it [mm]" if tapered else "at the reference circle [mm]"
+    right.set_ylabel(label, fontsize="small")
 
 
 _CLOSE_UP_DEG = 90.0  # width of the panel around the smallest gap; a chosen value
@@ -200,32 +203,14 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
         ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
     ax.set_xlim(*span_deg)
     ax.set_ylabel("backlash [° of the driven gear]")
-    _add_mm_axis_to_bands(ax, banded)
+    _add_mm_axis(ax, banded.map)
     grid(ax)
     driving_axis(ax)
     return keys
 
 
 def _add_title(ax: Axes, banded: BandedMap, handles: list[Artist]) -> None:
-    turns = banded.turns
-    period = banded.map.pair.hunting_turns
-    span = f"{turns:.6g} of the {period} turns of the hunting period"
-    if turns == period:
-        span = f"hunting period of {period} turn{'s' if period > 1 else ''}"
-    title(ax, "backlash", banded.map.pair.name, span, legend_rows=math.ceil(len(handles) / 2))
+    turns, period = banded.turns, banded.map.pair.hunting_turns
+    seen, rows = "backlash, and where it is smallest", math.ceil(len(handles) / 2)
+    title(ax, seen, banded.map.pair.name, _span(turns, period), legend_rows=rows)
     legend(ax, handles)
-
-
-def _add_mm_axis_to_bands(ax: Axes, banded: BandedMap) -> None:
-    """Add the right axis: mm of axial displacement, or mm at the reference circle."""
-    radius, axial = millimetres(banded.map.pair)
-    if not np.isfinite(radius):
-        return
-    tapered = np.isfinite(axial)
-    size = (axial if tapered else radius) * DEG
-    right = ax.secondary_yaxis(
-        "right",
-        functions=(lambda deg: np.asarray(deg) * size, lambda mm: np.asarray(mm) / size),
-    )
-    label = "axial displacement that closes it [mm]" if tapered else "at the reference circle [mm]"
-    right.set_ylabel(label, fontsize="small")

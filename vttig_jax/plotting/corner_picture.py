@@ -72,7 +72,8 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
         axes[count - 1, index].set_xlabel(label, fontsize=size)
         if index:
             axes[index, 0].set_ylabel(label, fontsize=size)
-    heading(figure, "posterior", posterior.fit.pair.name, PurePath(posterior.fit.source).name)
+    name, source = posterior.fit.pair.name, PurePath(posterior.fit.source).name
+    heading(figure, "posterior: the draws beside the fit", name, source)
     _add_legend(figure)
     return figure
 
@@ -239,6 +240,7 @@ def _add_legend(figure: Figure) -> None:
     keys = [
         Patch(color=COLOURS[0], alpha=0.45, label="draws"),
         Line2D([], [], color=MODEL_COLOUR, linewidth=0.9, label="fit (Laplace): 68 % and 95 %"),
+        Line2D([], [], linestyle="none", label="x = e cos θ, y = e sin θ of size e, phase θ"),
     ]
     figure.legend(
         handles=keys,

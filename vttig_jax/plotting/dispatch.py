@@ -15,6 +15,7 @@ from ..identify.backlash import backlash_map
 from ..identify.result import Fit
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.te_curve import TECurve
+from ..logs.encoder_log import EncoderLog
 from ..posterior.summary.bands import BandedMap
 from ..posterior.summary.posterior import Posterior
 from .backlash_map import plot_band_map, plot_map
@@ -23,7 +24,7 @@ from .corner_picture import plot_corner
 from .deviations import plot_deviations
 from .fit import plot_fit, plot_te
 from .order_spectrum import plot_orders
-from .residual import plot_residual
+from .residual import plot_log, plot_residual
 from .simulation import plot_simulation
 from .sweep import plot_sweep
 from .tooth import plot_tooth
@@ -36,6 +37,7 @@ def plot(obj: object, *name: str, **options: Any) -> Figure:
 
     The options depend on the type of the object:
 
+    - `EncoderLog`: transmission error as it was read, before any fit, and its spectrum.
     - `TECurve`: transmission error over driving angle; `ax`, `unit`.
     - `Fit`: measured and fitted values of each flank, and the residual; `unit`, `span_deg`. With
       the name "orders", "residual" or "map": its orders, its residual, or its backlash.
@@ -67,7 +69,7 @@ def plot(obj: object, *name: str, **options: Any) -> Figure:
     ```
     """
     raise ValueError(
-        "Argument `obj` must be a TECurve, Fit, BacklashMap, Posterior, BandedMap,"
+        "Argument `obj` must be an EncoderLog, TECurve, Fit, BacklashMap, Posterior, BandedMap,"
         f" Simulation, SweepTable, Tooth, Contacts or Deviations, but is {type(obj).__name__}."
     )
 
@@ -91,6 +93,7 @@ def _chosen(pictures: dict[str, Callable[..., Figure]], name: str) -> Callable[.
 
 
 plot.register(TECurve, plot_te)
+plot.register(EncoderLog, plot_log)
 plot.register(Fit, _plot_fit)
 plot.register(BacklashMap, plot_map)
 plot.register(Posterior, _plot_posterior)

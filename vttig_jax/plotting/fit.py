@@ -68,7 +68,7 @@ def plot_fit(
     for ax, flank in zip(axes[:-1], flanks, strict=True):
         _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
         ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
-    heading(figure, "transmission error", fit.pair.name, PurePath(fit.source).name)
+    heading(figure, "transmission error and its fit", fit.pair.name, PurePath(fit.source).name)
     _draw_residuals(axes[-1], runs, flanks)
     title(axes[-1], f"residual ({fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms of averaged rows)")
     for ax in axes:
@@ -91,7 +91,7 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
         markersize=4,
         capsize=3,
     )
-    bars[0].set_label("at one speed, with 95 % interval")
+    bars[0].set_label("at speeds that the log passed, 95 % interval")
     handles: list[Line2D] = [bars[0]]
     if whole is not None:
         label = f"over the angles covered: {whole:.4f}°"
@@ -139,16 +139,8 @@ def _draw_residuals(ax: Axes, runs: list[CurveAndResidual], flanks: list[str]) -
 def _dots(
     ax: Axes, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], flank: str, label: str
 ) -> list[Line2D]:
-    return ax.plot(
-        x,
-        y,
-        ".",
-        color=FLANK_COLOURS[flank],
-        markersize=4,
-        markeredgewidth=0,
-        alpha=0.6,
-        label=label,
-    )
+    style = {"color": FLANK_COLOURS[flank], "markersize": 4, "markeredgewidth": 0, "alpha": 0.6}
+    return ax.plot(x, y, ".", label=label, **style)
 
 
 def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveAndResidual]:

@@ -22,13 +22,14 @@ def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
     - `fit`: result of a fit.
     - `log`: whether the axis is logarithmic, so that small pitch orders are readable.
     """
-    figure = new_figure(3.8)
+    figure = new_figure(4.2)
     shafts = [shaft for shaft in _SHAFTS if any(o.shaft == shaft for o in fit.orders)]
     if not shafts:
         ax = figure.add_subplot()
         ax.set_axis_off()
         ax.text(0.5, 0.5, "no order was fitted", ha="center", transform=ax.transAxes)
         return figure
+    top = max(fit.orders, key=lambda o: o.amplitude_arcsec)
     by_shaft = {shaft: [o for o in fit.orders if o.shaft == shaft] for shaft in shafts}
     counts = [len({o.order for o in by_shaft[shaft]}) for shaft in shafts]
     axes = figure.subplots(
@@ -40,21 +41,22 @@ def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
         width_ratios=[max(count, 2.5) for count in counts],
     )[0]
     for ax, shaft in zip(axes, shafts, strict=True):
-        _draw(ax, by_shaft[shaft])
+        _draw(ax, by_shaft[shaft], 0.1 * top.amplitude_arcsec)
         ax.set_xlabel(_SHAFTS[shaft])
     _scale(axes[0], fit.orders, log)
     axes[0].set_ylabel("amplitude at the driven gear [arcsec]")
-    heading(figure, "order spectrum", fit.pair.name)
+    largest = f"{top.shaft} {top.order:.5g}, {top.amplitude_arcsec:.3g}″"
+    heading(figure, f"order spectrum: the largest is {largest}", fit.pair.name)
     _add_legend(figure, fit.orders)
     return figure
 
 
-def _draw(ax: Axes, orders: list[Order]) -> None:
+def _draw(ax: Axes, orders: list[Order], named_arcsec: float) -> None:
     numbers = sorted({o.order for o in orders})
     shift = _SHIFT if len({o.flank for o in orders}) == 2 else {"A": 0.0, "B": 0.0}
     for o in orders:
         colour = FLANK_COLOURS[o.flank]
-        ax.bar(
+        bars = ax.bar(
             numbers.index(o.order) + shift[o.flank],
             o.amplitude_arcsec,
             _WIDTH * 0.9,
@@ -65,20 +67,26 @@ def _draw(ax: Axes, orders: list[Order]) -> None:
             capsize=2,
             error_kw={"elinewidth": 0.9, "capthick": 0.9},
         )
-    ax.set_xticks(range(len(numbers)), [f"{number}" for number in numbers])
+        if o.amplitude_arcsec >= named_arcsec:
+            ax.bar_label(bars, fmt="%.3g", rotation=90, padding=3, fontsize="x-small")
+    names = [f"{number:.5g}" for number in numbers]
+    ax.set_xticks(range(len(numbers)), names, rotation=30 if max(map(len, names)) > 4 else 0)
     ax.set_xlim(-0.75, len(numbers) - 0.25)
     grid(ax)
     ax.grid(False, axis="x")
 
 
 def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
-    """Set the amplitude axis: logarithmic from a third of the least amplitude, or linear from 0."""
-    positive = [o.amplitude_arcsec for o in orders if o.amplitude_arcsec > 0]
+    """Set the amplitude axis: linear from 0, or logarithmic from a third of the least amplitude.
+
+    An amplitude below its standard error counts as this error, because how far below is chance.
+    """
+    positive = [max(o.amplitude_arcsec, o.std_arcsec) for o in orders if o.amplitude_arcsec > 0]
     if not log or not positive:
         ax.set_ylim(bottom=0.0)
         return
     ax.set_yscale("log", nonpositive="clip")
-    ax.set_ylim(min(positive) / 3, 1.5 * max(o.amplitude_arcsec + o.std_arcsec for o in orders))
+    ax.set_ylim(min(positive) / 3, 3.0 * max(o.amplitude_arcsec + o.std_arcsec for o in orders))
     ax.yaxis.set_major_formatter("{x:g}")
 
 

@@ -1,4 +1,4 @@
-"""Picture of a residual: its values over the angle, its autocorrelation and its spectrum."""
+"""Pictures of a residual, and of a log before any fit: values over the angle and spectrum."""
 
 from collections.abc import Sequence
 from pathlib import PurePath
@@ -9,11 +9,14 @@ from jaxtyping import Complex, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..base.errors import NoAnswerError
 from ..base.units import ARCSEC, DEG, REV
 from ..identify.records import FoundLine
 from ..identify.result import Fit
+from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
-from .curves import MOST_POINTS, thinned
+from ..logs.motion.flank_assignment import assigned_segments
+from .curves import MOST_POINTS, mean_spectrum, thinned
 from .style import COLOURS, FLANK_COLOURS, driving_axis, grid, heading, legend, new_figure, title
 
 _LAGS = 60  # lags shown; a chosen value
@@ -22,6 +25,8 @@ _CHUNK = 64  # frequencies evaluated together; a chosen value
 
 Runs = Sequence[Float[np.ndarray, " _"]]
 """One array per run, of any length."""
+
+Spectrum = Float[np.ndarray, " f"]
 
 
 def plot_residual(fit: Fit) -> Figure:
@@ -49,6 +54,34 @@ def plot_residual(fit: Fit) -> Figure:
     )
 
 
+def plot_log(log: EncoderLog) -> Figure:
+    """Plot the transmission error of a log as it was read, before any fit, and its spectrum.
+
+    The upper panel has both flanks as the direction, the torque or the motion assigns them; gap,
+    drift and delay are in it. The lower one is the mean spectrum of the runs, each less its mean.
+
+    **Raises** `NoAnswerError` for a log without a run of 16 samples.
+    """
+    runs = [one for one in assigned_segments(log).segments if one.stop - one.start >= 16]
+    if not runs:
+        raise NoAnswerError("no run of this log has 16 samples; record a longer motion.")
+    angles = [log.driving_angle[one.start : one.stop] for one in runs]
+    errors = [log.transmission_error[one.start : one.stop] for one in runs]
+    figure = new_figure(5.6)
+    top, bottom = figure.subplots(2, 1)
+    heading(figure, "transmission error before any fit", PurePath(log.source).name)
+    _draw_residual(top, angles, errors, [one.flank for one in runs])
+    title(top, "as it was read, with gap, drift and delay")
+    top.set_ylabel("transmission error [arcsec]")
+    pairs = zip(angles, errors, strict=True)
+    cycles, size = mean_spectrum([(a / REV, (e - e.mean()) / ARCSEC) for a, e in pairs])
+    _draw_amplitudes(bottom, cycles, size)
+    title(bottom, "its spectrum: a peak is a wave that turn after turn repeats")
+    bottom.set_yscale("log")
+    bottom.set_xlim(0.0, min(float(cycles[-1]), 200.0))
+    return figure
+
+
 def residual_picture(
     angles: Runs,
     residuals: Runs,
@@ -73,7 +106,7 @@ def residual_picture(
     - `highest`: highest frequency of the spectrum, cycles per revolution.
     - `whitened`: residuals of each run, whitened by an autoregression of this `order`.
     - `lines`: lines to mark, from `find_lines`.
-    - `labels`: labels of the runs; equal ones share a colour ("A" and "B": the flank colours).
+    - `labels`: labels of the runs; the flanks "A" and "B" have colours of their own.
     - `name`, `source`: parts of the heading.
     """
     labels = [""] * len(angles) if labels is None else labels
@@ -84,29 +117,30 @@ def residual_picture(
         )
     figure = new_figure(7.6)
     top, middle, bottom = figure.subplots(3, 1)
-    heading(figure, "residual", name, source)
+    heading(figure, "residual, which should look like noise", name, source)
     _draw_residual(top, angles, residuals, labels)
     _draw_correlation(middle, whitened, order)
     _draw_spectrum(bottom, angles, residuals, highest, lines)
-    for ax in (top, middle, bottom):
-        grid(ax)
     return figure
 
 
 def _draw_residual(ax: Axes, angles: Runs, residuals: Runs, labels: Sequence[str]) -> None:
-    others = iter(COLOURS[3:])
-    colours = {
-        label: FLANK_COLOURS.get(label) or next(others, "0.4") for label in dict.fromkeys(labels)
-    }
     handles = {}
     for angle, residual, label in zip(angles, residuals, labels, strict=True):
         points = thinned(angle / DEG, residual / ARCSEC, max(MOST_POINTS // len(angles), 4))
-        style = {"color": colours[label], "markersize": 3, "markeredgewidth": 0, "alpha": 0.6}
-        [handles[label]] = ax.plot(*points, ".", label=label, **style)
+        style = {
+            "color": FLANK_COLOURS.get(label, COLOURS[3]),
+            "markersize": 3,
+            "markeredgewidth": 0,
+            "alpha": 0.6,
+        }
+        words = f"flank {label}" if label in FLANK_COLOURS else label
+        [handles[label]] = ax.plot(*points, ".", label=words, **style)
     rms = np.sqrt(np.mean(np.concatenate(list(residuals)) ** 2)) / ARCSEC
     title(ax, f"{rms:.3g}″ rms of averaged rows")
     ax.set_ylabel("residual [arcsec]")
     driving_axis(ax)
+    grid(ax)
     if any(handles):
         legend(ax, [handle for label, handle in handles.items() if label])
 
@@ -119,14 +153,14 @@ def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
     ax.vlines(lags, 0.0, correlation[1:], color=FLANK_COLOURS["A"], linewidth=1.2)
     ax.axhline(0.0, color="0.1", linewidth=0.6)
     outside = int(np.count_nonzero(np.abs(correlation[1:]) > band))
-    title(
-        ax, f"whitened by an autoregression of order {order}: {outside} of {len(lags)} lags outside"
-    )
+    share = f"{outside} of {len(lags)} lags outside"
+    title(ax, f"whitened by an autoregression of order {order}: {share}")
     reach = max(0.1, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
     ax.set_ylim(-reach, reach)
     ax.set_xlim(0.0, len(lags) + 1.0)
     ax.set_ylabel("autocorrelation")
     ax.set_xlabel("lag [rows]")
+    grid(ax)
     legend(ax, ax.collections[:1])
 
 
@@ -134,35 +168,26 @@ def _draw_spectrum(
     ax: Axes, angles: Runs, residuals: Runs, highest: float, lines: Sequence[Line | FoundLine]
 ) -> None:
     cycles, amplitude = amplitude_spectrum(angles, residuals, highest)
-    ax.plot(*thinned(cycles, amplitude / ARCSEC), color=FLANK_COLOURS["A"], linewidth=0.8)
+    _draw_amplitudes(ax, cycles, amplitude / ARCSEC)
     top = float(np.max(amplitude / ARCSEC, initial=0.0))
     for line in lines:
         point = (line.cycles_per_rev, line.amplitude_arcsec)
-        ax.errorbar(*point, yerr=line.amplitude_std_arcsec, fmt="o", **_MARKER_STYLE)
-        ax.annotate(
-            f"{line.cycles_per_rev:.4g}",
-            point,
-            xytext=(0, 7),
-            textcoords="offset points",
-            ha="center",
-            fontsize="small",
-        )
+        style = {"color": FLANK_COLOURS["B"], "markerfacecolor": "none", "elinewidth": 0.9}
+        ax.errorbar(*point, line.amplitude_std_arcsec, fmt="o", markersize=5, capsize=2, **style)
+        words = f"{line.cycles_per_rev:.4g}"
+        ax.annotate(words, point, (0, 7), textcoords="offset points", ha="center", fontsize="small")
         top = max(top, line.amplitude_arcsec)
     count = f"{len(lines)} line{'' if len(lines) == 1 else 's'} found"
-    title(ax, count if lines else "no line found")
+    title(ax, count if lines else "no line that the noise does not explain")
     ax.set_xlim(0.0, highest)
     ax.set_ylim(0.0, 1.25 * top if top > 0 else 1.0)
+
+
+def _draw_amplitudes(ax: Axes, cycles: Spectrum, arcsec: Spectrum) -> None:
+    ax.plot(*thinned(cycles, arcsec), color=FLANK_COLOURS["A"], linewidth=0.8)
     ax.set_ylabel("amplitude [arcsec]")
     ax.set_xlabel("cycles per driving revolution")
-
-
-_MARKER_STYLE = {
-    "color": FLANK_COLOURS["B"],
-    "markersize": 5,
-    "capsize": 2,
-    "markerfacecolor": "none",
-    "elinewidth": 0.9,
-}
+    grid(ax)
 
 
 def autocorrelation(
@@ -203,18 +228,11 @@ def amplitude_spectrum(
     # For the frequencies f₀ + d of a block, exp(2πj f t) = exp(2πj f₀ t) · exp(2πj d t). The
     # distances d are the same in every block, so that few exponentials are needed.
     distances = np.exp(2j * np.pi * (cycles[:_CHUNK, None] - cycles[0]) * turns)
-    amplitude = np.concatenate(
-        [
-            _amplitudes(
-                np.exp(2j * np.pi * block[0] * turns) * distances[: len(block)],
-                value,
-                starts,
-                counts,
-            )
-            for block in np.split(cycles, range(_CHUNK, len(cycles), _CHUNK))
-        ]
-    )
-    return cycles, amplitude
+    amplitude = []
+    for block in np.split(cycles, range(_CHUNK, len(cycles), _CHUNK)):
+        trial = np.exp(2j * np.pi * block[0] * turns) * distances[: len(block)]
+        amplitude.append(_amplitudes(trial, value, starts, counts))
+    return cycles, np.concatenate(amplitude)
 
 
 def _amplitudes(

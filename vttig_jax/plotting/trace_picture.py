@@ -57,7 +57,8 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
         if len(column):
             column[-1].tick_params(labelbottom=True)
     axes[panels - 1].set_xlabel("stored step after burn-in", fontsize="small")
-    heading(figure, "draws", posterior.fit.pair.name, PurePath(posterior.fit.source).name)
+    name, source = posterior.fit.pair.name, PurePath(posterior.fit.source).name
+    heading(figure, "draws: the ensembles should overlap and not drift", name, source)
     _add_legend(figure, posterior.draws.shape[0])
     return figure
 

@@ -175,8 +175,8 @@ def _one_turn(
 def _backlash(found: MapTable) -> Iterator[Chart]:
     """Yield the gap over the hunting period, and around its smallest value."""
     angle, record = found.columns["driving_deg"], found.record
-    title, axes = "The gap between the flanks", (_TURNS, "gap, angle of the driven shaft [°]")
-    least, marks = record["smallest"], []
+    title = "The gap as the fitted orders have it; the log does not tell where it is smallest"
+    axes, least, marks = (_TURNS, "gap, angle of the driven shaft [°]"), record["smallest"], []
     if least:
         title = f"The gap is smallest, {least['backlash_deg']:.4f}°, at turn"
         title += f" {least['driving_deg'] / 360:.3f} of the hunting period"
@@ -211,7 +211,7 @@ def _gap(found: MapTable, shown: Bool[np.ndarray, " n"]) -> Iterator[Series]:
 
 def _orders(fit: Fit) -> Chart:
     """Return the amplitudes of all fitted orders of both flanks."""
-    name = "{0.shaft} {0.order:g}".format
+    name = "{0.shaft} {0.order:.5g}".format
     names = list(dict.fromkeys(name(one) for one in fit.orders))
     series = []
     for flank, shift in (("A", -0.2), ("B", 0.2)):

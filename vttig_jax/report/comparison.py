@@ -65,16 +65,18 @@ class Comparison(TextResult):
         """Three sentences: the main number, what else differs, and what chance alone does."""
         judged = [one for one in self.differences if one.counts]
         others = [one.name for one in judged[1:] if one.counts == "yes"]
+        if len(others) > 6:  # the table has all of them
+            others[6:] = [f"and {len(others) - 6} more"]
         main = "The runs have no number in common that has an interval."
         if judged:
             name, one, other, change, span, counts, unit = judged[0].cells
-            main = f"From the first run to the second, {name} changes from {one} to {other} {unit}:"
+            goes = "goes" if counts == "no" else "falls" if "-" in change else "rises"
+            main = f"From the first run to the second, {name} {goes} from {one} to {other} {unit}:"
             main += f" by {change} (95 % interval {span}), {_JUDGED[counts]}."
         return (
             main,
             f"Beside it, by more than three standard errors: {', '.join(others) or 'nothing'}.",
-            f"{len(judged)} numbers were compared, of which one in twenty lies outside of its"
-            " interval by chance.",
+            f"{len(judged)} numbers were compared; by chance one in twenty leaves its interval.",
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -128,7 +130,7 @@ def _numbers(content: RunContent) -> dict[str, Parameter]:
     sizes["residual rms"] = fit.residual_rms_deg
     numbers += [Parameter(name, "deg", size, determined=True) for name, size in sizes.items()]
     for o in fit.orders:
-        name = f"{o.shaft} {o.order:g} on flank {o.flank}"
+        name = f"{o.shaft} {o.order:.5g} on flank {o.flank}"
         size = o.amplitude_arcsec, o.std_arcsec
         numbers.append(Parameter(name, "arcsec", *size, determined=o.significant))
     return {one.name: one for one in numbers}

@@ -27,7 +27,7 @@ from .words import meanings
 
 Place = str | Path
 _HERE = Path(__file__)
-_MOST_BYTES = 700_000  # of a picture, and of the data links together; chosen, so that 3 MB suffice
+_MOST_BYTES = 700_000  # of the pictures, and of the links, of all runs; chosen: 3 MB suffice
 
 _COLOURS = {"A": "#3f90da", "B": "#bd1f01", "fit": "#444444", "band": "#94a4a2", "mark": "#832db6"}
 """Colours in the figures, which `page.js` replaces by those of the page in light, dark, print."""
@@ -106,9 +106,10 @@ def _page(contents: list[RunContent], comparison: Comparison | None, said: tuple
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters |= {"commands": commands, "name": shown_name, "base64": base64.b64encode}
     environment.globals |= {"numbers": _numbers, "next_steps": next_steps, "links": _links}
-    environment.globals |= {"meanings": meanings, "most": _MOST_BYTES, "headers": HEADERS}
+    environment.globals |= {"meanings": meanings, "headers": HEADERS}
     return environment.from_string(html).render(
         verdict=said,
+        most=_MOST_BYTES // len(contents),
         comparison=comparison,
         runs=[(number, one, drawn[number]) for number, one in enumerate(contents)],
         style=Markup(css),
@@ -173,12 +174,11 @@ def _numbers(content: RunContent) -> list[list[str]]:
     return rows
 
 
-def _links(contents: dict[str, bytes]) -> Iterator[tuple[str, str, int]]:
+def _links(contents: dict[str, bytes], left: int) -> Iterator[tuple[str, str, int]]:
     """Yield name, link that holds the file, and size of the files of a run; large ones are packed.
 
-    The link is "" if the page would become too large.
+    The link is "" where the links together would have more than `left` bytes.
     """
-    left = _MOST_BYTES
     for name, data in contents.items():
         shown, href = name, f"data:text/plain;charset=utf-8,{quote(data, safe=',.-+:;')}"
         if len(href) > left / 2:
@@ -186,4 +186,4 @@ def _links(contents: dict[str, bytes]) -> Iterator[tuple[str, str, int]]:
             shown, href = f"{name}.gz", f"data:application/gzip;base64,{packed}"
         href = href if len(href) <= left else ""
         left -= len(href)
-        yield shown, href, len(data)
+        yield shown if href else name, href, len(data)

@@ -76,11 +76,9 @@ def _trust(fit: Fit) -> str:
         return f"Read the findings ({len(grave)}) before these numbers, above all: {grave[0]}."
     if fit.outcome in _FAILED or not fit.checks.explained:
         return "What to record next stands below."
-    return (
-        "Nothing in the log contradicts these numbers: the fit explains"
-        f" {100 * fit.checks.explained:.4g} % of the variance of the transmission error and leaves"
-        f" {fit.residual_rms_deg * DEG / ARCSEC:.3g}″ (rms of averaged rows)."
-    )
+    share = f"{100 * fit.checks.explained:.4g} % of the variance of the transmission error"
+    left = f"{fit.residual_rms_deg * DEG / ARCSEC:.3g}″ (rms of averaged rows)"
+    return f"Nothing in the log contradicts this: the fit explains {share} and leaves {left}."
 
 
 def next_steps(fit: Fit) -> list[str]:

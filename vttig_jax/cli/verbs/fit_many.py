@@ -96,13 +96,7 @@ def command(
             bar.update(done)
 
         found = fit_files(
-            task,
-            out=out,
-            resume=resume,
-            overwrite=overwrite,
-            dask=dask,
-            jobs=jobs,
-            progress=follow,
+            task, out=out, resume=resume, overwrite=overwrite, dask=dask, jobs=jobs, progress=follow
         )
     if csv_file is not None:
         found.to_csv(csv_file)

@@ -12,6 +12,7 @@ from ...logs.readers.open_table import with_standard_input
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..options import given, log_options, verb
 from ..output import Output
+from .plot import check_picture, write_picture
 
 if TYPE_CHECKING:
     from ...logs.inspection import Inspection
@@ -36,6 +37,13 @@ if TYPE_CHECKING:
     help="LOG is no log but an error table: say what LinuxCNC reads of this COMP_FILE, and what it"
     " leaves out without a word.",
 )
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    help="Draw the transmission error before any fit, and its spectrum, in this .png, .svg or .pdf"
+    " file.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace a picture that exists.")
 @pair_option
 @drive_options
 @log_options
@@ -43,6 +51,8 @@ def command(
     output: Output,
     log: Path,
     control: str | None,
+    picture: Path | None,
+    overwrite: bool,
     pair: Path | None,
     drive: DriveOptions,
     **options: Any,
@@ -64,8 +74,8 @@ def command(
     reading, request = ReadingOptions(**options), drive.request
     report: Preview | Inspection
     if pair is None and not request.names_a_drive:
-        if drive.write_pair is not None:
-            raise UsageError("--write-pair needs the ratio; give --ratio 64:23 or --teeth 45/80.")
+        for name in given(("write_pair", "picture")):
+            raise UsageError(f"{name} needs the ratio; give --ratio 64:23 or --teeth 45/80.")
         report = preview_log(log, request=request, reading=reading)
         output.emit(report.to_json(), report)
         return
@@ -73,6 +83,8 @@ def command(
     from ...logs.read import read_log
     from ...runs.stated_drive import stated_spec
 
+    if picture is not None:
+        check_picture(picture)
     spec, opened = stated_spec((log,), pair, request, reading)
     guesses = [guess for one in opened for guess in one.roles.guesses]
     if drive.only_explains(output, (log,), (spec, guesses, reading)):
@@ -85,7 +97,12 @@ def command(
             request = request.with_driven_inverted()
         names = {role: name for role in ROLES if (name := getattr(spec.log, role)) is not None}
         report = replace(report, fit_command=fit_command(log, request, names, reading))
-    output.emit(report.to_json(), report)
+    if picture is not None:
+        from ...plotting.residual import plot_log
+
+        write_picture(plot_log(found), picture, overwrite=overwrite)
+    drawn = f"\n\npicture: {picture}" if picture else ""
+    output.emit(report.to_json(), f"{report}{drawn}")
 
 
 def _comp_file(path: Path) -> tuple[dict[str, Any], str]:

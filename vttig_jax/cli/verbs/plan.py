@@ -44,15 +44,7 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
 """,
     groups={
         "The drive": ("ratio", "teeth", "counts", "pair"),
-        "The run": (
-            "turns",
-            "speeds_rpm",
-            "directions",
-            "passes",
-            "rate_hz",
-            "dwell_s",
-            "ramp_s",
-        ),
+        "The run": ("turns", "speeds_rpm", "directions", "passes", "rate_hz", "dwell_s", "ramp_s"),
         "The noise": ("noise_std_deg", "noise_correlation_s", "white_std_deg"),
         "The fit": ("want", "assume", "perfect_encoders", "delay"),
     },

@@ -2,6 +2,7 @@
 
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -27,16 +28,27 @@ def command(output: Output, run_folder: Path, name: str, out: Path, overwrite: b
     """
     import vttig_jax
 
-    if (form := out.suffix[1:].lower()) not in ("png", "svg", "pdf"):
-        raise UsageError("a picture is a .png, .svg or .pdf file; name one.", where=str(out))
+    check_picture(out)
     vttig_jax.enable_x64()
-    run, buffer = open_run(run_folder), BytesIO()
+    run = open_run(run_folder)
     run.refuse_own([out])
     if name == "map":
         figure = vttig_jax.plot(run.map)
     else:
         figure = vttig_jax.plot(run.posterior if name in NAMES[-2:] else run.fit, name)
-    figure.savefig(buffer, format=form, dpi=150)
+    write_picture(figure, out, overwrite=overwrite)
+    output.emit({"schema": "vttig.plot/1", "picture": str(out), "name": name}, f"picture: {out}")
+
+
+def check_picture(out: Path) -> None:
+    """Raise `UsageError` for a file that has not the name of a picture."""
+    if out.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise UsageError("a picture is a .png, .svg or .pdf file; name one.", where=str(out))
+
+
+def write_picture(figure: Any, out: Path, *, overwrite: bool) -> None:
+    """Write a figure in the format that the end of the name says."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format=out.suffix[1:].lower(), dpi=150)
     with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
         folder.write_bytes(out.name, buffer.getvalue())
-    output.emit({"schema": "vttig.plot/1", "picture": str(out), "name": name}, f"picture: {out}")
