@@ -26,7 +26,7 @@ BOUNDS = {
     "geometry": (3529, 56),  # 2800
     "logs": (10172, 274),  # 7400
     "rig": (324, 1),  # 260
-    "model": (2154, 44),
+    "model": (2157, 44),
     "identify": (3801, 38),  # 9000 together with posterior
     "posterior": (2980, 46),
     "control": (5723, 77),  # 3600

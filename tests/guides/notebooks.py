@@ -83,5 +83,5 @@ if __name__ == "__main__":
                     output.data = {"image/png": light(picture, width)}
                 nbformat.write(notebook, path)
                 if path.stat().st_size <= LARGEST:
+                    print(path.name, path.stat().st_size, width, flush=True)
                     break
-            print(path.name, path.stat().st_size, width, flush=True)
