@@ -156,7 +156,12 @@ def test_a_picture_before_any_fit(files, capsys, tmp_path, suffix):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(("--picture", "raw.png"), "--ratio"), (("--teeth", "45/80", "--picture", "raw.txt"), ".svg")],
+    [
+        (("--picture", "raw.png"), "--ratio"),
+        (("--teeth", "45/80", "--picture", "raw.txt"), ".svg"),
+        (("--teeth", "45/80", "--overwrite"), "--picture"),
+        (("--for", "linuxcnc", "--picture", "raw.png"), "--picture"),
+    ],
 )
 def test_a_picture_that_cannot_be(files, capsys, monkeypatch, tmp_path, arguments, said):
     monkeypatch.chdir(tmp_path)

@@ -11,6 +11,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from ..base.errors import UsageError
 from ..base.files.limits import most_memory
 from ..logs.readers.column_names import ROLES
 from ..logs.recognition.request import roles_of
@@ -103,6 +104,12 @@ def given(names: Collection[str]) -> list[str]:
         and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
         and context.params[parameter.name] != ()  # click 8.2 reports an empty LOG as given
     ]
+
+
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Raise `UsageError`, before any work, for a file that would be replaced unasked."""
+    if path.exists() and not overwrite:
+        raise UsageError("already exists; add --overwrite or choose another name.", where=str(path))
 
 
 def _with_shared_options(function: Callable[..., None], kept: str | None) -> Callable[..., None]:

@@ -70,7 +70,7 @@ class Comparison(TextResult):
         main = "The runs have no number in common that has an interval."
         if judged:
             name, one, other, change, span, counts, unit = judged[0].cells
-            goes = "goes" if counts == "no" else "falls" if "-" in change else "rises"
+            goes = "goes" if counts == "no" else "falls" if change.startswith("-") else "rises"
             main = f"From the first run to the second, {name} {goes} from {one} to {other} {unit}:"
             main += f" by {change} (95 % interval {span}), {_JUDGED[counts]}."
         return (

@@ -16,7 +16,7 @@ from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT
 from ...runs.zeros import shaft_readings
 from ..axis_options import AXIS, axis_options
-from ..options import POSITIVE, STEP_DEG, Finite, given, verb
+from ..options import POSITIVE, STEP_DEG, Finite, given, refuse_existing, verb
 from ..output import Output
 from .map import MOST_ROWS, QuantityName, drawn
 
@@ -274,8 +274,7 @@ def _check_options(
             "--gap is that of the draws, which have a constant backlash of their own; leave out"
             " --constant-backlash-deg."
         )
-    if out.exists() and not overwrite:
-        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+    refuse_existing(out, overwrite=overwrite)
 
 
 def _maps(

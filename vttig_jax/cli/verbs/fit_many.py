@@ -13,7 +13,7 @@ from ...logs.readers.open_table import with_standard_input
 from ...runs.options import options_of
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import batch_options
-from ..options import given, log_options, verb
+from ..options import given, log_options, refuse_existing, verb
 from ..output import Output
 
 
@@ -117,7 +117,5 @@ def _refuse_contradictions(out: Path | None, csv_file: Path | None, *, may_repla
     for one, other in (("resume", "overwrite"), ("jobs", "dask")):
         if given([one]) and given([other]):
             raise UsageError(f"--{one} and --{other} exclude each other; give one of them.")
-    if csv_file is not None and csv_file.exists() and not may_replace:
-        raise UsageError(
-            "already exists; add --overwrite or choose another name.", where=str(csv_file)
-        )
+    if csv_file is not None:
+        refuse_existing(csv_file, overwrite=may_replace)

@@ -67,10 +67,12 @@ def command(
 
     (log,) = with_standard_input([log])
     if control is not None:
-        if wrong := given([name for names in GROUPS.values() for name in names]):
+        if wrong := given([*(n for names in GROUPS.values() for n in names), "picture"]):
             raise UsageError(f"--for reads no log and takes no {' and no '.join(wrong)}.")
         output.emit(*_comp_file(log))
         return
+    if overwrite and picture is None:
+        raise UsageError("--overwrite replaces a picture; give --picture too.")
     reading, request = ReadingOptions(**options), drive.request
     report: Preview | Inspection
     if pair is None and not request.names_a_drive:
@@ -84,7 +86,7 @@ def command(
     from ...runs.stated_drive import stated_spec
 
     if picture is not None:
-        check_picture(picture)
+        check_picture(picture, overwrite=overwrite)
     spec, opened = stated_spec((log,), pair, request, reading)
     guesses = [guess for one in opened for guess in one.roles.guesses]
     if drive.only_explains(output, (log,), (spec, guesses, reading)):

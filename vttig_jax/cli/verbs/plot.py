@@ -9,7 +9,7 @@ import click
 from ...base.errors import UsageError
 from ...base.files.run_folder import RunFolder
 from ...runs.run import open_run
-from ..options import verb
+from ..options import refuse_existing, verb
 from ..output import Output
 
 NAMES = ("te", "map", "orders", "residual", "corner", "trace")
@@ -28,7 +28,7 @@ def command(output: Output, run_folder: Path, name: str, out: Path, overwrite: b
     """
     import vttig_jax
 
-    check_picture(out)
+    check_picture(out, overwrite=overwrite)
     vttig_jax.enable_x64()
     run = open_run(run_folder)
     run.refuse_own([out])
@@ -40,8 +40,9 @@ def command(output: Output, run_folder: Path, name: str, out: Path, overwrite: b
     output.emit({"schema": "vttig.plot/1", "picture": str(out), "name": name}, f"picture: {out}")
 
 
-def check_picture(out: Path) -> None:
-    """Raise `UsageError` for a file that has not the name of a picture."""
+def check_picture(out: Path, *, overwrite: bool) -> None:
+    """Raise `UsageError` for a file without the name of a picture, and for one that exists."""
+    refuse_existing(out, overwrite=overwrite)
     if out.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise UsageError("a picture is a .png, .svg or .pdf file; name one.", where=str(out))
 

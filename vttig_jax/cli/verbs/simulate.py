@@ -12,7 +12,7 @@ import click
 from ...base.errors import ScenarioError, UsageError
 from ...base.logger import LOGGER
 from ...runs.simulations import file_named, simulate, specified
-from ..options import given, verb
+from ..options import given, refuse_existing, verb
 from ..output import Output
 from .map import csv_text
 
@@ -280,10 +280,7 @@ def _check_files(trace: Path | None, figure: Path | None, *, overwrite: bool) ->
                 f"{option} writes {suffix[1:].upper()}; choose a name that ends with {suffix}.",
                 where=str(path),
             )
-        if path.exists() and not overwrite:
-            raise UsageError(
-                "already exists; add --overwrite or choose another name.", where=str(path)
-            )
+        refuse_existing(path, overwrite=overwrite)
 
 
 def _csv(found: "Simulation", every: int) -> str:

@@ -8,7 +8,7 @@ import click
 
 from ...base.errors import UsageError
 from ...runs.simulations import tune
-from ..options import Finite, verb
+from ..options import Finite, refuse_existing, verb
 from ..output import Output
 from .sweep import prepare
 
@@ -132,8 +132,7 @@ def _check_out(scenario: Path, out: Path | None, *, overwrite: bool) -> None:
             "the paths in SWEEP are relative to its folder; name an --out in that folder.",
             where=str(out),
         )
-    if out.exists() and not overwrite:
-        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+    refuse_existing(out, overwrite=overwrite)
 
 
 def _check_keys(

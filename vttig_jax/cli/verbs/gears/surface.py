@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from ....base.errors import PairError, UsageError
-from ...options import POSITIVE, Finite, given, verb
+from ...options import POSITIVE, Finite, given, refuse_existing, verb
 from ...output import Output
 
 if TYPE_CHECKING:
@@ -161,8 +161,7 @@ def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
     refused += given(["teeth", "tolerance_um", "bore_mm"] if suffix in _PICTURES else [])
     if refused:
         raise UsageError(f"a {suffix} file takes no {' and no '.join(refused)}; leave it out.")
-    if out.exists() and not overwrite:
-        raise UsageError("already exists; add --overwrite or choose another name.", where=str(out))
+    refuse_existing(out, overwrite=overwrite)
 
 
 def _tooth(spec: Any, path: Path, gear: "Shaft") -> "Tooth":
