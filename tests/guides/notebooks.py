@@ -13,9 +13,9 @@ from io import BytesIO
 from pathlib import Path
 
 import nbformat
-from jupyter_client.manager import AsyncKernelManager
 from nbclient import NotebookClient
 from PIL import Image
+from traitlets.config import Config
 
 from tests.guides.pages import REPOSITORY
 
@@ -31,8 +31,9 @@ def execute(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookN
     """Return the notebook, run in a kernel in `folder`; a false claim raises."""
     client = NotebookClient(
         nbformat.from_dict(notebook),
-        # Nothing listens on a port.
-        km=AsyncKernelManager(kernel_name="python3", transport="ipc", ip=str(folder / "kernel")),
+        # Nothing listens on a port. The client ends a kernel that it starts itself, and no other.
+        config=Config(KernelManager={"transport": "ipc", "ip": str(folder / "kernel")}),
+        kernel_name="python3",
         timeout=120,
         resources={"metadata": {"path": folder}},
         record_timing=False,

@@ -1,5 +1,6 @@
 """Every notebook runs from top to bottom, and shows what it shows when it runs today."""
 
+import os
 from pathlib import Path
 
 import nbformat
@@ -57,3 +58,12 @@ def test_another_number_and_a_false_claim_are_seen(tmp_path):
     false = nbformat.v4.new_notebook(cells=[cell("assert 1 + 1 == 3", "")])
     with pytest.raises(CellExecutionError, match="AssertionError"):
         execute(false, tmp_path)
+
+
+def test_no_kernel_outlives_its_notebook(tmp_path):
+    run = execute(
+        nbformat.v4.new_notebook(cells=[cell("import os; print(os.getpid())", "")]), tmp_path
+    )
+    ((printed, _),) = shown(run)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(printed), 0)
