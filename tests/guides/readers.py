@@ -27,9 +27,10 @@ SHORTER = {
     "vttig calibrate demo --rigs 1000 --out calibration": (
         "vttig calibrate demo --rigs 20 --out calibration"
     ),
-    "python -m benchmarks.calibration --rigs 60 --short": (
+    "python -m benchmarks.calibration --rigs 200": (
         "python -m benchmarks.calibration --rigs 2 --short --case white"
     ),
+    "python -m benchmarks.sampler": "python -m benchmarks.sampler --rigs 2",
 }
 """Command that takes minutes → the same command for fewer rigs, which runs in its place."""
 

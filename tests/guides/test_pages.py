@@ -35,6 +35,7 @@ def test_every_page_with_commands_is_run():
     assert {*NAMED, *DEMO, *DRAWN_SHARE} <= set(pages())
     shown = {shlex.join(c) for p in pages() for f in fences(text_of(p)) for c in commands_of(f)}
     assert set(SHORTER) <= shown and len(shown) > 25
+    assert {one for one in shown if one.startswith("python -m benchmarks.")} <= set(SHORTER)
 
 
 def test_no_block_is_of_another_kind():
