@@ -26,8 +26,8 @@ BOUNDS = {
     "geometry": (3529, 56),  # 2800
     "logs": (10172, 274),  # 7400
     "rig": (324, 1),  # 260
-    "model": (2157, 44),
-    "identify": (3801, 38),  # 9000 together with posterior
+    "model": (2156, 44),
+    "identify": (3800, 38),  # 9000 together with posterior
     "posterior": (2980, 46),
     "control": (5723, 77),  # 3600
     "plotting": (1896, 52),  # 2000 together with the report

@@ -126,7 +126,7 @@ def _runs(core: MixedFit, orders: Orders) -> Iterator[Run]:
     """Yield the runs of the logs that share one zero."""
     problem, coefficients = core.posterior.problem, core.posterior.coefficients
     others = np.array([column.name[:2] not in orders.fitted for column in problem.columns])
-    both = (residuals(problem, core.rows, coefficients * part) for part in (0.0, others))
+    both = (residuals(problem.columns, core.rows, coefficients * part) for part in (0.0, others))
     for shafts, rows, whole, left in zip(core.shafts, core.rows, *both, strict=True):
         if any(shafts.start.spread):
             continue

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import msgspec
 import numpy as np
 from jaxtyping import Float
@@ -164,7 +163,7 @@ def explained(core: MixedFit) -> float | None:
     for place, column in enumerate(core.posterior.problem.columns):
         if column.row[:2] in waved:
             others[place] = 0.0
-    before = np.concatenate(residuals(core.posterior.problem, core.rows, others))
+    before = np.concatenate(residuals(core.posterior.problem.columns, core.rows, others))
     good = good_rows(core)
     variance = float(np.var(before[good]))
     return 1 - float(np.var(left[good])) / variance if variance > 0 else None
@@ -193,7 +192,7 @@ def noise_of(core: MixedFit) -> Noise:
     """Return the noise of the rows."""
     theta = np.asarray(core.posterior.theta)
     partial = 0.9999 * np.tanh(theta[:LAGS])
-    taps = np.asarray(whitening(jnp.asarray(partial)))
+    taps = np.asarray(whitening(partial))
     innovation = core.posterior.problem.unit * math.exp(theta[LAGS])
     variance = innovation**2 / float(np.prod(1 - partial**2))
     row_s = core.rows[0].samples.shape[1] * core.shafts[0].interval_s

@@ -42,4 +42,4 @@ def likelihood_ratio(fit: MixedFit, group: str) -> float:
     if not logs.on[GROUPS.index(group)]:
         return 0.0
     found = maximise(without(logs, group), posterior.theta)
-    return max(0.0, float(found.aux.likelihood - posterior.at.likelihood))
+    return max(0.0, float(found.aux.likelihood) - float(posterior.at.likelihood))

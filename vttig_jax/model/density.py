@@ -18,6 +18,8 @@ ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 
 τ is half-Cauchy around its usual scale, as a density of ln τ.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -137,8 +139,10 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     size = windows.shape[-1]
     pairs = len(FIRST)
     flat = windows.reshape(pairs, -1)
-    weight = weights(theta, logs.on)
-    slope = jax.jacfwd(weights)(theta, logs.on)
+    terms, slope, bent = _derivatives(
+        lambda t: jnp.append(weights(t, logs.on), _explicit(t, logs) + _penalty(t, logs)), theta
+    )
+    weight = terms[:-1]
     taken = jnp.concatenate([weight[None, :pairs], slope[:pairs, :LAGS].T]) @ flat
     gram, bends = taken[0].reshape(size, size), taken[1:].reshape(LAGS, size, size)
     prior = logs.precision + logs.member @ weight[pairs:]
@@ -152,32 +156,45 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     beta = beta + spread @ (right - whole @ beta)
     residual, at = jnp.append(beta, -1.0), beta + logs.centre
     logdet = 2 * jnp.sum(jnp.log(jnp.diag(factor))) - 2 * jnp.sum(jnp.log(scale))
-    likelihood = _explicit(theta, logs) + logdet + residual @ gram @ residual + prior @ at**2
+    square = residual @ gram @ residual + prior @ at**2
     # derivatives by the weights
     held = jnp.zeros((size, size)).at[:-1, :-1].set(spread) + jnp.outer(residual, residual)
     by_weight = jnp.concatenate([flat @ held.ravel(), (jnp.diag(spread) + at**2) @ logs.member])
-    fixed = jax.lax.stop_gradient(by_weight)
-    rest = lambda t: fixed @ weights(t, logs.on) + _explicit(t, logs) + _penalty(t, logs)  # noqa: E731
+    outer = jnp.append(by_weight, 1.0)
     # derivatives of M by θ: windows for the noise, diagonals for the groups
     noise = LAGS + 1
     bends = jnp.concatenate([bends, -2 * gram[None]])  # σ: G ∝ 1/σ²
-    diagonals = logs.member * jnp.diag(slope[pairs:, noise:])[None]
+    diagonals = logs.member * jnp.diag(slope[pairs:-1, noise:])[None]
     slopes = jnp.concatenate([(bends @ residual)[:, :-1], (diagonals * at[:, None]).T]).T
     by_std = -2 * (jnp.eye(size - 1) - spread * prior[None])
     moved = jnp.concatenate(
         [spread @ bends[:LAGS, :-1, :-1], by_std[None], spread[None] * diagonals.T[:, None, :]]
     )
     traces = jnp.einsum("sij,tji->st", moved, moved)
-    curve = jax.hessian(rest)(theta) - traces - 2 * slopes.T @ spread @ slopes
+    curve = jnp.tensordot(outer, bent, 1) - traces - 2 * slopes.T @ spread @ slopes
+    value = terms[-1] + logdet + square
     return Solved(
-        value=0.5 * (likelihood + _penalty(theta, logs)),
-        gradient=0.5 * jax.grad(rest)(theta),
+        value=0.5 * value,
+        gradient=0.5 * outer @ slope,
         hessian=0.5 * curve,
-        likelihood=likelihood,
+        likelihood=value - _penalty(theta, logs),
         beta=beta,
         spread=spread,
         moments=_moments(theta, logs, by_weight),
     )
+
+
+def _derivatives(
+    function: Callable[[Float[Array, " p"]], Float[Array, " n"]], theta: Float[Array, " p"]
+) -> tuple[Float[Array, " n"], Float[Array, "n p"], Float[Array, "n p p"]]:
+    """Return the values of a function at θ with their first and second derivatives."""
+
+    def first(theta: Float[Array, " p"]) -> tuple[Array, tuple[Array, Array]]:
+        slope, value = jax.jacfwd(lambda t: (function(t),) * 2, has_aux=True)(theta)
+        return slope, (value, slope)
+
+    second, (value, slope) = jax.jacfwd(first, has_aux=True)(theta)
+    return value, slope, second
 
 
 def _moments(

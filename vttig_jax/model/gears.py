@@ -17,6 +17,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
+from ..base.arrays import Numbers
 from ..kinematics.exact import ExactModel
 from ..pair.gear_pair import GearPair
 from .functionals import Posterior
@@ -44,10 +45,10 @@ class Relation(eqx.Module):
     waves: tuple[tuple[str, int], ...] = eqx.field(static=True)
     both: bool = eqx.field(static=True)
     side: int = eqx.field(static=True)
-    ratio: Float[Array, ""]
-    centre_distance: Float[Array, ""]
-    base_sum: Float[Array, "2"]
-    gap: Float[Array, ""]
+    ratio: Float[Numbers, ""]
+    centre_distance: Float[Numbers, ""]
+    base_sum: Float[Numbers, "2"]
+    gap: Float[Numbers, ""]
 
     @property
     def sizes(self) -> Float[np.ndarray, " p"]:
@@ -75,7 +76,7 @@ class Relation(eqx.Module):
         grid = np.stack([x.ravel() for x in np.meshgrid(angles, angles, indexing="ij")])
         model = ExactModel(
             ratio=self.ratio,
-            centre_distance=self.centre_distance,
+            centre_distance=jnp.asarray(self.centre_distance),
             base_sum=self.base_sum,
             driving_offset=gears[0] + 1j * gears[1],
             driven_offset=gears[2] + 1j * gears[3],
@@ -84,7 +85,7 @@ class Relation(eqx.Module):
         sides = np.array([0, 1] if self.both else [self.side])
         senses = np.where(sides == 0, 1.0, -1.0)[:, None]
         driving = jnp.asarray(grid[:1])
-        driven = grid[1:] - 0.5 * self.gap * senses
+        driven = jnp.asarray(grid[1:]) - 0.5 * self.gap * senses
         error = jnp.asarray(model.turned(driving, driven, self.base_sum[sides][:, None], senses))
         for shaft, angle, gain in (("driving", driving, -self.ratio), ("driven", driven, 1.0)):
             if (x := value.get(f"{shaft}_encoder_x")) is not None:
@@ -141,10 +142,10 @@ def relation_of(
         tuple(present),
         both,
         side,
-        jnp.asarray(float(pair.ratio)),
-        jnp.asarray(float(pair.centre_distance_mm)),
-        jnp.asarray(pair.base_radii.sum(axis=0)),
-        jnp.asarray(gap),
+        np.asarray(float(pair.ratio)),
+        np.asarray(float(pair.centre_distance_mm)),
+        pair.base_radii.sum(axis=0),
+        np.asarray(gap),
     )
 
 
@@ -168,9 +169,7 @@ def fitted_gears(
         return None
     rows = np.eye(len(index))[relation.places(index)]
     mean, covariance, _ = posterior.told(rows, moved=True)
-    start = 1e-6 * jnp.asarray(relation.sizes)
-    found = least_squares(relation, jnp.asarray(mean), jnp.asarray(covariance), start)
-    value, slope, constants = (np.asarray(part) for part in found)
+    value, slope, constants = map(np.asarray, least_squares(relation, mean, covariance))
     scale = np.sqrt(np.diag(covariance))
     weight = np.linalg.solve(covariance / scale / scale[:, None], slope / scale[:, None])
     gain = np.linalg.solve((slope / scale[:, None]).T @ weight, weight.T) / scale
@@ -180,9 +179,8 @@ def fitted_gears(
 @eqx.filter_jit
 def least_squares(
     relation: Relation,
-    mean: Float[Array, " c"],
-    covariance: Float[Array, "c c"],
-    start: Float[Array, " p"],
+    mean: Float[Numbers, " c"],
+    covariance: Float[Numbers, "c c"],
 ) -> tuple[Float[Array, " p"], Float[Array, "c p"], Float[Array, " constants"]]:
     """Return parameters, slopes of the coefficients, and constants (Levenberg and Marquardt)."""
     count = len(mean)
@@ -197,7 +195,7 @@ def least_squares(
     found = optx.least_squares(
         residual,
         optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10),
-        start / unit,
+        jnp.full(len(unit), 1e-6),
         max_steps=64,
         throw=False,
     )

@@ -65,7 +65,7 @@ def short_lines(fit: MixedFit) -> list[Line]:
         )
         for one, rows in zip(fit.shafts, fit.rows, strict=True)
     ]
-    left = np.concatenate(residuals(problem, fine, fit.posterior.coefficients))
+    left = np.concatenate(residuals(problem.columns, fine, fit.posterior.coefficients))
     runs = list(chain(*_stretches(fine, left, np.isfinite(left))))
     if (highest := highest_resolved(runs, 3.0) if runs else 0.0) <= _HIGHEST:
         return []

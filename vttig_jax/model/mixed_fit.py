@@ -3,9 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Float
@@ -20,7 +20,7 @@ from .density import LAGS, MEMORY, Compressed
 from .functionals import Posterior
 from .newton import first_theta, maximise
 from .outliers import is_heavy, spread, weights_of
-from .problem import Problem, cleared, problem_of
+from .problem import cleared, problem_of, products_of, sides_of
 from .rows import BENDS, SHAFTS, Extra, Rows, Shafts, Wave, joined, rows_of
 from .scope import Scope, scope_of
 
@@ -69,7 +69,7 @@ class MixedFit:
     def residual(self) -> Float[np.ndarray, " n"]:
         """Residual of every row of all logs, rad."""
         return np.concatenate(
-            residuals(self.posterior.problem, self.rows, self.posterior.coefficients)
+            residuals(self.posterior.problem.columns, self.rows, self.posterior.coefficients)
         )
 
 
@@ -244,6 +244,7 @@ def mixed_fit(
     number, value, last = 0, 0.0, 0.0
     while True:
         number += 1
+        rows = ()  # the table is the largest part of a fit: one at a time
         rows = design.rows(shafts, delay_s)
         if not any(len(one.table) for one in rows):
             raise NoAnswerError(
@@ -255,7 +256,10 @@ def mixed_fit(
             first = weights is None
             weights, share, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
-                shafts = tuple(map(_without, shafts, rows, weights))
+                shafts = tuple(
+                    one.without(own.samples[weight < 0.5].ravel())
+                    for one, own, weight in zip(shafts, rows, weights, strict=True)
+                )
                 if first:
                     continue
         problem = problem_of(
@@ -268,7 +272,8 @@ def mixed_fit(
             memory=design.memory,
         )
         while True:
-            found = maximise(problem.compressed, theta, rough=not searched)
+            search = largest if searched else partial(maximise, rough=True)
+            found = search(problem.compressed, theta)
             theta = np.asarray(found.value)
             steps += int(found.stats["num_steps"])
             posterior = Posterior(problem, theta, found.aux)
@@ -286,7 +291,7 @@ def mixed_fit(
             moves = number < _MOST_PASSES and (not settled or any(one.ramps for one in shafts))
             if moves or searched:
                 break
-            theta, searched = np.asarray(largest(problem.compressed, theta).value), True
+            searched = True
         if not moves:
             break
         shafts = tuple(
@@ -380,10 +385,10 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None = None) -> o
     noise = orders.copy()
     noise[0], noise[LAGS + 1 : LAGS + 4] = 1.5, np.log(logs.usual[:3]) - _SMALL
     found = [maximise(logs, start, rough=True) for start in (theta, orders, noise)]
-    height = lambda one: float(jnp.nan_to_num(one.aux.value, nan=jnp.inf))  # noqa: E731
+    height = lambda one: float(np.nan_to_num(one.aux.value, nan=np.inf))  # noqa: E731
     best = min(found, key=height)
     usual = float(orders[LAGS + 1])
-    if best.value[LAGS] < usual + np.log(_QUIET) or height(best) == np.inf:
+    if np.asarray(best.value)[LAGS] < usual + np.log(_QUIET) or height(best) == np.inf:
         # A smooth log without noise is as well a noise that remembers everything.
         quiet = orders.copy()
         quiet[0], quiet[LAGS] = 0.0, usual + 0.5 * np.log(_ROUNDING) + 1.0
@@ -457,24 +462,18 @@ def outlying(
     """
     steady = [c for c in columns if c.name[0] not in ("part", "bend", "drift")]
     steady.append(Column(("late",), ("late",)))
-    tables = []
-    for number, one in enumerate(rows):
-        links = [embedding(steady, one.names, number, side) for side in (1, -1)]
-        gains = np.stack([link.sum(axis=0) for link in links])  # of one element each
-        at = np.abs(links[0]).argmax(axis=0)
-        tables.append(one.table[:, at] * gains[(one.flank >= 0).astype(int)])
-    gram = np.sum([table.T @ table for table in tables], axis=0)
-    y = np.concatenate([table[:, -1] for table in tables])
+    gram = products_of(list(sides_of(steady, rows)))
+    y = np.concatenate([one.table[:, -1] for one in rows])
     norm = np.sqrt(np.diag(gram)[:-1] / len(y))
     norm[norm == 0] = 1.0
     hold = 1e-4 * len(y) * np.eye(len(norm))
     scaled = gram[:-1, :-1] / norm / norm[:, None]
     away = np.linalg.solve(scaled + hold, gram[:-1, -1] / norm) / norm
-    residual = y - np.concatenate([table[:, :-1] @ away for table in tables])
+    residual = np.concatenate(residuals(steady, rows, away))
     clean = spread(residual) < _CLEAN * float(np.std(y))  # the rest is that of the ridge
     if clean or not (certain or is_heavy(residual)):
         return None, 0.0, spread(residual)
-    x = np.concatenate(tables)[:, :-1] / norm
+    x = np.concatenate(combined(steady, rows, np.eye(len(norm) + 1)[:, :-1] / norm))
     weight, share = weights_of(x, y)
     heavy = x * weight[:, None]
     residual = y - x @ np.linalg.solve(heavy.T @ x + hold, heavy.T @ y)
@@ -485,21 +484,20 @@ def outlying(
     return np.split(weight, ends), share, spread(residual)
 
 
-def _without(shafts: Shafts, rows: Rows, weight: Float[np.ndarray, " n"]) -> Shafts:
-    """Return the shafts with the samples of outlying rows marked."""
-    return shafts.without(rows.samples[weight < 0.5].ravel())
-
-
 def residuals(
-    problem: Problem, rows: Sequence[Rows], coefficients: Float[np.ndarray, " columns"]
+    columns: Sequence[Column], rows: Sequence[Rows], coefficients: Float[np.ndarray, " columns"]
 ) -> list[Float[np.ndarray, " n"]]:
     """Return the residual of every row of each log, rad."""
+    return combined(columns, rows, np.append(-coefficients, 1.0))
+
+
+def combined(
+    columns: Sequence[Column], rows: Sequence[Rows], factors: Float[np.ndarray, "all ..."]
+) -> list[Float[np.ndarray, "n ..."]]:
+    """Return [X | y] @ `factors` for the rows of each log."""
     found = []
     for number, one in enumerate(rows):
-        left = {
-            side: embedding(problem.columns, one.names, number, side)
-            @ np.append(-coefficients, 1.0)
-            for side in (1, -1)
-        }
-        found.append(np.where(one.flank < 0, one.table @ left[1], one.table @ left[-1]))
+        links = (embedding(columns, one.names, number, side) for side in (1, -1))
+        ahead, behind = (one.table @ (link @ factors) for link in links)
+        found.append(np.where(one.flank < 0, ahead.T, behind.T).T)
     return found

@@ -119,12 +119,15 @@ def maximise(
     """
     moments = 0 if start is not None else _MOMENTS
     start = first_theta(logs) if start is None else start
-    return _maximise(logs, jnp.asarray(start), jnp.asarray(moments), jnp.asarray(rough))
+    return _maximise(logs, np.asarray(start), np.asarray(moments), np.asarray(rough))
 
 
 @eqx.filter_jit
 def _maximise(
-    logs: Compressed, start: Float[Array, " p"], moments: Int[Array, ""], rough: Bool[Array, ""]
+    logs: Compressed,
+    start: Float[Numbers, " p"],
+    moments: Int[Numbers, ""],
+    rough: Bool[Numbers, ""],
 ) -> optx.Solution:
     far = jnp.concatenate([_FAR, jnp.full(len(logs.on), _FAR_SCALE)])
 
@@ -135,7 +138,7 @@ def _maximise(
     return optx.minimise(
         negative,
         Newton(),
-        start,
+        jnp.asarray(start),
         logs,
         {"far": far, "moments": moments, "rough": rough},
         has_aux=True,

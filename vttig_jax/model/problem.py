@@ -1,9 +1,9 @@
 """Compressed logs: rows of all logs and flanks as one `Compressed`, in scaled coefficients."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -12,7 +12,7 @@ from .density import FIRST, MEMORY, SECOND, Compressed
 from .rows import Name, Rows
 from .windows import windows
 
-_RUNG = 32
+_RUNG = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +59,10 @@ def problem_of(
     The parts of the delay and the bends of the gap are made orthogonal to their fixed part, which
     so stays the mean of the log. Neutral columns are added, so that few shapes are compiled.
     """
-    parts = [
-        (table, *_sparse(embedding(columns, rows.names, number, side)))
-        for number, rows in enumerate(logs)
-        for side, table in _sides(rows, None if weights is None else weights[number])
-    ]
+    sides = list(sides_of(columns, logs, weights))
     place = {column.name: k for k, column in enumerate(columns)}
     size = len(columns)
-    gram = np.zeros((size + 1, size + 1))
-    for (table, *_), at, factor in parts:
-        gram += (table.T @ table)[np.ix_(at, at)] * factor[:, None] * factor
+    gram = products_of(sides)
     natural = np.eye(size)
     moves: list[tuple[list[int], list[int], np.ndarray]] = []
     for kind, onto in (("part", [("delay",)]), ("bend", [("gap",), ("delay",)])):
@@ -87,38 +81,27 @@ def problem_of(
     natural = natural / norm
     # Random coefficients stay centred at zero: their prior may be so narrow that no digit is left.
     steady = np.array([c.prior in (FLAT, KNOWN) for c in columns]) & ~dead
-    few = np.ix_(steady, steady)
-    scaled = gram[:size, :size] / norm / norm[:, None]
-    ridge = scaled[few] + 1e-6 * np.eye(steady.sum())
-    start, total = np.zeros(size), sum(len(table) for (table, *_), *_ in parts)
-
-    def left(table: np.ndarray, at: np.ndarray, factor: np.ndarray) -> np.ndarray:
-        row = np.zeros(table.shape[1])
-        np.add.at(row, at, factor * np.append(-(natural @ start), 1.0))
-        return table @ row
-
+    scaled, right = gram[:size, :size] / norm / norm[:, None], gram[:size, -1] / norm
+    ridge = scaled[np.ix_(steady, steady)] + 1e-6 * np.eye(steady.sum())
+    start = np.zeros(size)
     for _ in range(2):
-        right = np.zeros(size)
-        for (table, *_), at, factor in parts:
-            found = table.T @ left(table, at, factor)
-            right += natural.T @ (factor * found[at])[:-1]
-        start[steady] += np.linalg.solve(ridge, right[steady])
+        start[steady] += np.linalg.solve(ridge, (right - scaled @ start)[steady])
     wide = size + 1 + -(size + 1) % _RUNG
     kept = np.append(np.arange(size), wide - 1)
     whole = np.zeros((len(FIRST), wide, wide))
     square = 0.0
-    for (table, first, last), at, factor in parts:
-        centred = table.copy()
-        centred[:, -1] = left(table, at, factor)
-        square += float(centred[:, -1] @ centred[:, -1])
-        source, gain = np.zeros(wide, int), np.zeros(wide)
-        source[kept], gain[kept] = at, factor
-        elements = source[:, None] * table.shape[1] + source
+    for side in sides:
+        away = side.link @ np.append(-(natural @ start), 1.0)
+        found = windows(side.table, side.first, side.last, away)
+        square += float(found[0, -1, -1])
+        source, gain = np.zeros(wide, int), np.zeros(wide)  # a column of the link has one element
+        source[kept], gain[kept] = np.abs(side.link).argmax(axis=0), side.link.sum(axis=0)
+        elements = source[:, None] * len(away) + source
         gain = gain[:, None] * gain
-        for pair, product in zip(whole, windows(centred, first, last), strict=True):
+        for pair, product in zip(whole, found, strict=True):
             pair += gain * product.take(elements)
         if noise is not None:
-            counts = (last - first + 1)[:, None] - FIRST - SECOND
+            counts = (side.last - side.first + 1)[:, None] - FIRST - SECOND
             expected = counts.sum(0) * noise[SECOND - FIRST] * np.where(FIRST < SECOND, 2.0, 1.0)
             whole[:, -1, -1] += expected
             square += float(expected[0])
@@ -129,6 +112,7 @@ def problem_of(
     scale[:size] = 1 / norm
     whole *= scale[:, None] * scale
     whole = 0.5 * (whole + whole.transpose(0, 2, 1))  # a fit read from its folder is the same
+    total = sum(len(one.table) for one in logs)
     unit = max(np.sqrt(square / total), 1e-15)
     whole[:, :, -1] /= unit
     whole[:, -1, :] /= unit
@@ -142,9 +126,9 @@ def problem_of(
     shift = np.array([centres.get(c.name, 0.0) for c in columns])
     centre[:size] = np.where(dead, 0.0, start + shift * norm) / unit
     compressed = Compressed(
-        windows=jnp.asarray(whole),  # the only large part: each search would copy it
+        windows=jax.device_put(whole),  # the only large part: each search would copy it
         rows=np.asarray(float(total if weights is None else sum(np.sum(w) for w in weights))),
-        runs=np.asarray(float(sum(len(first) for (_, first, _), *_ in parts))),
+        runs=np.asarray(float(sum(len(side.first) for side in sides))),
         member=member,
         precision=precision,
         centre=centre,
@@ -180,26 +164,39 @@ def cleared(problem: Problem, orders: Collection[tuple[str, int | float]], width
     return replace(problem, columns=tuple(columns), compressed=new)
 
 
-def _sparse(
-    link: Float[np.ndarray, "names q"],
-) -> tuple[Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
-    """Return of every column of an embedding the place of its only element, and the element."""
-    at = np.abs(link).argmax(axis=0)
-    return at, link[at, np.arange(link.shape[1])]
+@dataclass(frozen=True, eq=False)
+class Side:
+    """Rows of a log on one flank: runs `first` to `last` of its table, whose columns `link` takes
+    to those of the model and y."""
+
+    table: Float[np.ndarray, "n names"]
+    first: Int[np.ndarray, " runs"]
+    last: Int[np.ndarray, " runs"]
+    link: Float[np.ndarray, "names q"]
 
 
-def _sides(rows: Rows, weight: Float[np.ndarray, " n"] | None):
-    """Yield each flank with its rows and the ends of its runs."""
-    table = rows.table if weight is None else bridged(rows, weight)
-    for side in (1, -1):
-        runs = rows.side == side
-        if runs.any():
-            pieces = [
-                np.arange(a, b + 1) for a, b in zip(rows.first[runs], rows.last[runs], strict=True)
-            ]
-            length = np.array([len(piece) for piece in pieces])
-            last = np.cumsum(length) - 1
-            yield side, (table[np.concatenate(pieces)], last - length + 1, last)
+def sides_of(
+    columns: Sequence[Column],
+    logs: Sequence[Rows],
+    weights: Sequence[Float[np.ndarray, " n"]] | None = None,
+) -> Iterator[Side]:
+    """Yield the rows of every log on each of its flanks, where outliers are bridged."""
+    for number, rows in enumerate(logs):
+        table = rows.table if weights is None else bridged(rows, weights[number])
+        for side in (1, -1):
+            if (runs := rows.side == side).any():
+                link = embedding(columns, rows.names, number, side)
+                yield Side(table, rows.first[runs], rows.last[runs], link)
+
+
+def products_of(sides: Sequence[Side]) -> Float[np.ndarray, "q q"]:
+    """Return Σ [X | y]ᵀ [X | y] over all rows."""
+    gram = np.zeros((sides[0].link.shape[1],) * 2)
+    for side in sides:
+        # Views of the runs, so that the table is in memory once.
+        runs = (side.table[a : b + 1] for a, b in zip(side.first, side.last, strict=True))
+        gram += side.link.T @ sum((run.T @ run for run in runs), np.zeros(())) @ side.link
+    return gram
 
 
 def bridged(rows: Rows, weight: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:

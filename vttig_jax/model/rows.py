@@ -361,21 +361,18 @@ def _waves(
     """Yield every wave at the samples; whole orders by multiplication of the first ones."""
     (slope, level), start = shafts.nominal, shafts.start.angles
     angles = angle + start[0], slope * angle + level + start[1]
-    bases = np.exp(1j * angles[0]), np.exp(1j * angles[1])
-    known: dict[tuple[int, int | float], np.ndarray] = {}
+    known: dict[tuple[int, float], np.ndarray] = {}
+    known |= {(shaft, 1): np.exp(1j * angle) for shaft, angle in enumerate(angles)}
 
     def power(shaft: int, order: int | float) -> np.ndarray:
-        if order < 0:
-            return power(shaft, -order).conj()
-        if order == 1:
-            return bases[shaft]
-        if (shaft, order) not in known:
-            below = bases[shaft] if order == 2 else known.get((shaft, order - 1))
-            if below is None or order != int(order):
-                known[shaft, order] = np.exp(1j * order * angles[shaft])
+        size = abs(order)
+        if (shaft, size) not in known:
+            below = known.get((shaft, size - 1))
+            if below is None or size != int(size):
+                known[shaft, size] = np.exp(1j * size * angles[shaft])
             else:
-                known[shaft, order] = below * bases[shaft]
-        return known[shaft, order]
+                known[shaft, size] = below * known[shaft, 1]
+        return known[shaft, size] if order > 0 else known[shaft, size].conj()
 
     for wave in waves:
         parts = [power(k, n) for k, n in enumerate((wave.driving, wave.driven)) if n]

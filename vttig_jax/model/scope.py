@@ -46,18 +46,15 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], waves: Sequence[Wav
     on: dict[int, set[int]] = {side: set() for side in flanks}
     turns = 0.0
     for one in shafts:
-        travel = {side: [np.inf, -np.inf] for side in flanks}
+        travel: dict[int, list[float]] = {side: [] for side in flanks}
         for start, stop, side in one.runs:
             angle = one.driving[start:stop]
             if side in on:
-                travel[side] = [
-                    min(travel[side][0], angle.min()),
-                    max(travel[side][1], angle.max()),
-                ]
+                travel[side] += [angle.min(), angle.max()]
                 if not any(one.start.spread):
                     on[side].update(np.unique(np.floor(angle / DEG).astype(int)).tolist())
-        spans = [high - low for low, high in travel.values() if high > low]
-        turns = max(turns, float(min(spans, default=0.0)) / REV)
+        spans = [np.ptp(ends) for ends in travel.values() if ends]
+        turns = max(turns, float(min(filter(None, spans), default=0.0)) / REV)
     ratio = shafts[0].ratio
     found = {"driving": turns, "driven": turns * abs(ratio)}
     # A shaft that turns may have orders that the model does not have; a table tells few anyway.

@@ -142,7 +142,7 @@ def _checked(
     off = left[0] - left[0].mean(axis=1, keepdims=True)
     zeros = [np.ones(len(flank))] if curves.has_gap else [flank == one for one in names]
     nuisance = np.array([column.name[0] in _NUISANCE for column in problem.columns])
-    (shown,) = residuals(problem, core.rows, core.posterior.coefficients * nuisance)
+    (shown,) = residuals(problem.columns, core.rows, core.posterior.coefficients * nuisance)
     weight = np.asarray(weights(jnp.asarray(core.posterior.theta), problem.compressed.on))[
         : LAGS + 1
     ]

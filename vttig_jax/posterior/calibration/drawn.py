@@ -100,7 +100,7 @@ class LikeRigs:
         """Return the fit of new rows of a rig in the same motion."""
         problem = self.fit.posterior.problem
         expected = problem.natural @ (problem.unit * beta + problem.start)
-        left = residuals(problem, self.fit.rows, expected)
+        left = residuals(problem.columns, self.fit.rows, expected)
         rows = tuple(
             self._noisy(one, one.table[:, -1] - off, generator)
             for one, off in zip(self.fit.rows, left, strict=True)
