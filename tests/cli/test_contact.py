@@ -147,7 +147,7 @@ def test_teeth_that_interfere_are_named(vttig):
 
 
 def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_path, monkeypatch):
-    monkeypatch.setattr("vttig_jax.cli.verbs.gears.contact._contacts", None)
+    monkeypatch.setattr("vttig_jax.geometry.contact_report.contact_at", None)
     (tmp_path / "contact.csv").write_text("mine")
     code, _, err = vttig("contact", PAPER, *SHORT, "--out", tmp_path)
     assert code == 2 and "already exists" in err

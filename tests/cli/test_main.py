@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import types
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.base.files.run_folder import RunFolder
 from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module
-from vttig_jax.cli.main import VERBS, main
+from vttig_jax.cli.main import GROUPS, VERBS, main
 from vttig_jax.cli.options import verb
 from vttig_jax.cli.output import Output, progress
 
@@ -262,7 +263,7 @@ def test_a_verb_works_without_main(capsys):
 def test_help_lists_verbs_and_shows_examples(capsys):
     assert main(["--help"]) == 0
     help_ = capsys.readouterr().out
-    for name, (_, text) in VERBS.items():
+    for name, text in chain.from_iterable(verbs.items() for verbs in GROUPS.values()):
         assert f"  {name} " in help_ and text in help_
     assert main(["toy", "-h"]) == 0
     help_ = capsys.readouterr().out

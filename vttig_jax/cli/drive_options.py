@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..base.errors import UsageError
+from ..base.errors import PairError, UsageError
 from ..base.logger import LOGGER
 from ..logs.recognition.request import (
     SHAFTS,
@@ -28,6 +28,7 @@ from .output import Output
 
 if TYPE_CHECKING:
     from ..logs.recognition.candidates import Guess
+    from ..pair.gear_pair import GearPair
     from ..pair.schema import PairSpec
 
 
@@ -201,3 +202,16 @@ class DriveOptions:
         report = replace(report, notes=(*map(str, guesses), *report.notes))
         output.emit(report.to_json(), report)
         return True
+
+
+def gears_of(spec: "PairSpec", path: Path, lack: str) -> "GearPair":
+    """Return the gears of a pair file; a drive without gears has `lack`, which is an error."""
+    from ..pair.gear_pair import GearPair, pair_from_spec
+
+    pair = pair_from_spec(spec)
+    if not isinstance(pair, GearPair):
+        raise PairError(
+            f"a drive without gears has {lack}; give [pair] and both tooth counts.",
+            where=f"{path}: drive",
+        )
+    return pair

@@ -21,93 +21,46 @@ from ..base.logger import LOGGER
 from .library_messages import library_messages_in_log
 from .output import Narrator, print_json
 
+GROUPS = {
+    "From a log": {
+        "inspect": "Say what a log holds and what is wrong with it.",
+        "fit": "Identify eccentricities and backlash from a log.",
+        "fit-many": "Identify many logs, each of a rig of its own, in one table.",
+        "map": "Write the backlash at every angle from a fit.",
+        "sample": "Sample the posterior of a fit, with checkpoints.",
+        "locate": "Find the turn in the hunting period from two readings.",
+        "export": "Write the compensation as CSV, JSON or a C header.",
+        "verify": "Say by a log of an axis whether its error table works.",
+    },
+    "To hand over": {
+        "report": "Write a run as a page to read, send and print.",
+        "accuracy": "Say how accurate a drive is, in the terms of standards.",
+        "plot": "Draw one picture of a run as PNG, SVG or PDF.",
+        "compare": "Say which differences between two runs count.",
+        "explain": "Say what a word or a parameter of a report means.",
+    },
+    "Plan and simulate": {
+        "plan": "Say how well a run would tell every parameter.",
+        "calibrate": "Check on simulated rigs that stated uncertainties hold.",
+        "simulate": "Simulate a reversal with an anti-backlash controller.",
+        "sweep": "Simulate thousands of cases: axes, controllers, drawn rigs.",
+        "tune": "Tune the settings of a controller over all cases of a sweep.",
+        "demo": "Simulate the paper's rig, fit it and show the result.",
+    },
+    "The gear": {
+        "measure": "Say what a shop measures on the gears of a pair.",
+        "surface": "Write a gear as a mesh, a CAD solid or a section.",
+        "contact": "Find where the teeth of a pair touch, from their surfaces.",
+    },
+}
+"""Title in the help → verb → short help."""
+
 VERBS = {
-    "inspect": (
-        "vttig_jax.cli.verbs.inspect:command",
-        "Say what a log holds and what is wrong with it.",
-    ),
-    "fit": ("vttig_jax.cli.verbs.fit:command", "Identify eccentricities and backlash from a log."),
-    "fit-many": (
-        "vttig_jax.cli.verbs.fit_many:command",
-        "Identify many logs, each of a rig of its own, in one table.",
-    ),
-    "map": ("vttig_jax.cli.verbs.map:command", "Write the backlash at every angle from a fit."),
-    "report": (
-        "vttig_jax.cli.verbs.report:command",
-        "Write a run as a page to read, send and print.",
-    ),
-    "plot": ("vttig_jax.cli.verbs.plot:command", "Draw one picture of a run as PNG, SVG or PDF."),
-    "accuracy": (
-        "vttig_jax.cli.verbs.accuracy:command",
-        "Say how accurate a drive is, in the terms of standards.",
-    ),
-    "compare": (
-        "vttig_jax.cli.verbs.compare:command",
-        "Say which differences between two runs count.",
-    ),
-    "sample": (
-        "vttig_jax.cli.verbs.sample:command",
-        "Sample the posterior of a fit, with checkpoints.",
-    ),
-    "calibrate": (
-        "vttig_jax.cli.verbs.calibrate:command",
-        "Check on simulated rigs that stated uncertainties hold.",
-    ),
-    "plan": ("vttig_jax.cli.verbs.plan:command", "Say how well a run would tell every parameter."),
-    "simulate": (
-        "vttig_jax.cli.verbs.simulate:command",
-        "Simulate a reversal with an anti-backlash controller.",
-    ),
-    "sweep": (
-        "vttig_jax.cli.verbs.sweep:command",
-        "Simulate thousands of cases: axes, controllers, drawn rigs.",
-    ),
-    "tune": (
-        "vttig_jax.cli.verbs.tune:command",
-        "Tune the settings of a controller over all cases of a sweep.",
-    ),
-    "verify": (
-        "vttig_jax.cli.verbs.verify:command",
-        "Say by a log of an axis whether its error table works.",
-    ),
-    "locate": (
-        "vttig_jax.cli.verbs.locate:command",
-        "Find the turn in the hunting period from two readings.",
-    ),
-    "measure": (
-        "vttig_jax.cli.verbs.gears.measure:command",
-        "Say what a shop measures on the gears of a pair.",
-    ),
-    "surface": (
-        "vttig_jax.cli.verbs.gears.surface:command",
-        "Write a gear as a mesh, a CAD solid or a section.",
-    ),
-    "contact": (
-        "vttig_jax.cli.verbs.gears.contact:command",
-        "Find where the teeth of a pair touch, from their surfaces.",
-    ),
-    "export": (
-        "vttig_jax.cli.verbs.export:command",
-        "Write the compensation as CSV, JSON or a C header.",
-    ),
-    "explain": (
-        "vttig_jax.cli.verbs.explain:command",
-        "Say what a word or a parameter of a report means.",
-    ),
-    "demo": (
-        "vttig_jax.cli.verbs.demo:command",
-        "Simulate the paper's rig, fit it and show the result.",
-    ),
+    verb: (f"vttig_jax.cli.verbs.{verb.replace('-', '_')}:command", text)
+    for verbs in GROUPS.values()
+    for verb, text in verbs.items()
 }
 """Verb → ("module:command", short help)."""
-
-GROUPS = {
-    "From a log": ("inspect", "fit", "fit-many", "map", "sample", "locate", "export", "verify"),
-    "To hand over": ("report", "accuracy", "plot", "compare", "explain"),
-    "Plan and simulate": ("plan", "calibrate", "simulate", "sweep", "tune", "demo"),
-    "The gear": ("measure", "surface", "contact"),
-}
-"""Title in the help → verbs that are listed under it."""
 
 _NO_MEMORY = (
     "there is not enough memory for this; close other programs, or ask for less (a shorter log,"
@@ -136,13 +89,9 @@ class _LazyGroup(click.Group):
         return getattr(import_module(module), attribute)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        grouped = {name for names in GROUPS.values() for name in names}
-        others = tuple(name for name in VERBS if name not in grouped)
-        for title, names in (*GROUPS.items(), ("Others", others)):
-            rows = [(name, VERBS[name][1]) for name in names if name in VERBS]
-            if rows:
-                with formatter.section(title):
-                    formatter.write_dl(rows)
+        for title, verbs in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl(list(verbs.items()))
 
 
 @click.group(

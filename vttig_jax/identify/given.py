@@ -37,7 +37,7 @@ from ..kinematics.harmonic import OrderModel
 from ..model.columns import Assumptions, embedding
 from ..model.mixed_fit import MixedFit, design_of, mixed_fit
 from ..model.parameter import Parameter, undetermined
-from ..model.parameters import Quantities, scalar
+from ..model.parameters import Quantities
 from ..model.rows import Rows, Shafts
 from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
@@ -545,24 +545,14 @@ def given_parameters(
                 name, unit = name.replace("amplitude_arcsec", "eccentricity_mm"), "mm"
             one = undetermined(name, unit, GIVEN_INSTEAD)
         elif name in ("gap_over_angles_covered", "backlash_plus_delay_deg"):
-            (at,) = told.at(name.removesuffix("_deg"))
-            numbers = told.mean[at], told.covariance[at, at], told.freedom[at]
-            one = scalar(name, "deg", DEG, *map(float, numbers))
+            one = told.scalar(name.removesuffix("_deg"), "deg", DEG, label=name)
         found[name] = one
     reasons = dict(given.open_reasons)
     for name in given.names:
         if name in reasons:
             found[name] = undetermined(name, "as given", reasons[name])
-            continue
-        (at,) = told.at(name)
-        found[name] = scalar(
-            name,
-            "as given",
-            1.0,
-            float(told.mean[at]),
-            float(told.covariance[at, at]),
-            float(told.freedom[at]),
-        )
+        else:
+            found[name] = told.scalar(name, "as given")
     return found
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ..base.errors import NoAnswerError
@@ -29,7 +30,6 @@ from ..model.parameters import (
     Quantities,
     parameters_of,
     quantities_of,
-    scalar,
 )
 from ..model.rows import Run, Shafts
 from ..model.runs import shafts_of
@@ -358,7 +358,7 @@ def result_of(
         curves=curves,
         model=model if whole is None else whole,
     )
-    checks = type(checks)(**{**_fields(checks), "readings": compared_with})
+    checks = msgspec.structs.replace(checks, readings=compared_with)
     if parameters["constant_backlash_deg"].determined:
         parameters.pop("gap_over_angles_covered", None)
     records = log_records(core, logs)
@@ -408,10 +408,6 @@ def result_of(
     )
 
 
-def _fields(record: Any) -> dict[str, Any]:
-    return {name: getattr(record, name) for name in record.__struct_fields__}
-
-
 def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
     """Return the coefficient of the torque and the ratio of a drive, as far as the logs tell them.
 
@@ -419,30 +415,16 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
     """
     found = []
     if "torque" in told.names:
-        (at,) = told.at("torque")
-        mean, variance, freedom = told.mean[at], told.covariance[at, at], told.freedom[at]
-        found.append(
-            scalar(
-                "torque_arcsec_per_unit",
-                "arcsec/unit of torque",
-                ARCSEC,
-                float(mean),
-                float(variance),
-                float(freedom),
-            )
-        )
+        name, unit = "torque_arcsec_per_unit", "arcsec/unit of torque"
+        found.append(told.scalar("torque", unit, ARCSEC, label=name))
     if "ratio" in told.names:
-        (at,) = told.at("ratio")
         column = core.posterior.problem.columns[core.posterior.problem.index["ratio",]]
         if told.std("ratio") > TOLD * column.width:
             share = column.width / abs(core.scope.ratio)
             reason = f"the log does not tell it: within ± {share:.2g} of the ratio as assumed"
             found.append(undetermined("ratio", "1", reason))
         else:
-            off = float(told.mean[at]) - core.scope.ratio
-            one = scalar(
-                "ratio", "1", 1.0, off, float(told.covariance[at, at]), float(told.freedom[at])
-            )
+            one = told.scalar("ratio", "1", less=core.scope.ratio)
             reason = None if one.significant else f"within {SIGNIFICANT:g} standard errors as given"
             found.append(replace(one.moved(core.scope.ratio), reason=reason))
     return tuple(found)

@@ -7,7 +7,7 @@ do not tell one.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -57,6 +57,31 @@ class Quantities:
     def std(self, name: str) -> float:
         """Return the standard deviation of a number."""
         return math.sqrt(max(float(self.covariance[*self.at(name, name)]), 0.0))
+
+    def scalar(
+        self, name: str, unit: str, scale: float = 1.0, *, label: str = "", less: float = 0.0
+    ) -> Parameter:
+        """Return a number, `less` a known one, in a unit of `scale`, as a determined parameter.
+
+        It is significant beyond three standard errors. `label` names it in place of its own name.
+        """
+        (at,) = self.at(name)
+        value, freedom = (float(self.mean[at]) - less) / scale, float(self.freedom[at])
+        std = self.std(name) / scale
+        half = float(stdtrit(freedom, 0.975)) * std
+        significant = abs(value) >= SIGNIFICANT * std
+        return Parameter(
+            label or name,
+            unit,
+            value,
+            std,
+            value - half,
+            value + half,
+            True,
+            significant,
+            None if significant else BELOW,
+            freedom=freedom,
+        )
 
 
 def mean_waves(waves: Sequence[Wave], angles: Angles, nominal: tuple[float, float]) -> np.ndarray:
@@ -136,27 +161,6 @@ def quantities_of(
     )
 
 
-def scalar(
-    name: str, unit: str, scale: float, mean: float, variance: float, freedom: float
-) -> Parameter:
-    """Return a determined parameter; it is significant beyond three standard errors."""
-    value, std = mean / scale, math.sqrt(max(variance, 0.0)) / scale
-    half = float(stdtrit(freedom, 0.975)) * std
-    significant = abs(value) >= SIGNIFICANT * std
-    return Parameter(
-        name,
-        unit,
-        value,
-        std,
-        value - half,
-        value + half,
-        True,
-        significant,
-        None if significant else BELOW,
-        freedom=freedom,
-    )
-
-
 def polar(
     names: tuple[str, str],
     unit: str,
@@ -232,26 +236,11 @@ def parameters_of(
             found.append(_backlash(fit, told))
     found.append(_delay(fit, told))
     if "gap_over_angles_covered" in told.names:
-        found.append(_scalar(told, "gap_over_angles_covered", "deg", DEG))
+        found.append(told.scalar("gap_over_angles_covered", "deg", DEG))
         if "backlash_plus_delay" in told.names and not found[-2].determined:
-            found.append(
-                replace(
-                    _scalar(told, "backlash_plus_delay", "deg", DEG), name="backlash_plus_delay_deg"
-                )
-            )
+            label = "backlash_plus_delay_deg"
+            found.append(told.scalar("backlash_plus_delay", "deg", DEG, label=label))
     return {parameter.name: parameter for parameter in found}
-
-
-def _scalar(told: Quantities, name: str, unit: str, scale: float) -> Parameter:
-    (at,) = told.at(name)
-    return scalar(
-        name,
-        unit,
-        scale,
-        float(told.mean[at]),
-        float(told.covariance[at, at]),
-        float(told.freedom[at]),
-    )
 
 
 def _reason(
@@ -293,7 +282,7 @@ def _backlash(fit: MixedFit, told: Quantities) -> Parameter:
             " from the constant one"
         )
         return undetermined(name, "deg", reason)
-    return replace(_scalar(told, "constant_backlash", "deg", DEG), name=name)
+    return told.scalar("constant_backlash", "deg", DEG, label=name)
 
 
 def _delay(fit: MixedFit, told: Quantities) -> Parameter:
@@ -306,4 +295,4 @@ def _delay(fit: MixedFit, told: Quantities) -> Parameter:
     if told.std("delay") > TOLD * column.width:
         reason = f"the log does not tell it: within ± {duration_text(column.width)} as assumed"
         return undetermined("delay_s", "s", reason)
-    return replace(_scalar(told, "delay", "s", 1.0), name="delay_s")
+    return told.scalar("delay", "s", label="delay_s")

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ....base.errors import PairError, UsageError
-from ...options import POSITIVE, Finite, verb
-from ...output import Output
+from ...base.errors import PairError, UsageError
+from ..drive_options import gears_of
+from ..options import POSITIVE, Finite, verb
+from ..output import Output
 
 if TYPE_CHECKING:
-    from ....geometry.measures import GearMeasures, Stated
-    from ....geometry.tooth import Tooth
-    from ....pair.gear_pair import GearPair
-    from ....pair.schema import PairSpec, StatedTable
+    from ...geometry.measures import GearMeasures, Stated
+    from ...geometry.tooth import Tooth
+    from ...pair.gear_pair import GearPair
+    from ...pair.schema import PairSpec
 
 
 @verb(
@@ -70,23 +71,23 @@ def command(
     """
     import vttig_jax
 
-    from ....geometry.measures import compare_stated, measure_pair, measures_text
-    from ....pair.pair_file import load_pair_spec
+    from ...geometry.measures import compare_stated, measure_gear, measure_pair, measures_text
+    from ...pair.pair_file import load_pair_spec
+    from ...pair.schema import StatedTable
 
     vttig_jax.enable_x64()
     spec = load_pair_spec(pair)
-    drawn = _gears(spec, pair)
+    drawn = gears_of(spec, pair, "nothing to measure")
     teeth, mesh = _teeth(drawn, pair, section_mm), measure_pair(drawn)
     gears, stated, notes = {}, {}, {}
     for shaft, tooth in teeth.items():
-        table = _stated(spec, shaft)
-        found = _measured(
+        table = getattr(spec, shaft).stated or StatedTable()
+        found = measure_gear(
             tooth,
-            stated=table,
             section_mm=section_mm,
             radii_mm=thickness_at_mm,
-            span_teeth=span_teeth,
-            ball_mm=ball_mm,
+            span_teeth=span_teeth or table.span_teeth,
+            ball_mm=ball_mm or table.ball_diameter_mm,
         )
         stated[shaft], beside = compare_stated(table, found)
         gears[shaft], notes[shaft] = found, [*found.notes, *beside]
@@ -102,25 +103,13 @@ def command(
     output.emit(record | {"mesh": mesh}, measures_text(gears, stated, notes, title, mesh))
 
 
-def _gears(spec: "PairSpec", path: Path) -> "GearPair":
-    from ....pair.gear_pair import GearPair, pair_from_spec
-
-    pair = pair_from_spec(spec)
-    if not isinstance(pair, GearPair):
-        raise PairError(
-            "a drive without gears has nothing to measure; give [pair] and both tooth counts.",
-            where=f"{path}: drive",
-        )
-    return pair
-
-
 def _teeth(pair: "GearPair", path: Path, section_mm: float) -> "dict[str, Tooth]":
     """Return shaft → tooth of both gears, each in its own frame.
 
     **Raises** `PairError` or `UsageError` for a gear that cannot be measured at `section_mm`.
     """
-    from ....geometry.checks import check_measurable
-    from ....geometry.tooth import tooth_of
+    from ...geometry.checks import check_measurable
+    from ...geometry.tooth import tooth_of
 
     teeth = {"driving": tooth_of(pair, "driving"), "driven": tooth_of(pair, "driven")}
     for shaft, tooth in teeth.items():
@@ -135,36 +124,6 @@ def _teeth(pair: "GearPair", path: Path, section_mm: float) -> "dict[str, Tooth]
         except PairError as error:
             raise PairError(error.message, where=f"{path}: {shaft}: {error.where}") from None
     return teeth
-
-
-def _stated(spec: "PairSpec", shaft: str) -> "StatedTable":
-    from ....pair.schema import StatedTable
-
-    return getattr(spec, shaft).stated or StatedTable()
-
-
-def _measured(
-    tooth: "Tooth",
-    stated: "StatedTable",
-    section_mm: float,
-    radii_mm: tuple[float, ...],
-    span_teeth: int | None,
-    ball_mm: float | None,
-) -> "GearMeasures":
-    """Return the measures of a gear.
-
-    The number of spanned teeth and the ball diameter come from the options, or else from the table
-    `stated` of the pair file, or else from the defaults of `measure_gear`.
-    """
-    from ....geometry.measures import measure_gear
-
-    return measure_gear(
-        tooth,
-        section_mm=section_mm,
-        radii_mm=radii_mm,
-        span_teeth=span_teeth or stated.span_teeth,
-        ball_mm=ball_mm or stated.ball_diameter_mm,
-    )
 
 
 def _require_some(gears: "dict[str, GearMeasures]", radii_mm: tuple[float, ...]) -> None:

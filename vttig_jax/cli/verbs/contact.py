@@ -1,25 +1,28 @@
 """`vttig contact`: first contact of the tooth surfaces over the hunting period."""
 
-from contextlib import AbstractContextManager, nullcontext
+from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from ....base.errors import PairError, UsageError
-from ....runs.maps import fitted_rig
-from ...options import POSITIVE, STEP_DEG, Finite, verb
-from ...output import Output
-from ..map import csv_text
+from ...base.errors import PairError, UsageError
+from ...base.files.json_io import dumps
+from ...base.files.text_tables import key_values
+from ...base.units import DEG
+from ...runs.maps import fitted_rig
+from ..drive_options import gears_of
+from ..options import POSITIVE, STEP_DEG, Finite, verb
+from ..output import Output
+from .map import csv_text
 
 if TYPE_CHECKING:
-    from ....base.files.run_folder import RunFolder
-    from ....geometry.backlash import GapReport
-    from ....geometry.contact import ContactModel
-    from ....geometry.contact_report import Contacts
-    from ....geometry.deviations import Deviations
-    from ....geometry.mounting import Misalignment
-    from ....pair.gear_pair import Eccentricities, GearPair
+    from ...base.files.run_folder import RunFolder
+    from ...geometry.backlash import GapReport
+    from ...geometry.contact_report import Contacts
+    from ...geometry.deviations import Deviations
+    from ...pair.gear_pair import GearPair
 
 
 _MOST_ROWS = 200_000
@@ -97,22 +100,43 @@ def command(
     and the backlash of the surfaces, and for comparison the backlash that follows from the tooth
     thickness. The teeth carry no load.
     """
+    import equinox as eqx
     import numpy as np
 
     import vttig_jax
 
-    from ....base.units import DEG
-    from ....geometry.backlash import gap_report
+    from ...base.files.run_folder import RunFolder
+    from ...geometry.backlash import gap_report
+    from ...geometry.contact import contact_model
+    from ...geometry.contact_report import contact_at
+    from ...geometry.mounting import Misalignment
+    from ...logs.readers.backlash_readings import read_deviations
+    from ...pair.gear_pair import Eccentricities
+    from ...pair.pair_file import load_pair_spec
 
     vttig_jax.enable_x64()
-    gears = _gears(pair)
-    turns = _turns(gears.hunting_turns, step_deg, span_rev)
-    eccentricities = _mounted(rig, pair, axial_mm)
-    apparent = None if rig is None else float(eccentricities.constant_backlash_deg)
-    measured = _measured(deviations, pitch, gears)
-    tilt = _misalignment(inclination_urad, deviation_urad)
+    gears = gears_of(load_pair_spec(pair), pair, "no teeth to touch")
+    turns = float(gears.hunting_turns) if span_rev is None else span_rev
+    if turns * 360.0 / step_deg > _MOST_ROWS:
+        raise UsageError(
+            f"{turns:g} turns in steps of {step_deg:g}° are more than {_MOST_ROWS} angles; ask for"
+            " a longer --step-deg or fewer turns (--span-rev)."
+        )
+    mounted = Eccentricities() if rig is None else fitted_rig(rig, pair)
+    apparent = None if rig is None else float(mounted.constant_backlash_deg)
+    measured = tilt = None
+    if not (deviations is None and pitch is None):
+        measured = read_deviations(deviations, pitch, pair=gears)
+    if inclination_urad or deviation_urad:
+        tilt = Misalignment(inclination_urad * 1e-6, deviation_urad * 1e-6)
     try:
-        model = _model(gears, eccentricities, tilt, measured, centre_distance_mm)
+        model = contact_model(
+            gears,
+            eqx.tree_at(lambda one: one.axial_mm, mounted, np.float64(axial_mm)),
+            misalignment=tilt,
+            deviations=measured,
+            centre_distance_mm=centre_distance_mm,
+        )
         gap = gap_report(gears, centre_distance_mm, axial_mm, apparent_deg=apparent)
     except PairError as error:
         asked = centre_distance_mm is not None and error.where == "centre_distance_mm"
@@ -132,108 +156,24 @@ def command(
         "span_turns": turns,
         "step_deg": step_deg,
     }
-    with _folder(out, overwrite) as folder:
-        flanks = _contacts(model, driving, output)
+    # The folder is opened before the computation, so that existing results are refused at once.
+    results = (TABLE, _RECORD)
+    opened = nullcontext() if out is None else RunFolder(out, overwrite=overwrite, results=results)
+    with opened as folder:
+        flanks = {}
+        with output.progress(2, "flanks") as bar:
+            for flank in ("A", "B"):
+                flanks[flank] = contact_at(model, driving, flank)
+                bar.update(1)
         record = contact_record(gears, said, flanks, gap, out)
         if folder is not None:
             _write(folder, gears, flanks, record)
     output.emit(record, contact_text(flanks, record, gap, measured, out))
 
 
-def _gears(path: Path) -> "GearPair":
-    from ....pair.gear_pair import GearPair, load_pair
-
-    pair = load_pair(path)
-    if not isinstance(pair, GearPair):
-        raise PairError(
-            "a drive without gears has no teeth to touch; give [pair] and both tooth counts.",
-            where=f"{path}: drive",
-        )
-    return pair
-
-
-def _turns(hunting_turns: int, step_deg: float, span_rev: float | None) -> float:
-    turns = float(hunting_turns) if span_rev is None else span_rev
-    if turns * 360.0 / step_deg > _MOST_ROWS:
-        raise UsageError(
-            f"{turns:g} turns in steps of {step_deg:g}° are more than {_MOST_ROWS} angles; ask for"
-            " a longer --step-deg or fewer turns (--span-rev)."
-        )
-    return turns
-
-
-def _mounted(rig: Path | None, pair: Path, axial_mm: float) -> "Eccentricities":
-    import equinox as eqx
-    import numpy as np
-
-    from ....pair.gear_pair import Eccentricities
-
-    found = Eccentricities() if rig is None else fitted_rig(rig, pair)
-    return eqx.tree_at(lambda one: one.axial_mm, found, np.float64(axial_mm))
-
-
-def _measured(maps: Path | None, pitches: Path | None, pair: "GearPair") -> "Deviations | None":
-    if maps is None and pitches is None:
-        return None
-    from ....logs.readers.backlash_readings import read_deviations
-
-    return read_deviations(maps, pitches, pair=pair)
-
-
-def _misalignment(inclination_urad: float, deviation_urad: float) -> "Misalignment | None":
-    if not (inclination_urad or deviation_urad):
-        return None
-    from ....geometry.mounting import Misalignment
-
-    return Misalignment(inclination_urad * 1e-6, deviation_urad * 1e-6)
-
-
-def _model(
-    pair: "GearPair",
-    eccentricities: "Eccentricities",
-    misalignment: "Misalignment | None",
-    deviations: "Deviations | None",
-    centre_distance_mm: float | None,
-) -> "ContactModel":
-    from ....geometry.contact import contact_model
-
-    return contact_model(
-        pair,
-        eccentricities,
-        misalignment=misalignment,
-        deviations=deviations,
-        centre_distance_mm=centre_distance_mm,
-    )
-
-
-def _contacts(model: "ContactModel", driving: Any, output: Output) -> "dict[str, Contacts]":
-    from ....geometry.contact_report import contact_at
-
-    found = {}
-    with output.progress(2, "flanks") as bar:
-        for flank in ("A", "B"):
-            found[flank] = contact_at(model, driving, flank)
-            bar.update(1)
-    return found
-
-
-def _folder(out: Path | None, overwrite: bool) -> "AbstractContextManager[RunFolder | None]":
-    """Open the run folder `out`; if `out` is None, return a context that does nothing.
-
-    The folder is opened before the computation, so that existing results are refused at once.
-    """
-    from ....base.files.run_folder import RunFolder
-
-    if out is None:
-        return nullcontext()
-    return RunFolder(out, overwrite=overwrite, results=(TABLE, _RECORD))
-
-
 def _write(
     folder: "RunFolder", gears: "GearPair", flanks: "dict[str, Contacts]", record: dict[str, Any]
 ) -> None:
-    from ....base.files.json_io import dumps
-
     for name in (_FIGURE.format("A"), _FIGURE.format("B"), _DEVIATIONS):
         folder.discard(name)
     for name, data in _figures(gears, flanks).items():
@@ -249,9 +189,9 @@ def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, byte
     """
     import numpy as np
 
-    from ....plotting.contact import plot_contact
-    from ....plotting.deviations import plot_deviations
-    from ....plotting.save import png
+    from ...plotting.contact import plot_contact
+    from ...plotting.deviations import plot_deviations
+    from ...plotting.save import png
 
     drawn = {}
     for name, found in flanks.items():
@@ -279,8 +219,6 @@ def contact_record(
 ) -> dict[str, Any]:
     """Return the object of schema `vttig.contact/1`; `said` holds its fields for the options."""
     import numpy as np
-
-    from ....base.units import DEG
 
     left, angle = _backlash(flanks) / DEG, flanks["A"].driving_angle / DEG
     known = np.flatnonzero(np.isfinite(left))
@@ -313,10 +251,6 @@ def _backlash(flanks: Flanks) -> Any:
 
 
 def _flank(found: "Contacts") -> dict[str, Any]:
-    from collections import Counter
-
-    from ....base.units import DEG
-
     kinds = Counter(found.kind(place) for place in range(len(found.driving_angle)))
     error = found.transmission_error[found.in_contact] / DEG
     return {
@@ -336,8 +270,6 @@ def contact_text(
     out: Path | None,
 ) -> str:
     """Return the text that is printed without `--json`."""
-    from ....base.files.text_tables import key_values
-
     rows = [
         (
             word,
@@ -359,8 +291,7 @@ def contact_text(
 
 
 def _warning(place: dict[str, float]) -> str:
-    from ....base.units import DEG
-    from ....geometry.backlash import TOUCHING
+    from ...geometry.backlash import TOUCHING
 
     return ", where the teeth interfere" if place["backlash_deg"] * DEG < -TOUCHING else ""
 
@@ -371,8 +302,6 @@ def contact_table(flanks: Flanks) -> str:
     Fields are empty at angles without contact on the flank.
     """
     import numpy as np
-
-    from ....base.units import DEG
 
     left, angle = _backlash(flanks), flanks["A"].driving_angle
     columns = {"driving_deg": angle / DEG, "backlash_deg": left / DEG}

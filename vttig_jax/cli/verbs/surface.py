@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from ....base.errors import PairError, UsageError
-from ...options import POSITIVE, Finite, given, refuse_existing, verb
-from ...output import Output
+from ...base.errors import PairError, UsageError
+from ...base.files.text_tables import key_values
+from ..drive_options import gears_of
+from ..options import POSITIVE, Finite, given, refuse_existing, verb
+from ..output import Output
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from ....geometry.tooth import Shaft, Tooth
+    from ...geometry.tooth import Shaft, Tooth
 
 _MESHES, _SOLIDS, _DRAWINGS = (".stl",), (".step", ".stp"), (".svg", ".dxf")
 _PICTURES = (".png",)
@@ -112,12 +114,13 @@ def command(
     _check_out(out, suffix, overwrite)
     import vttig_jax
 
-    from ....base.files.run_folder import RunFolder
-    from ....pair.pair_file import load_pair_spec
+    from ...base.files.run_folder import RunFolder
+    from ...geometry.tooth import tooth_of
+    from ...pair.pair_file import load_pair_spec
 
     vttig_jax.enable_x64()
     spec = load_pair_spec(pair)
-    tooth = _tooth(spec, pair, gear)
+    tooth = tooth_of(gears_of(spec, pair, "no surface"), gear)
     name = f"{spec.name}, {gear} gear" if spec.name else f"{gear} gear"
     build = {"tolerance_mm": tolerance_um * 1e-3, "teeth": teeth, "bore_mm": bore_mm}
     with output.progress(_STAGES, "surface") as bar:
@@ -164,19 +167,6 @@ def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
     refuse_existing(out, overwrite=overwrite)
 
 
-def _tooth(spec: Any, path: Path, gear: "Shaft") -> "Tooth":
-    from ....geometry.tooth import tooth_of
-    from ....pair.gear_pair import GearPair, pair_from_spec
-
-    pair = pair_from_spec(spec)
-    if not isinstance(pair, GearPair):
-        raise PairError(
-            "a drive without gears has no surface; give [pair] and both tooth counts.",
-            where=f"{path}: drive",
-        )
-    return tooth_of(pair, gear)
-
-
 def _builder(suffix: str) -> Callable[[_Wanted], Written]:
     if suffix in _MESHES:
         return _mesh
@@ -188,7 +178,7 @@ def _builder(suffix: str) -> Callable[[_Wanted], Written]:
 def _mesh(wanted: _Wanted) -> Written:
     import numpy as np
 
-    from ....geometry.mesh import gear_mesh, stl_bytes
+    from ...geometry.mesh import gear_mesh, stl_bytes
 
     mesh = gear_mesh(wanted.tooth, rounding=np.float32, progress=wanted.bar.update, **wanted.build)
     found = {
@@ -202,7 +192,7 @@ def _mesh(wanted: _Wanted) -> Written:
 
 
 def _solid(wanted: _Wanted) -> Written:
-    from ....geometry.solid import gear_solid, step_bytes
+    from ...geometry.solid import gear_solid, step_bytes
 
     solid = gear_solid(wanted.tooth, progress=wanted.bar.update, **wanted.build)
     found = {
@@ -215,7 +205,7 @@ def _solid(wanted: _Wanted) -> Written:
 
 
 def _drawing(wanted: _Wanted) -> Written:
-    from ....geometry.drawing import dxf_bytes, section_drawing, svg_bytes
+    from ...geometry.drawing import dxf_bytes, section_drawing, svg_bytes
 
     drawing = section_drawing(wanted.tooth, wanted.section_mm, **wanted.build)
     found = {
@@ -229,9 +219,9 @@ def _drawing(wanted: _Wanted) -> Written:
 
 
 def _picture(wanted: _Wanted) -> Written:
-    from ....geometry.outline import blank_of
-    from ....plotting.save import png
-    from ....plotting.tooth import plot_tooth
+    from ...geometry.outline import blank_of
+    from ...plotting.save import png
+    from ...plotting.tooth import plot_tooth
 
     tolerance = wanted.build["tolerance_mm"]
     blank = blank_of(wanted.tooth, teeth=None, bore_mm=0.0, tolerance_mm=tolerance)
@@ -239,8 +229,6 @@ def _picture(wanted: _Wanted) -> Written:
 
 
 def _text(record: dict[str, Any], name: str) -> str:
-    from ....base.files.text_tables import key_values
-
     rows: list[tuple[str, str]] = [
         ("format", str(record["format"]).upper()),
         ("teeth", str(record["teeth"])),
