@@ -115,6 +115,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small, so pools of threads take more time than they save.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ["JAX_ENABLE_X64"] = (
+        "1"  # angles of thousands of degrees have no arcseconds in float32
+    )
     _tolerate_encodings()
     if instruction := os.environ.get(COMPLETION):
         from .completion import answer

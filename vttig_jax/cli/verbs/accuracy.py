@@ -20,8 +20,5 @@ def command(output: Output, run_folder: Path) -> None:
     number stands as read, without what noise adds to it, and with its 95 % interval. This is a pair
     in its machine without a master gear: not a conformity statement.
     """
-    import vttig_jax
-
-    vttig_jax.enable_x64()
     found = open_run(run_folder).fit.accuracy
     output.emit(found.to_json(), found)

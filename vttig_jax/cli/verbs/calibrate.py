@@ -67,13 +67,10 @@ def command(
 
 
 def _calibrated(output: Output, run: Path, rigs: int, seed: int) -> "Calibration":
-    import vttig_jax
-
     from ...posterior.calibration.calibrate import calibrate
     from ...runs.fit_run import perform
     from ...runs.run_file import read_run, require_same_data
 
-    vttig_jax.enable_x64()
     record = read_run(run)
     require_same_data(record)
     fit, _ = perform(record)

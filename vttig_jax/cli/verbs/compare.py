@@ -18,8 +18,5 @@ def command(output: Output, run_folder: Path, other: Path) -> None:
     Each difference is that of RUN2 less RUN, with its 95 % interval. It counts from three standard
     errors on. The noise of both runs is taken as independent.
     """
-    import vttig_jax
-
-    vttig_jax.enable_x64()
     found = reports.compare_runs(run_folder, other)
     output.emit(found.to_json(), found)

@@ -103,8 +103,6 @@ def command(
     import equinox as eqx
     import numpy as np
 
-    import vttig_jax
-
     from ...base.files.run_folder import RunFolder
     from ...geometry.backlash import gap_report
     from ...geometry.contact import contact_model
@@ -114,7 +112,6 @@ def command(
     from ...pair.gear_pair import Eccentricities
     from ...pair.pair_file import load_pair_spec
 
-    vttig_jax.enable_x64()
     gears = gears_of(load_pair_spec(pair), pair, "no teeth to touch")
     turns = float(gears.hunting_turns) if span_rev is None else span_rev
     if turns * 360.0 / step_deg > _MOST_ROWS:

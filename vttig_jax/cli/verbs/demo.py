@@ -47,13 +47,10 @@ def command(
     the same instant. The command fits the log, samples the posterior and computes the backlash map.
     Without --out no file is written.
     """
-    import vttig_jax
-
     from ...identify.identification import fit
     from ...posterior.sampler import sample
     from ...rig.paper import paper_rig
 
-    vttig_jax.enable_x64()
     refuse_existing(out, overwrite=overwrite, resumes=False)
     with output.progress(2, "simulate") as bar:
         rig = paper_rig(seed)

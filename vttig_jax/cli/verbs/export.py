@@ -155,7 +155,6 @@ def command(
     """
     suffix = out.suffix.lower()
     quantity = quantity or ("error" if control else "shift" if suffix == ".h" else "backlash")
-    import vttig_jax
 
     from ...base.files.json_io import dumps
     from ...base.units import ARCSEC, DEG
@@ -163,7 +162,6 @@ def command(
     opened = Run(run_folder)
     opened.refuse_own([out])
     _check_options(out, control, suffix, quantity, overwrite=overwrite)
-    vttig_jax.enable_x64()
     step, fit = step_deg or 1.0, opened.fit
     if control is not None:
         rate = acceleration_deg_s2, servo_period_ms

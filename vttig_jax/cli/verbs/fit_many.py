@@ -74,11 +74,8 @@ def command(
     the table that is complete. One LOG may be - for stdin, which --resume needs again.
     """
     _refuse_contradictions(out, csv_file, may_replace=overwrite or resume)
-    import vttig_jax
-
     from ...runs.many_fits import ManyFits, fit_files
 
-    vttig_jax.enable_x64()
     chosen = options_of(options)
     if STDIN in logs:
         if dask is not None or (jobs or 1) > 1:

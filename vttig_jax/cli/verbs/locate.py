@@ -120,13 +120,10 @@ def command(
     for shaft, (degrees, counts) in given.items():
         if (degrees is None) == (counts is None):
             raise UsageError(f"give one of --{shaft}-deg and --{shaft}-counts.")
-    import vttig_jax
-
     from ...base.units import ARCSEC, DEG
     from ...identify.backlash import contact_map
     from ...kinematics.turn_location import locate
 
-    vttig_jax.enable_x64()
     opened = Run(run_folder)
     run, pair, fit = opened.record, opened.pair, opened.fit
     grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)

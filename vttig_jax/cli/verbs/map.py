@@ -103,9 +103,6 @@ def command(
         raise UsageError(f"--quantity error takes no {wrong[0]}; leave it out.")
     if quantity != "error" and constant_backlash_deg is None:
         _refuse_one_flank(run_folder)
-    import vttig_jax
-
-    vttig_jax.enable_x64()
     from ...base.files.json_io import dumps
 
     run = Run(run_folder)

@@ -69,13 +69,10 @@ def command(
     angle, pitch diameters, contact ratio and backlash. What the pair file states of a gear
     (`stated = { tip_diameter_mm = 94.0 }` in [driving] or [driven]) stands beside it.
     """
-    import vttig_jax
-
     from ...geometry.measures import compare_stated, measure_gear, measure_pair, measures_text
     from ...pair.pair_file import load_pair_spec
     from ...pair.schema import StatedTable
 
-    vttig_jax.enable_x64()
     spec = load_pair_spec(pair)
     drawn = gears_of(spec, pair, "nothing to measure")
     teeth, mesh = _teeth(drawn, pair, section_mm), measure_pair(drawn)

@@ -115,12 +115,9 @@ def command(
     The standard errors follow from the motion, the sampling and the noise that are assumed, by the
     model of `vttig fit`. With --want the shortest run is looked for.
     """
-    import vttig_jax
-
     from ...pair.gear_pair import pair_from_spec
     from ...runs.stated_drive import spec_of_file
 
-    vttig_jax.enable_x64()
     rig = pair_from_spec(drive.spec() if pair is None else spec_of_file(pair, drive))
     rate_hz = rate_hz or rig.log.sample_rate_hz
     if rate_hz is None:

@@ -29,7 +29,6 @@ def command(output: Output, run_folder: Path, name: str, out: Path, overwrite: b
     import vttig_jax
 
     check_picture(out, overwrite=overwrite)
-    vttig_jax.enable_x64()
     run = open_run(run_folder)
     run.refuse_own([out])
     if name == "map":

@@ -35,8 +35,5 @@ def command(
     need the extra `report`. With RUN2 the page shows both runs side by side, such as before and
     after an adjustment, and which of their differences count; `vttig compare` prints these.
     """
-    import vttig_jax
-
-    vttig_jax.enable_x64()
     report = reports.write_report(run_folder, other, out=out, overwrite=overwrite)
     output.emit(report.to_json(), report)

@@ -118,11 +118,8 @@ def command(
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
     if not drive.explain_columns:
         refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
-    import vttig_jax
-
     from ...posterior.sampler import sample
 
-    vttig_jax.enable_x64()
     if logs:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options_of(options), drive.request)

@@ -143,8 +143,6 @@ def command(
 
 
 def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
-    import vttig_jax
-
     from ...base.files.run_folder import RunFolder
     from ...runs.paper_runs import CONTROLLERS, TABLE, simulate_paper
 
@@ -154,7 +152,6 @@ def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
             "--paper simulates the runs of the paper and goes with --out, --overwrite and --json;"
             f" leave out {', '.join(others) or '--overwrite'}."
         )
-    vttig_jax.enable_x64()
     kept = RunFolder(out, overwrite=overwrite, results=(TABLE,)) if out else nullcontext()
     names: list[str] = []
     with kept as folder, output.progress(5 * len(CONTROLLERS), "simulate") as bar:
@@ -223,11 +220,8 @@ def _simulated(
     spec: "ScenarioSpec", folder: Path, every: int, output: Output, *, draws: bool
 ) -> "tuple[Simulation, int]":
     """Run a scenario; return it, and the stride of its trace in periods of the controller."""
-    import vttig_jax
-
     from ...control.simulation.prepare import motion_of
 
-    vttig_jax.enable_x64()
     duration = float(motion_of(spec.motion, folder).pieces.duration_s)
     periods = duration * spec.sampling.controller_hz
     kept = _stride(periods, every, draws)

@@ -112,13 +112,10 @@ def command(
     """
     suffix = out.suffix.lower()
     _check_out(out, suffix, overwrite)
-    import vttig_jax
-
     from ...base.files.run_folder import RunFolder
     from ...geometry.tooth import tooth_of
     from ...pair.pair_file import load_pair_spec
 
-    vttig_jax.enable_x64()
     spec = load_pair_spec(pair)
     tooth = tooth_of(gears_of(spec, pair, "no surface"), gear)
     name = f"{spec.name}, {gear} gear" if spec.name else f"{gear} gear"

@@ -119,7 +119,6 @@ def prepare(devices: int | None) -> None:
         there = len(jax.devices())
         if devices is not None and devices > there:
             raise UsageError(f"--devices {devices} is more than the {there} of JAX.") from error
-    vttig_jax.enable_x64()
 
 
 def _import_plots() -> None:

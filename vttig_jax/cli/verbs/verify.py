@@ -46,12 +46,9 @@ def command(
     """
     if len(logs) > 2:
         raise UsageError("verify takes one log, or one before and one after.")
-    import vttig_jax
-
     from ...runs.axis_table import AxisSetting
     from ...runs.verification import verify
 
-    vttig_jax.enable_x64()
     run = Run(run_folder)
     found = verify(run, logs, AxisSetting(**axis), step_deg, ReadingOptions(**reading), drawn(run))
     output.emit(found, _text(found))
