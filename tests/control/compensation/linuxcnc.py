@@ -108,6 +108,17 @@ def home_at(switch_deg: float, offset_deg: float) -> str:
     )
 
 
+def home_at_index(offset_deg: float) -> str:
+    """An axis that calls the index, at which the encoder of its motor reads zero, `offset_deg`.
+
+    It has no switch. The simulated index comes 10 ms after the axis began to look for it.
+    """
+    return (
+        f"HOME_SEARCH_VEL = 0\nHOME_LATCH_VEL = 1\nHOME_USE_INDEX = YES\nHOME_FINAL_VEL = 100\n"
+        f"HOME_OFFSET = {offset_deg}\nHOME = 0\n"
+    )
+
+
 def moved(
     folder: Path, tables: list[str], moves: list[str], homing: Sequence[str] = (HOME_HERE,) * 6
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,6 +156,7 @@ def moved(
         f"loadrt motmod servo_period_nsec={round(1e9 * SERVO_S)} num_joints={len(tables)}",
         f"loadrt sampler depth=60000 cfg={'fff' * len(tables)}",
         f"loadrt comp count={len(tables)}",
+        f"loadrt sim_home_switch count={len(tables)}",
         "addf motion-command-handler servo-thread",
         "addf motion-controller servo-thread",
         "addf sampler.0 servo-thread",
@@ -163,6 +175,11 @@ def moved(
                 f"net motor{joint} => comp.{joint}.in1",
                 f"net switch{joint} comp.{joint}.out => joint.{joint}.home-sw-in",
                 f"addf comp.{joint} servo-thread",
+            ]
+        if "HOME_USE_INDEX" in homing[joint]:
+            hal += [
+                f"net index{joint} sim-home-switch.{joint}.index-enable joint.{joint}.index-enable",
+                f"addf sim-home-switch.{joint} servo-thread",
             ]
     (source / "axis.hal").write_text("\n".join(hal) + "\n")
     result = folder / "result"

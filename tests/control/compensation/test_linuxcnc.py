@@ -6,7 +6,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from tests.control.compensation.linuxcnc import HOME_HERE, SERVO_S, home_at, moved, why_not
+from tests.control.compensation.linuxcnc import (
+    HOME_HERE,
+    SERVO_S,
+    home_at,
+    home_at_index,
+    moved,
+    why_not,
+)
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.compensation.correction import (
     AxisError,
@@ -231,7 +238,8 @@ def test_where_an_axis_is_that_is_homed_with_its_table(tmp_path):
     """The table acts before homing too, and what it adds then goes into the zero.
 
     An axis with a switch is at the place of its switch when it latches it, however it came there.
-    One that is homed where it stands has what the table adds at its position before.
+    One that is homed where it stands has what the table adds at its position before. With an index
+    the encoder alone says where the axis is: the table adds nothing to the zero.
     """
     error = gears(40, 80)
     table = correction_table(error, -0.5 * REV, 0.5 * REV, REV / 255).in_float32()
@@ -242,16 +250,17 @@ def test_where_an_axis_is_that_is_homed_with_its_table(tmp_path):
     offset = SWITCH - added(SWITCH)
     here = added(-17.3) - added(0.0)  # where the mark is then
     again = [f"G0 B{here - 1:.6f}", f"G1 F600 B{here:.6f}", "G4 P0.2", "HOME"]
-    to, stop = "G0 A20 B20", "G4 P0.3"
+    to, stop = "G0 A20 B20 C20", "G4 P0.3"
     moves = ["HOME", to, stop, "JOG -37.3", "HOME", to, stop, *again, to, stop]
-    homing = [home_at(SWITCH, offset), HOME_HERE]
-    command, motor, speed = moved(tmp_path, [linuxcnc(table, ())] * 2, moves, homing)
+    homing = [home_at(SWITCH, offset), HOME_HERE, home_at_index(5.0)]
+    command, motor, speed = moved(tmp_path, [linuxcnc(table, ())] * 3, moves, homing)
     still = np.all(speed == 0.0, axis=1) & np.all(np.abs(command - 20) < 1e-9, axis=1)
     ends = np.append(np.flatnonzero(np.diff(np.flatnonzero(still)) > 1), -1)
-    switch, mark = motor[np.flatnonzero(still)[ends]].T
+    switch, mark, index = motor[np.flatnonzero(still)[ends]].T
     assert len(switch) == 3
     # The axis with the switch stands where the motor is as its table says, within a period's way.
     np.testing.assert_allclose(switch, 20 + added(20), atol=1.0 / 3600)
+    np.testing.assert_allclose(index, 20 + added(20) - 5.0, atol=0.01 / 3600)
     place = 20 + added(20) - 37.3 + added(-17.3) - added(20)
     right = place + 20 + added(20) - added(0)
     off = added(-17.3) - added(0)
