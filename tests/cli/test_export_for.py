@@ -101,6 +101,10 @@ def test_a_log_that_does_not_tell_the_gap_says_so(vttig, export, tmp_path):
     code, record, out = export(short, "json", "--travel", "4", "60")
     assert code == 0 and record["lost_motion_arcsec"] is None
     out.unlink()
+    code, said, _ = vttig("export", short, "--for", "json", "--travel", "4", "60", "--out", out)
+    # Slow orders are not in the table, so that they are not in its prediction either.
+    assert code == 0 and said.count("left out") == 1
+    out.unlink()
     code, _, said = vttig("export", short, "--for", "json", "--travel", "60", "200", "--out", out)
     assert code == 2 and not said.startswith("Traceback")
     # What is covered is said in positions of the axis, of which the zero is elsewhere.

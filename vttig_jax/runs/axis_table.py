@@ -161,12 +161,12 @@ class AxisTable(TextResult):
     def __str__(self) -> str:
         rows = self._rows()
         if len(self.table.values) < 2:
-            (only,) = self.table.values
-            twice = "a file that needs both directions has its values twice"
-            rows.append(("one direction", f"the log shows {only} only; {twice}"))
+            only = " ".join(self.table.values)
+            rows.append(("one direction", f"{only}; a file with both has its values twice"))
         elif self.lost is None:
-            lacking = "the log does not determine the gap; each flank has the mean zero"
-            rows.append(("lost motion", f"{lacking}, so that the table does not take it out"))
+            rows.append(("lost motion", "it stays, because the log does not determine the gap"))
+        if short := " and ".join(s for s in SHAFTS if self.fit.core.scope.turns[s] < FULL_TURN):
+            rows.append(("left out", f"orders of the {short} shaft, which turned less than once"))
         rows += left_out_rows(self.fit)
         rows.append(("contains", "also what the encoder of the driven shaft adds once per turn"))
         return key_values(rows, title="error table of the axis")
