@@ -1,6 +1,7 @@
 """`vttig export --for`: error tables of an axis, beside a transmission error written down here."""
 
 import json
+import re
 
 import jsonschema
 import numpy as np
@@ -74,7 +75,11 @@ def test_the_zero_and_the_sense_of_the_axis(export, both, shift_deg):
     # Counted the other way, flank B carries forward, and what was ahead is behind.
     added = np.interp(asked, behind["positions_deg"], behind["corrections_deg"]["forward"])
     driving = -2 * np.radians(asked + added - shift_deg)
-    assert np.std(3600 * added - error_arcsec("B", driving)) < 1.0
+    left = 3600 * added - error_arcsec("B", driving)
+    assert np.std(left) < 1.0
+    # The direction in which an axis is homed has the mean zero, whichever flank carries it.
+    level = error_arcsec("B", np.linspace(0, 4 * np.pi, 4096)).mean()
+    assert np.mean(left) == pytest.approx(-level, abs=0.5)
 
 
 def test_one_direction_of_a_worm_over_its_own_turn(export, worm):
@@ -95,8 +100,18 @@ def test_a_log_that_does_not_tell_the_gap_says_so(vttig, export, tmp_path):
     short = fitted(tmp_path / "short", flat, "--delay", "off", ratio=1 / 40)
     code, record, out = export(short, "json", "--travel", "4", "60")
     assert code == 0 and record["lost_motion_arcsec"] is None
+    out.unlink()
+    code, said, _ = vttig("export", short, "--for", "json", "--travel", "4", "60", "--out", out)
+    # Slow orders are not in the table, so that they are not in its prediction either.
+    assert code == 0 and said.count("left out") == 1
+    out.unlink()
     code, _, said = vttig("export", short, "--for", "json", "--travel", "60", "200", "--out", out)
     assert code == 2 and not said.startswith("Traceback")
+    # What is covered is said in positions of the axis, of which the zero is elsewhere.
+    options = ("--axis-zero-deg", "100", "--travel", "104", "400", "--out", out)
+    code, _, said = vttig("export", short, "--for", "json", *options)
+    first, last = map(float, re.findall(r"([\d.]+)°", said))
+    assert code == 2 and first == pytest.approx(104, abs=0.1) and 160 < last < 200
 
 
 def test_a_table_that_is_held_over_further_turns_is_refused(export, run_folder):
@@ -147,8 +162,16 @@ def test_what_linuxcnc_would_read_of_a_file(vttig, vttig_json, export, both):
     code, record = vttig_json("inspect", out, "--for", "linuxcnc")
     assert code == 0 and (record["rows"], record["comp_file_type"]) == (256, 1)
     jsonschema.validate(record, load_schema("vttig.comp-file/1"))
+    rows = np.loadtxt(out.read_text().splitlines()[:256])
+    largest = np.abs(rows[:, 1:]).max()
+    assert record["largest"] == pytest.approx(largest)
     code, said, _ = vttig("inspect", out, "--for", "linuxcnc")
-    assert code == 0 and "COMP_FILE_TYPE" in said
+    assert code == 0 and "COMP_FILE_TYPE" in said and f"{largest:.4g}" in said
+    # The same as positions, for COMP_FILE_TYPE = 0.
+    np.savetxt(out, rows + rows[:, :1] * [0, 1, 1])
+    code, record = vttig_json("inspect", out, "--for", "linuxcnc")
+    assert record["comp_file_type"] == 0 and record["largest"] == pytest.approx(largest, rel=1e-6)
+    *_, out = export(both, "linuxcnc", "--overwrite")
     assert vttig("inspect", out, "--for", "linuxcnc", "--ratio", "1:2")[0] == 2
     out.write_text("# forward, reverse\n1, 2, 3\n")
     code, record = vttig_json("inspect", out, "--for", "linuxcnc")

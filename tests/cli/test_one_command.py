@@ -93,7 +93,9 @@ def test_a_run_folder_repeats_without_the_options(vttig_json, log, tmp_path):
 def test_an_inverted_encoder(vttig, vttig_json, log):
     log.write_text(csv("Zeit [s],Motorwinkel [°],Abtriebswinkel [°]", T, X, -Y))
     code, _, err = vttig("fit", log, "--ratio", "16:9", "--delay", "off")
-    assert code == 3 and "--invert driven" in err
+    assert code == 3 and "--invert driven" in err and "driving if" in err
+    code, _, err = vttig("fit", log, "--ratio", "16:9", "--driving-scale", "-1")
+    assert code == 2 and "invert" in err
     stated = ["fit", log, "--ratio", "16:9", "--delay", "off", "--invert", "driven"]
     gap = vttig_json(*stated)[1]["parameters"]["constant_backlash_deg"]
     assert gap["value"] == pytest.approx(GAP_DEG, abs=1e-4)

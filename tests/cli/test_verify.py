@@ -104,6 +104,14 @@ def test_any_axis(vttig_json, run, tmp_path, options, axis):
         assert record["logs"][0]["likely"] == "another_turn" and record["logs"][0]["value"] == 1
 
 
+def test_an_axis_that_counts_against_its_command(vttig, run, table, tmp_path):
+    """Exported as it is and verified as reversed, or the other way round."""
+    log = commanded(tmp_path / "log.csv", table)
+    code, out, err = vttig("verify", run, log, "--reversed")
+    assert (code, out) == (2, "") and err.count("\n") == 1
+    assert "command" in err and "--reversed" in err and "--invert" not in err
+
+
 def test_one_direction(vttig_json, tmp_path):
     """The run knows the way forward alone, and so does what it says of a log of both."""
     run = fitted(tmp_path / "drive", error_arcsec, "--delay", "off", "--flank", "A")

@@ -248,7 +248,7 @@ def as_fraction(value: Written, where: str, written: Written | None = None) -> F
     if not 1e-9 <= fraction <= 1e9:
         raise PairError(
             f"{(written or value)!r} is not a positive ratio; write a number or a quotient such as"
-            ' "7/1798".',
+            ' "7/1798", and invert a column that counts backwards.',
             where=where,
         )
     return fraction

@@ -1,7 +1,7 @@
 """Error table of the axis of a run: the correction, what it leaves over a travel, and its file."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -93,11 +93,6 @@ class AxisTable(TextResult):
         """Return the largest speed of the axis, °/s, at which LinuxCNC follows the table."""
         return _FOLLOWED * acceleration_deg_s2 * servo_s / max(self.table.steepest, 1e-300)
 
-    @property
-    def held(self) -> bool:
-        """Whether only one direction was measured."""
-        return len(self.table.values) < 2
-
     def provenance(self, version: str) -> tuple[str, ...]:
         """Return lines that say what the table is, and which `version` made it from what."""
         fit, axis = self.fit, self.axis
@@ -165,13 +160,13 @@ class AxisTable(TextResult):
 
     def __str__(self) -> str:
         rows = self._rows()
-        if self.held:
-            (only,) = self.table.values
-            twice = "a file that needs both directions has its values twice"
-            rows.append(("one direction", f"the log shows {only} only; {twice}"))
+        if len(self.table.values) < 2:
+            only = " ".join(self.table.values)
+            rows.append(("one direction", f"{only}; a file with both has its values twice"))
         elif self.lost is None:
-            lacking = "the log does not determine the gap; each flank has the mean zero"
-            rows.append(("lost motion", f"{lacking}, so that the table does not take it out"))
+            rows.append(("lost motion", "it stays, because the log does not determine the gap"))
+        if short := " and ".join(s for s in SHAFTS if self.fit.core.scope.turns[s] < FULL_TURN):
+            rows.append(("left out", f"orders of the {short} shaft, which turned less than once"))
         rows += left_out_rows(self.fit)
         rows.append(("contains", "also what the encoder of the driven shaft adds once per turn"))
         return key_values(rows, title="error table of the axis")
@@ -201,6 +196,8 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
     alike = axis.shaft == "driving" and not np.any(own[:, driven])
     turns = 1 if alike else max(1, round(abs(gain) * fit.pair.hunting_turns))
     flanks, zero_mean, model, draws = measured_error(fit, posterior)
+    # The log begins in the forward direction, as homing does, which has the mean zero.
+    ahead: Flank = "A" if gain > 0 else "B"
     draws = student_draws(fit) if draws is None else draws
     every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
     parts = {name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")}
@@ -210,10 +207,8 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
     known = (0,) if axis.place_known else tuple(range(turns))
 
     def error_of(curve: Callable[[np.ndarray, Flank], np.ndarray], period: np.ndarray):
-        levels = {flank: curve(period, flank).mean(axis=0) for flank in zero_mean}
-
         def less(flank: Flank) -> Curve:
-            level = levels[flank if flank in levels else flanks[0]]
+            level = curve(period, flank if zero_mean == flanks else ahead).mean(axis=0)
             return lambda angle: curve(angle, flank) - level
 
         curves: dict[Flank, Curve] = {flank: less(flank) for flank in flanks}
@@ -281,8 +276,7 @@ def axis_table(
     count = max(POINTS_PER_PERIOD * order / REV, 8 / step) * (last - first)
     position = np.linspace(first, last, min(math.ceil(count) + 1, _MOST_POINTS))
     alike = axis.shaft == "driving" and turns == 1
-    driving = (position - error.zero) / error.gain
-    _require_covered(fit, tuple(error.errors), driving, every_turn=alike)
+    _require_covered(fit, error, position, every_turn=alike)
     shown = {name: left_over(error, None, name, position) for name in error.directions}
     left = {name: left_over(error, table, name, position) for name in error.directions}
     before = {name: size(one) for name, one in shown.items()}
@@ -310,26 +304,24 @@ def axis_table(
     return AxisTable(fit, axis, travel, over, table, before, after, after95, lost, len(error.turns))
 
 
-def _require_covered(
-    fit: Fit, flanks: Sequence[Flank], driving: np.ndarray, *, every_turn: bool
-) -> None:
-    """Refuse a travel beyond what the log covers, if it did not show whole turns of both shafts.
+def _require_covered(fit: Fit, error: AxisError, position: np.ndarray, *, every_turn: bool) -> None:
+    """Refuse positions beyond what the log covers, if it did not show whole turns of both shafts.
 
     `every_turn`: whether any turn of the driving shaft tells all others.
     """
     short = [shaft for shaft in SHAFTS if fit.core.scope.turns[shaft] < FULL_TURN]
     if not short or (every_turn and short == ["driven"]):
         return
-    for flank in flanks:
+    place = np.mod((position - error.zero) / error.gain, fit.pair.hunting_turns * REV)
+    for name, flank in error.directions.items():
         spans = fit.coverage.spans.get(flank, np.empty((0, 2)))
-        place = np.mod(driving, fit.pair.hunting_turns * REV)
         seen = np.searchsorted(spans.ravel(), place, side="right") % 2 == 1
         if not seen.all():
-            ends = f"{spans.min() / DEG:.6g}° … {spans.max() / DEG:.6g}°" if len(spans) else "none"
+            ends = np.degrees(position[seen][[0, -1]]) if seen.any() else ()
             raise UsageError(
-                f"the log covers {math.floor(100 * seen.mean())} % of this travel on flank {flank}"
-                f" ({ends} of the driving shaft) and no whole turn of the {' and the '.join(short)}"
-                " shaft, so that nothing tells the rest; give a --travel that it covers, or log"
-                " more.",
+                f"the log covers {math.floor(100 * seen.mean())} % of this travel {name}"
+                f" ({' … '.join(f'{end:.6g}°' for end in ends) or 'none'}) and no whole turn of the"
+                f" {' and the '.join(short)} shaft, so that nothing tells the rest; give a --travel"
+                " that it covers, or log more: what is run at changing speed does not count.",
                 where=fit.source,
             )

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import msgspec
 import numpy as np
 
-from ..base.errors import NoAnswerError
+from ..base.errors import NoAnswerError, UsageError
 from ..base.units import ARCSEC, REV
 from ..control.compensation.correction import CorrectionTable
 from ..control.compensation.verification import FAULTS, AxisRows, judged, size_of
@@ -93,9 +93,8 @@ def commanded_log(
     name = layout.command or (None if index is None else table.names[index])
     if name is None:
         raise NoAnswerError(
-            "the log does not have the commanded position: two encoders alone show the same before"
-            " and after a compensation; log the command too, and name its column with"
-            " --column command=NAME.",
+            "the log does not have the commanded position, and two encoders alone do not see a"
+            " compensation; log the command too, and name its column with --column command=NAME.",
             where=str(path),
         )
     given = {"driving": name, "driving_scale": str(1 / abs(gain)), "zero": "reading"}
@@ -110,7 +109,14 @@ def commanded_log(
     roles = assign(table, statement)
     for question in roles.questions:
         raise question
-    return EncoderLog.of(table, roles)
+    log = EncoderLog.of(table, roles)
+    if np.cov(log.driving.angle, log.driven_angle)[0, 1] < 0:
+        raise UsageError(
+            "the axis counts against its command; give --reversed here and to export, or take it"
+            " away if it is given; or fit again with the other shaft inverted.",
+            where=str(path),
+        )
+    return log
 
 
 def _checked(

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-SPEED_DEG_S, ACCELERATION_DEG_S2, SERVO_S = 600.0, 5000.0, 1e-3
+SPEED_DEG_S, ACCELERATION_DEG_S2, SERVO_S = 1200.0, 5000.0, 1e-3
 
 _BUFFERS = {
     "emcCommand": 8192,
@@ -108,10 +108,24 @@ def home_at(switch_deg: float, offset_deg: float) -> str:
     )
 
 
+def home_at_index(offset_deg: float) -> str:
+    """An axis that calls the index, at which the encoder of its motor reads zero, `offset_deg`.
+
+    It has no switch. The simulated index comes 10 ms after the axis began to look for it.
+    """
+    return (
+        f"HOME_SEARCH_VEL = 0\nHOME_LATCH_VEL = 1\nHOME_USE_INDEX = YES\nHOME_FINAL_VEL = 100\n"
+        f"HOME_OFFSET = {offset_deg}\nHOME = 0\n"
+    )
+
+
 def moved(
-    folder: Path, tables: list[str], moves: list[str], homing: Sequence[str] = (HOME_HERE,) * 3
+    folder: Path, tables: list[str], moves: list[str], homing: Sequence[str] = (HOME_HERE,) * 6
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Move the axes A, B, … with one table each, and return what was sampled each millisecond.
+    """Move axes with one table each, and return what was sampled each millisecond.
+
+    They are A, B and C, then X, Y and Z, whose mm stand for degrees: only three axes are rotary.
+    The paths of the tables have a space.
 
     A move is a line of G-code; the line HOME homes all axes, first of all by default, and the line
     JOG 37 moves them by 37° unhomed. `homing` are lines of the INI file for each axis. An empty
@@ -119,11 +133,11 @@ def moved(
 
     **Returns** command, motor position and speed, °, shapes (samples, axes).
     """
-    axes = "ABC"[: len(tables)]
+    axes = "ABCXYZ"[: len(tables)]
     source, rows = folder / "machine", range(len(tables))
     source.mkdir()
     for number, table in enumerate(tables):
-        (source / f"axis_{number}.comp").write_text(table)
+        (source / f"axis {number}.comp").write_text(table)
     if "HOME" not in moves:
         moves = ["HOME", *moves]
     (source / "moves.txt").write_text("\n".join(moves) + "\n")
@@ -142,6 +156,7 @@ def moved(
         f"loadrt motmod servo_period_nsec={round(1e9 * SERVO_S)} num_joints={len(tables)}",
         f"loadrt sampler depth=60000 cfg={'fff' * len(tables)}",
         f"loadrt comp count={len(tables)}",
+        f"loadrt sim_home_switch count={len(tables)}",
         "addf motion-command-handler servo-thread",
         "addf motion-controller servo-thread",
         "addf sampler.0 servo-thread",
@@ -160,6 +175,11 @@ def moved(
                 f"net motor{joint} => comp.{joint}.in1",
                 f"net switch{joint} comp.{joint}.out => joint.{joint}.home-sw-in",
                 f"addf comp.{joint} servo-thread",
+            ]
+        if "HOME_USE_INDEX" in homing[joint]:
+            hal += [
+                f"net index{joint} sim-home-switch.{joint}.index-enable joint.{joint}.index-enable",
+                f"addf sim-home-switch.{joint} servo-thread",
             ]
     (source / "axis.hal").write_text("\n".join(hal) + "\n")
     result = folder / "result"
@@ -223,14 +243,17 @@ def _ini(axes: str, homing: Sequence[str]) -> str:
         "[EMCIO]\nEMCIO = io\nCYCLE_TIME = 0.1\n[HAL]\nHALFILE = axis.hal\n",
         f"[TRAJ]\nCOORDINATES = {axes}\nLINEAR_UNITS = mm\nANGULAR_UNITS = degree\n"
         f"MAX_ANGULAR_VELOCITY = {2 * SPEED_DEG_S}\n"
-        f"MAX_ANGULAR_ACCELERATION = {ACCELERATION_DEG_S2}\n",
+        f"MAX_ANGULAR_ACCELERATION = {ACCELERATION_DEG_S2}\n"
+        f"MAX_LINEAR_VELOCITY = {2 * SPEED_DEG_S}\n"
+        f"MAX_LINEAR_ACCELERATION = {ACCELERATION_DEG_S2}\n",
         f"[KINS]\nKINEMATICS = trivkins coordinates={axes}\nJOINTS = {len(axes)}\n",
     ]
     for joint, axis in enumerate(axes):
         parts.append(f"[AXIS_{axis}]\n{limits}")
         parts.append(
-            f"[JOINT_{joint}]\nTYPE = ANGULAR\n{limits}FERROR = 10\nMIN_FERROR = 10\n"
+            f"[JOINT_{joint}]\nTYPE = {'ANGULAR' if axis in 'ABC' else 'LINEAR'}\n{limits}"
+            "FERROR = 10\nMIN_FERROR = 10\n"
             f"HOME_SEQUENCE = 0\n{homing[joint]}"
-            f"COMP_FILE = axis_{joint}.comp\nCOMP_FILE_TYPE = 1\n"
+            f"COMP_FILE = axis {joint}.comp\nCOMP_FILE_TYPE = 1\n"
         )
     return "".join(parts)

@@ -6,7 +6,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from tests.control.compensation.linuxcnc import HOME_HERE, home_at, moved, why_not
+from tests.control.compensation.linuxcnc import (
+    HOME_HERE,
+    SERVO_S,
+    home_at,
+    home_at_index,
+    moved,
+    why_not,
+)
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.compensation.correction import (
     AxisError,
@@ -20,7 +27,7 @@ from vttig_jax.identify.identification import fit
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_error import errors_at
 from vttig_jax.kinematics.flank_model import FlankModel
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 from vttig_jax.rig.imperfections import Noise, random_orders
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_eccentricities
@@ -51,10 +58,12 @@ def axis_of(model: FlankModel, pair: GearPair) -> AxisError:
     return AxisError({"A": error_on("A"), "B": error_on("B")}, ratio, ratio)
 
 
-def gears(driving_teeth: int, driven_teeth: int) -> AxisError:
+def gears(
+    driving_teeth: int, driven_teeth: int, eccentric: Eccentricities = paper_eccentricities()
+) -> AxisError:
     """The axis of the paper's gears with other teeth and the exact relation of two involutes."""
     pair = paper_like(driving_teeth, driven_teeth)
-    return axis_of(exact_model(pair, paper_eccentricities()), pair)
+    return axis_of(exact_model(pair, eccentric), pair)
 
 
 def worm() -> AxisError:
@@ -67,8 +76,8 @@ def worm() -> AxisError:
     return AxisError({"A": error, "B": lambda angle: error(angle) + 40 * ARCSEC}, ratio, ratio)
 
 
-PACE = 60.0
-"""Speed of an axis over a turn, °/s."""
+PACE, STEADY_S = 120.0, 2.5
+"""Speed of an axis over a turn, °/s; how long it must be seen there, of the 3 s of a turn."""
 
 CASES = {
     "whole number": (gears(40, 80), 0.005, 0.0),
@@ -77,15 +86,48 @@ CASES = {
 }
 
 
+TURNS = 9
+"""Turns of the driven gear of 45/80 until the same teeth meet."""
+
+
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """Tables of the cases, and the samples of one turn there and back with stops on the way."""
+def hunting():
+    """Axes X, Y and Z, tables of them, and the fit of Z.
+
+    X and Y are 45/80, with a table of nine turns and with the mean of all turns; Z is a pair with a
+    whole-number ratio whose table comes from the fit of a noisy log of 20 turns each way. Its pitch
+    errors are drawn: a fit that expects orders where there are none says too much of its noise.
+    """
+    axis = gears(45, 80)
+    unknown = replace(axis, turns=tuple(range(TURNS)))
+    pair = paper_like(40, 80)
+    motion = PassMotion(speed_rpm=60.0, reversal_deg=20 * 360.0)
+    noise = Noise(0.002, 0.00475)
+    orders = random_orders(np.random.default_rng(0), pitch_rms_deg=0.002, mesh_amplitude_deg=0.0)
+    rig = SyntheticRig(pair, paper_eccentricities(), motion, orders, noise=noise, rate_hz=500.0)
+    fitted = axis_table(fit(rig.log(0), pair, delay="off"), None, AxisSetting())
+    tables = [
+        correction_table(axis, 0.0, TURNS * REV, TURNS * REV / 255),
+        correction_table(unknown, 0.0, REV, REV / 255),
+        fitted.table,
+    ]
+    return (axis, unknown, axis_of(rig.flank_model(), pair)), tables, fitted
+
+
+@pytest.fixture(scope="module")
+def run(hunting, tmp_path_factory):
+    """Tables of all axes, and their samples: a turn there and back, and stops on the way.
+
+    The axes of the cases are A, B and C. X makes its nine turns meanwhile.
+    """
     tables = [correction_table(axis, 0.0, REV, REV / 255) for axis, *_ in CASES.values()]
+    tables += hunting[1]
     stops = np.random.default_rng(7).uniform(100, 200, 16).round(3)
     to = lambda where: f"A{where} B{where} C{where}"  # noqa: E731
-    feed = f"F{60 * PACE * 3**0.5:.1f}"  # the pace of each axis
-    moves = [f"G1 {feed} {to(360)}", f"G1 {feed} {to(0)}", "G4 P0.3"]
-    moves += [move for stop in stops for move in (f"G0 {to(stop)}", "G4 P0.3")]
+    feed = f"F{60 * PACE * (TURNS**2 + 2) ** 0.5:.1f}"  # of X, Y and Z together
+    moves = [f"G1 {feed} {to(360)} X{TURNS * 360} Y360 Z360", "G4 P0.2"]
+    moves += [f"G1 {feed} {to(0)} X0 Y0 Z0", "G4 P0.3"]
+    moves += [move for stop in stops for move in (f"G0 {to(stop)}", "G4 P0.2")]
     texts = [linuxcnc(table, ("a test",)) for table in tables]
     return tables, moved(tmp_path_factory.mktemp("linuxcnc"), texts, moves)
 
@@ -100,7 +142,7 @@ def test_the_axis_stands_where_linuxcnc_was_told(run, name):
     found = {}
     for direction, flank in axis.directions.items():
         own = steady & (np.sign(pace) == (1 if direction == "forward" else -1))
-        assert own.sum() > 5000
+        assert own.sum() * SERVO_S > STEADY_S
         left = stood[own] + axis.at(flank, stood[own]) - asked[own]
         before = size(left_over(axis, None, direction, asked[own])).rms
         promised = size(left_over(axis, table, direction, asked[own])).rms
@@ -130,62 +172,29 @@ def test_no_motion_is_lost_at_reversals(run):
     assert lost < 0.005 * np.sqrt(np.mean(np.square(gaps)))
 
 
-TURNS = 9
-"""Turns of the driven gear of 45/80 until the same teeth meet."""
-
-
-@pytest.fixture(scope="module")
-def second(tmp_path_factory):
-    """Axes A over nine turns, B and C over one turn meanwhile, there and back.
-
-    A and B are 45/80, with a table of nine turns and with the mean of all turns; C is a pair with a
-    whole-number ratio whose table comes from the fit of a noisy log of 20 turns each way. Its pitch
-    errors are drawn: a fit that expects orders where there are none says too much of its noise.
-    """
-    axis = gears(45, 80)
-    unknown = replace(axis, turns=tuple(range(TURNS)))
-    pair = paper_like(40, 80)
-    motion = PassMotion(speed_rpm=60.0, reversal_deg=20 * 360.0)
-    noise = Noise(0.002, 0.00475)
-    orders = random_orders(np.random.default_rng(0), pitch_rms_deg=0.002, mesh_amplitude_deg=0.0)
-    rig = SyntheticRig(pair, paper_eccentricities(), motion, orders, noise=noise, rate_hz=500.0)
-    fitted = axis_table(fit(rig.log(0), pair, delay="off"), None, AxisSetting())
-    tables = [
-        correction_table(axis, 0.0, TURNS * REV, TURNS * REV / 255),
-        correction_table(unknown, 0.0, REV, REV / 255),
-        fitted.table,
-    ]
-    feed = f"F{60 * PACE * (TURNS**2 + 2) ** 0.5:.1f}"
-    moves = [f"G1 {feed} A{TURNS * 360} B360 C360", "G4 P0.3", f"G1 {feed} A0 B0 C0", "G4 P0.3"]
-    texts = [linuxcnc(table, ("a test",)) for table in tables]
-    samples = moved(tmp_path_factory.mktemp("second"), texts, moves)
-    truth = axis_of(rig.flank_model(), pair)
-    return (axis, unknown, truth), tables, fitted, samples
-
-
 def rests(samples, place: int, error: AxisError, pace: float):
     """Yield direction, commands and turn → what the exact gears leave there, at a steady pace."""
     asked, stood, speed = (values[:, place] for values in samples)
     for direction, flank in error.directions.items():
         sign = 1 if direction == "forward" else -1
         own = np.abs(speed - sign * pace) < 0.01
-        assert own.sum() > 5000
+        assert own.sum() * SERVO_S > STEADY_S
         where, there = asked[own] * DEG, stood[own] * DEG
         left = [there + error.at(flank, there, turn) - where for turn in error.turns]
         yield direction, where, left
 
 
-def test_a_table_of_nine_turns(second):
-    (axis, *_), (table, *_), _, samples = second
-    for direction, where, (left,) in rests(samples, 0, axis, TURNS * PACE):
+def test_a_table_of_nine_turns(hunting, run):
+    ((axis, *_), (table, *_), _), (_, samples) = hunting, run
+    for direction, where, (left,) in rests(samples, 3, axis, TURNS * PACE):
         promised = size(left_over(axis, table.in_float32(), direction, where)).rms
         assert abs(size(left).rms - promised) < max(0.1 * promised, 0.2 * ARCSEC)
         assert promised < 0.1 * size(left_over(axis, None, direction, where)).rms
 
 
-def test_the_mean_curve_leaves_what_is_predicted_in_each_of_nine_turns(second):
-    (_, unknown, _), (_, table, _), _, samples = second
-    for direction, where, left in rests(samples, 1, unknown, PACE):
+def test_the_mean_curve_leaves_what_is_predicted_in_each_of_nine_turns(hunting, run):
+    ((_, unknown, _), (_, table, _), _), (_, samples) = hunting, run
+    for direction, where, left in rests(samples, 4, unknown, PACE):
         promised = left_over(unknown, table.in_float32(), direction, where)
         for found, expected in zip(left, promised, strict=True):
             off = abs(size(found).rms - size(expected).rms)
@@ -194,9 +203,9 @@ def test_the_mean_curve_leaves_what_is_predicted_in_each_of_nine_turns(second):
         assert size(np.array(left)).rms < size(left_over(unknown, None, direction, where)).rms
 
 
-def test_a_table_from_a_noisy_log_leaves_what_its_band_says(second):
-    (*_, truth), _, fitted, samples = second
-    for direction, where, (left,) in rests(samples, 2, truth, PACE):
+def test_a_table_from_a_noisy_log_leaves_what_its_band_says(hunting, run):
+    ((*_, truth), _, fitted), (_, samples) = hunting, run
+    for direction, where, (left,) in rests(samples, 5, truth, PACE):
         low, high = fitted.after95[direction]
         assert low <= size(left).rms <= high
         assert size(left).rms < 0.05 * size(left_over(truth, None, direction, where)).rms
@@ -229,7 +238,8 @@ def test_where_an_axis_is_that_is_homed_with_its_table(tmp_path):
     """The table acts before homing too, and what it adds then goes into the zero.
 
     An axis with a switch is at the place of its switch when it latches it, however it came there.
-    One that is homed where it stands has what the table adds at its position before.
+    One that is homed where it stands has what the table adds at its position before. With an index
+    the encoder alone says where the axis is: the table adds nothing to the zero.
     """
     error = gears(40, 80)
     table = correction_table(error, -0.5 * REV, 0.5 * REV, REV / 255).in_float32()
@@ -240,16 +250,17 @@ def test_where_an_axis_is_that_is_homed_with_its_table(tmp_path):
     offset = SWITCH - added(SWITCH)
     here = added(-17.3) - added(0.0)  # where the mark is then
     again = [f"G0 B{here - 1:.6f}", f"G1 F600 B{here:.6f}", "G4 P0.2", "HOME"]
-    to, stop = "G0 A20 B20", "G4 P0.3"
+    to, stop = "G0 A20 B20 C20", "G4 P0.3"
     moves = ["HOME", to, stop, "JOG -37.3", "HOME", to, stop, *again, to, stop]
-    homing = [home_at(SWITCH, offset), HOME_HERE]
-    command, motor, speed = moved(tmp_path, [linuxcnc(table, ())] * 2, moves, homing)
+    homing = [home_at(SWITCH, offset), HOME_HERE, home_at_index(5.0)]
+    command, motor, speed = moved(tmp_path, [linuxcnc(table, ())] * 3, moves, homing)
     still = np.all(speed == 0.0, axis=1) & np.all(np.abs(command - 20) < 1e-9, axis=1)
     ends = np.append(np.flatnonzero(np.diff(np.flatnonzero(still)) > 1), -1)
-    switch, mark = motor[np.flatnonzero(still)[ends]].T
+    switch, mark, index = motor[np.flatnonzero(still)[ends]].T
     assert len(switch) == 3
     # The axis with the switch stands where the motor is as its table says, within a period's way.
     np.testing.assert_allclose(switch, 20 + added(20), atol=1.0 / 3600)
+    np.testing.assert_allclose(index, 20 + added(20) - 5.0, atol=0.01 / 3600)
     place = 20 + added(20) - 37.3 + added(-17.3) - added(20)
     right = place + 20 + added(20) - added(0)
     off = added(-17.3) - added(0)

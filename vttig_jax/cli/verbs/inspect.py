@@ -103,8 +103,7 @@ def command(
         from ...plotting.residual import plot_log
 
         write_picture(plot_log(found), picture, overwrite=overwrite)
-    drawn = f"\n\npicture: {picture}" if picture else ""
-    output.emit(report.to_json(), f"{report}{drawn}")
+    output.emit(report.to_json(), str(report) + f"\n\npicture: {picture}" * (picture is not None))
 
 
 def _comp_file(path: Path) -> tuple[dict[str, Any], str]:
@@ -118,10 +117,10 @@ def _comp_file(path: Path) -> tuple[dict[str, Any], str]:
     found = read_linuxcnc((kept_bytes(path) or read_regular(path)).decode("utf-8", "replace"))
     if found.faults:
         raise InputError(" ".join(found.sentences), where=str(path))
-    ends, name = found.rows[[0, -1], 0].tolist(), "corrections" if found.type else "positions"
-    record = {"source": str(path), "rows": len(found.rows), "comp_file_type": found.type}
-    said = f"{path}: {len(found.rows)} rows of {name} from {ends[0]:g} to {ends[1]:g}; LinuxCNC"
-    return (
-        {"schema": "vttig.comp-file/1", **record, "positions": ends},
-        f"{said} reads all of them with COMP_FILE_TYPE = {found.type}",
-    )
+    rows, kind = found.rows, found.type
+    record = {"schema": "vttig.comp-file/1", "source": str(path), "comp_file_type": kind}
+    record |= {"rows": len(rows), "positions": rows[[0, -1], 0].tolist()}
+    record["largest"] = abs(rows[:, 1:] - (not kind) * rows[:, :1]).max().item()
+    said = f"{path}: {len(rows)} rows of {'corrections' if kind else 'positions'} from"
+    said += f" {rows[0, 0]:g} to {rows[-1, 0]:g}, which move the axis by {record['largest']:.4g} at"
+    return record, f"{said} most; LinuxCNC reads all of them with COMP_FILE_TYPE = {kind}"

@@ -301,8 +301,8 @@ class SeenRatio:
         turns, inverse = self._inverse
         return {
             "swapped": f"{exchanged}, or give --ratio {turns} (in the pair file {inverse})",
-            "sign": "give --invert driven, or take it away if it is given; in a pair file set"
-            " `sign = -1` for the encoder that does, or take it away where it is set",
+            "sign": "give --invert driven, or driving if that encoder counts against the axis, or"
+            " take it away if it is given (`sign = -1` for the encoder in a pair file)",
             "swapped_sign": f"{exchanged}, and give --invert driven (in the pair file `sign = -1`)",
             "differs": f"correct {self.lead}the teeth or the ratio ({self._option} is that of the"
             " log; --teeth, or [drive] ratio in a pair file), or the counts and units (--counts,"
