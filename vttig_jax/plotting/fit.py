@@ -91,7 +91,7 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
         markersize=4,
         capsize=3,
     )
-    bars[0].set_label("at speeds that the log passed, 95 % interval")
+    bars[0].set_label("at speeds of the log, 95 % interval")
     handles: list[Line2D] = [bars[0]]
     if whole is not None:
         label = f"over the angles covered: {whole:.4f}°"
