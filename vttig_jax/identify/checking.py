@@ -127,9 +127,7 @@ def gap_by_speed(core: MixedFit, needed: bool) -> tuple[GapAtSpeed, ...]:
     bends = [index["bend", k] for k in range(BENDS)]
     rows = []
     for speed in speeds:
-        raw = np.zeros(len(index))
-        raw[bends] = np.maximum(speed - core.bends, 0.0)
-        along = raw @ natural
+        along = np.maximum(speed - core.bends, 0.0) @ natural[bends]
         for name, gain in ((("gap",), 1.0), (("delay",), 2 * abs(scope.ratio) * speed)):
             if name in index:
                 along[bends] += gain * natural[index[name], bends]
