@@ -33,7 +33,7 @@ BOUNDS = {
     "plotting": (1896, 52),  # 2000 together with the report
     "runs": (2611, 11),  # 900
     "cli": (4099, 19),  # 2600
-    "report": (607, 6),
+    "report": (594, 5),
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in
 the end; for all rooms together it is 31000."""

@@ -214,11 +214,11 @@ def test_a_gap_that_depends_on_the_speed_is_said():
 
 def test_a_ramp_is_no_speed_of_the_log():
     """Ramps of 2 s between standstill, 60 and 150 rpm."""
-    motion = [0.3], [0.0]
+    seconds, rpms = [0.3], [0.0]
     for sign in (1.0, -1.0):
-        motion[0].extend([2.0, 20.0, 2.0, 8.0, 2.0, 0.3])
-        motion[1].extend([60.0 * sign, 60.0 * sign, 150.0 * sign, 150.0 * sign, 0.0, 0.0])
-    result = fit(drive_log(PAIR, motion, gap=level(GAP), error=wave), PAIR)
+        seconds += [2.0, 20.0, 2.0, 8.0, 2.0, 0.3]
+        rpms += [60.0 * sign, 60.0 * sign, 150.0 * sign, 150.0 * sign, 0.0, 0.0]
+    result = fit(drive_log(PAIR, (seconds, rpms), gap=level(GAP), error=wave), PAIR)
     shown = [one.speed_rpm for one in result.checks.gap_by_speed]
     assert shown == pytest.approx([60.0, 150.0], rel=0.01)
 

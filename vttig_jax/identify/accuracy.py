@@ -51,8 +51,8 @@ _POINTS, _MOST_POINTS = 16, 2**18
 
 
 class Run(NamedTuple):
-    """One run in cells: flank, angles of both shafts, transmission error, and this without drift and
-    delay (NaN in a cell without a sample), rad; and the variance of the places in a cell, cells².
+    """One run in cells: flank, angles of both shafts, transmission error, and this without drift
+    and delay (NaN in a cell without a sample), rad; and the variance of places in a cell, cells².
     """
 
     flank: str

@@ -207,7 +207,7 @@ def axis_numbers(
     drawn = shrunk(waves[:, 1:].ravel(), np.full(2 * len(mean) - 2, noise))
     level = waves[:, :1] + noise * random.standard_normal((DRAWS, 2, 1))
     drawn = np.concatenate([level, drawn.reshape(DRAWS, 2, -1)], axis=2)
-    middle, half = np.swapaxes(idct(drawn, norm="ortho"), 0, 1)
+    middle, half = np.moveaxis(np.asarray(idct(drawn, norm="ortho"), float), 1, 0)
     true = np.stack([middle + half, middle - half], axis=-1)
     again = true + np.sqrt(variance / count) * random.standard_normal(true.shape)
     spread = np.sqrt(variance * random.chisquare(free, true.shape) / free)
