@@ -7,6 +7,7 @@ import pytest
 
 import vttig_jax
 from benchmarks.standards import single_flank_truth
+from tests.identify.drives import drive, drive_log, level, there_and_back
 from tests.identify.quick import quick_rig
 from tests.kinematics.test_accuracy import axis_looped
 from vttig_jax.base.errors import NoAnswerError
@@ -102,6 +103,19 @@ def test_repeated_passes_are_those_of_an_axis():
     assert numbers["B"]["value_arcsec"] == pytest.approx(20, abs=1)
     assert numbers["M"]["value_arcsec"] == pytest.approx(30, abs=1)
     assert 0 < numbers["R"]["noise_share"] < 0.5
+
+
+def test_few_samples_in_a_turn_do_not_flatten_its_orders():
+    """At 14 samples in a turn a chord between two of them cuts a fifth of order 5 off."""
+    pair = drive("1/10", orders=(1, 5))
+    error = lambda angle, speed: 20 * np.sin(angle) + 10 * np.sin(5 * angle)  # noqa: E731
+    motion = there_and_back((300.0,), 12.0)
+    log = drive_log(pair, motion, gap=level(100.0), error=error, rate_hz=71.3)
+    rows = vttig_jax.fit(log, pair).accuracy.to_json()["single_flank"]
+    turn = np.linspace(0.0, 2 * np.pi, 10_001)
+    truth = np.ptp(error(turn, turn))
+    shown = [row["F_is"] for row in rows if row["period"] == "driving shaft"]
+    assert [one["value_arcsec"] for one in shown] == pytest.approx([truth, truth], rel=0.01)
 
 
 def test_a_short_run_is_told_why():

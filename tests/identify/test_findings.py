@@ -212,6 +212,17 @@ def test_a_gap_that_depends_on_the_speed_is_said():
     assert len(rows) > 2 and result.checks.likelihood_ratio["gap_by_speed"] > 12
 
 
+def test_a_ramp_is_no_speed_of_the_log():
+    """Ramps of 2 s between standstill, 60 and 150 rpm."""
+    seconds, rpms = [0.3], [0.0]
+    for sign in (1.0, -1.0):
+        seconds += [2.0, 20.0, 2.0, 8.0, 2.0, 0.3]
+        rpms += [60.0 * sign, 60.0 * sign, 150.0 * sign, 150.0 * sign, 0.0, 0.0]
+    result = fit(drive_log(PAIR, (seconds, rpms), gap=level(GAP), error=wave), PAIR)
+    shown = [one.speed_rpm for one in result.checks.gap_by_speed]
+    assert shown == pytest.approx([60.0, 150.0], rel=0.01)
+
+
 def test_a_delay_that_is_stated_right_is_not_shown():
     assert "delay-shown" not in slugs(late_at_two_speeds(delay=5e-3)) | slugs(late_at_two_speeds())
     (shown,) = [o for o in late_at_two_speeds(delay="off").findings if o.slug == "delay-shown"]

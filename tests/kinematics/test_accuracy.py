@@ -90,6 +90,14 @@ def test_noise_is_taken_off_a_range():
     assert abs(np.mean(off, axis=0)[1]) < 0.4 * np.mean(off, axis=0)[0]
 
 
+def test_what_one_wave_tells_is_not_taken_off_as_noise_of_another():
+    """Order 1 could be large noise, which here is small; order 8 alone makes 2 × 0.25."""
+    order, std = np.arange(1, 11), np.array([0.5, *np.full(9, 0.02)])
+    value = 0.01 * np.exp(1j * order) + 0.25 * (order == 8) + 0.05 * (order == 1)
+    _, found, low, high = single_flank_numbers(value, std, order, 0, 256, order > 10)[:, 0]
+    assert 0.35 < found < high and low <= 0.5 <= high
+
+
 def axis_looped(up: np.ndarray, down: np.ndarray) -> dict[str, float]:
     """The terms of readings (target, pass) by loops over the definitions of ISO 230-2."""
     found = {"B": 0.0, "R": 0.0}

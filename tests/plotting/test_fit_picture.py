@@ -8,7 +8,7 @@ from msgspec.structs import replace as changed
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.records import GapAtSpeed
 from vttig_jax.kinematics.te_curve import TECurve
-from vttig_jax.plotting.curves import MOST_POINTS
+from vttig_jax.plotting.curves import MOST_POINTS, folded_turns
 from vttig_jax.plotting.fit import plot_fit
 
 
@@ -152,3 +152,19 @@ def test_gaps_at_several_speeds_have_a_panel(make_fit):
     low, high = last.get_ylim()
     assert low < 0.1 - 1.96 * 0.01 and high > 0.1 + 1.96 * 0.01
     assert last.get_xlim() != above[0].get_xlim()
+
+
+def test_a_log_of_many_turns_is_folded(make_fit, make_curve):
+    """Over a turn of each shaft: measured means and orders are those of the report."""
+    curves = tuple(make_curve(flank, 0.0, 178 * 360.0, 20_000) for flank in ("A", "B"))
+    fit = make_fit(curves=curves)
+    *folded, residual = plot_fit(fit).axes
+    assert len(folded) == 2 and residual.get_xlabel() == "driving angle [turns]"
+    for ax, fold in zip(folded, folded_turns(fit), strict=True):
+        assert f"angle of the {fold.shaft} shaft" in ax.get_xlabel() and ax.get_xlim() == (0, 360)
+        x, y = data(ax, 0)
+        np.testing.assert_allclose(x, fold.middle)
+        np.testing.assert_allclose(y, fold.measured["A"])
+        np.testing.assert_allclose(data(ax, 1)[1], fold.fitted["A"])
+    turned = plot_fit(fit, span_deg=(0.0, 720.0)).axes
+    assert len(turned) == 3 and "TE, flank A" in turned[0].get_ylabel()

@@ -3,42 +3,44 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from msgspec.structs import replace as changed
 from scipy.signal import lfilter
 
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.identify.records import FoundLine, Noise
+from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.lines.search import Line
 from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.plotting.residual import (
-    amplitude_spectrum,
-    autocorrelation,
-    plot_log,
-    residual_picture,
-)
+from vttig_jax.plotting.curves import FALSE_ALARM, mean_spectrum, noise_level, residual_spectrum
+from vttig_jax.plotting.residual import autocorrelation, plot_log, plot_residual
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
 ANGLE = REV * np.linspace(0.0, 10.0, 1000)
 NOISE = np.random.default_rng(0).standard_normal(1000) * ARCSEC
-LINE = Line(3.09, 0.001, 5.0, 0.1, 0.0, 1e-9)
+LINE = FoundLine(3.09, 0.001, 5.0, 0.1, 0.0, 1e-9, joined=False)
+WHITE = Noise("AR(1)", (0.0,), 0.01, 1 / 3600, 1 / 3600, 0.005, 0.0)
 
 
-def test_three_panels_and_their_words():
-    figure = residual_picture(
-        [ANGLE, ANGLE],
-        [NOISE, -NOISE],
-        highest=8.0,
-        whitened=[NOISE, -NOISE],
-        order=0,
-        lines=[LINE],
-        labels=["A", "B"],
-        name="rig",
-        source="log.csv",
-    )
+@pytest.fixture
+def left(make_fit):
+    """A fit that leaves white noise of 1″ on both flanks, or other residuals, and lines."""
+
+    def make(angle=ANGLE, residuals=(NOISE, -NOISE), lines=(), source="here/log.csv"):
+        time = np.linspace(0.0, 10.0, len(angle))
+        curves = tuple(TECurve(flank, angle, 0 * angle, time) for flank in ("A", "B"))
+        fit = replace(make_fit(curves=curves, source=source), residuals=residuals, noise=WHITE)
+        return replace(fit, checks=changed(fit.checks, lines=tuple(lines)))
+
+    return make
+
+
+def test_three_panels_and_their_words(left):
+    figure = plot_residual(left(lines=[LINE]))
     figure.draw_without_rendering()
     axes = figure.axes
-    assert figure.get_suptitle() == "residual, which should look like noise · rig · log.csv"
+    assert figure.get_suptitle() == "residual: what the fit leaves · VTTIG rig · log.csv"
     assert [ax.get_ylabel() for ax in axes] == [
         "residual [arcsec]",
         "autocorrelation",
@@ -57,18 +59,33 @@ def test_three_panels_and_their_words():
     x, y = axes[0].lines[0].get_data()
     np.testing.assert_allclose(np.asarray(x), ANGLE / DEG)
     np.testing.assert_allclose(np.asarray(y), NOISE / ARCSEC)
-    assert axes[2].get_title(loc="left") == "1 line found"
     assert [text.get_text() for text in axes[2].texts] == ["3.09"]
     assert axes[2].get_ylim()[1] > 5.0
 
 
-def test_without_lines_and_names():
-    figure = residual_picture(
-        [ANGLE], [np.zeros(1000)], highest=8.0, whitened=[np.zeros(1000)], order=0
-    )
-    figure.draw_without_rendering()
-    assert figure.axes[2].get_title(loc="left") == "no line that the noise does not explain"
-    assert figure.axes[0].get_legend() is None
+def test_it_says_whether_a_line_rises_above_the_noise(left):
+    quiet = plot_residual(left()).axes[2]
+    assert "no line of the rest rises" in quiet.get_title(loc="left") and not quiet.texts
+    wave = NOISE + 0.5 * ARCSEC * np.sin(4.4 * ANGLE)
+    loud = plot_residual(left(residuals=(wave, wave))).axes[2]
+    assert "at 4.4 cycles per driving turn" in loud.get_title(loc="left")
+    spectrum, level = (np.asarray(line.get_ydata()) for line in loud.lines[:2])
+    assert np.count_nonzero(spectrum > level) <= 4
+
+
+def test_the_level_is_that_of_false_alarms(monkeypatch):
+    """Of noise with memory, which rises above a level of 30 % anywhere in about 30 % of logs."""
+    monkeypatch.setattr("vttig_jax.plotting.curves.FALSE_ALARM", 0.3)
+    random, turns = np.random.default_rng(1), np.linspace(0.0, 20.0, 600)
+    noise = Noise("AR(1)", (0.7,), 0.01, 1.4 / 3600, 1 / 3600, 0.02, 0.5)
+    seen = 0
+    for _ in range(200):
+        white = random.standard_normal((2, 700))
+        paths = np.asarray(lfilter([1.0], [1.0, -0.7], white, axis=1))[:, 100:]
+        cycles, size = mean_spectrum([(turns, path) for path in paths])
+        level = noise_level(noise, [(turns, path) for path in paths], cycles)
+        seen += bool(np.any(size[2:] > level[2:]))
+    assert 30 <= seen <= 85 and FALSE_ALARM == 1e-3
 
 
 def test_the_correlation_of_whitened_rows_stays_in_the_band():
@@ -113,27 +130,19 @@ def test_runs_too_short_to_correlate():
     np.testing.assert_array_equal(found, [0.0])
 
 
-def test_the_spectrum_is_least_squares_beside_the_means_of_the_runs():
-    angles = [REV * np.linspace(0, 3.3, 70), REV * np.linspace(4.1, 6.0, 90)]
-    values = [np.sin(2.2 * angles[0]) + 5, np.sin(2.2 * angles[1]) - 7]
-    cycles, amplitude = amplitude_spectrum(angles, values, 4.0)
-    constants = np.repeat(np.eye(2), [70, 90], axis=0)
-    angle, value = np.concatenate(angles), np.concatenate(values)
-    for f, found in list(zip(cycles, amplitude, strict=True))[::7]:
-        design = np.column_stack([np.cos(f * angle), np.sin(f * angle), constants])
-        fitted = np.linalg.lstsq(design, value, rcond=None)[0]
-        assert found == pytest.approx(np.hypot(fitted[0], fitted[1]), rel=1e-7)
-    assert cycles[np.argmax(amplitude)] == pytest.approx(2.2, abs=0.05)
+def test_the_spectrum_is_that_of_sines_beside_the_means_of_the_runs():
+    """Places that are unequal and fall, and runs with other means, leave the size of a sine."""
+    places = np.random.default_rng(2).uniform(0, 20, 4000)
+    up, down = np.sort(places), np.sort(places)[::-1]
+    runs = [(up, 3 * np.sin(REV * 5.0 * up) + 5), (down, 3 * np.sin(REV * 5.0 * down) - 7)]
+    cycles, size = mean_spectrum(runs)
+    assert cycles[size.argmax()] == pytest.approx(5.0, abs=0.01)
+    assert size.max() == pytest.approx(3.0, rel=0.02) and size[0] < 0.1
 
 
-def test_no_spectrum_below_one_cycle():
-    cycles, amplitude = amplitude_spectrum([ANGLE / 100], [NOISE], 8.0)
-    assert len(cycles) == len(amplitude) == 0
-    figure = residual_picture([ANGLE / 100], [NOISE], highest=8.0, whitened=[NOISE], order=0)
+def test_no_spectrum_below_half_a_turn(left):
+    short = left(angle=ANGLE / 100)
+    assert residual_spectrum(short) is None
+    figure = plot_residual(short)
     figure.draw_without_rendering()
-
-
-@pytest.mark.parametrize(("angles", "residuals"), [([], []), ([ANGLE], [NOISE, NOISE])])
-def test_arrays_that_do_not_match(angles, residuals):
-    with pytest.raises(ValueError, match=r"`residuals` must hold one array for each"):
-        residual_picture(angles, residuals, highest=8.0, whitened=residuals, order=0)
+    assert "too short" in figure.axes[2].get_title(loc="left")

@@ -51,8 +51,9 @@ _POINTS, _MOST_POINTS = 16, 2**18
 
 
 class Run(NamedTuple):
-    """One run in cells: flank, angles of both shafts, transmission error and this without drift and
-    delay, rad; and the variance of the samples' places in a cell, cells²."""
+    """One run in cells: flank, angles of both shafts, transmission error, and this without drift
+    and delay (NaN in a cell without a sample), rad; and the variance of places in a cell, cells².
+    """
 
     flank: str
     angles: tuple[np.ndarray, np.ndarray]
@@ -145,11 +146,11 @@ def _runs(core: MixedFit, orders: Orders) -> Iterator[Run]:
             mean = [np.bincount(cell - lowest, one)[seen] / count[seen] for one in terms]
             middle, _, shown, time = (np.interp(every, seen, one) for one in mean)
             angle, part = (every + middle + lowest) * (REV / orders.cells), slice(first, last + 1)
-            driven = slope * angle + level - core.shafts[0].nominal[1] + start[1]
             slow = np.interp(time, rows.time[part], (whole - left)[part]) + shafts.level
             variance = float(np.mean(mean[1] - mean[0] ** 2))
-            angles = angle + start[0], driven
-            yield Run("A" if side > 0 else "B", angles, shown, shown - slow, variance)
+            angles = angle + start[0], slope * angle + level - core.shafts[0].nominal[1] + start[1]
+            steady = np.where(count > 0, shown - slow, np.nan)
+            yield Run("A" if side > 0 else "B", angles, shown, steady, variance)
 
 
 def _harmonics(
@@ -182,6 +183,8 @@ def _harmonics(
             factor *= (side - 0.5 if name[3] else 1.0) * {"cos": 1.0, "sin": -1j}[name[2]]
             value[place] += factor * found
     rest = rest - sum(curve(k, value[orders.shaft == k]) for k in (0, 1))
+    seen = np.flatnonzero(np.isfinite(rest))  # a chord of the whole error would flatten its waves
+    rest = np.interp(np.arange(len(rest)), seen, rest[seen])
     for _ in range(_ROUNDS):
         for k, size in enumerate(sizes):
             count = np.maximum(np.bincount(bins[k], minlength=size), 1)

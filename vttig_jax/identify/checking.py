@@ -36,7 +36,7 @@ from .records import (
 )
 from .repeats import closure, reversal_jumps
 
-_SPEEDS, _APART = 8, 1.15
+_SPEEDS, _APART = 8, 0.15
 
 
 def checks_of(
@@ -63,7 +63,7 @@ def checks_of(
     reversals = _reversals(core, segments, gap, model, constant)
     return Checks(
         gap_over_angles_covered=gap,
-        gap_by_speed=gap_by_speed(core),
+        gap_by_speed=gap_by_speed(core, needed["gap_by_speed"] > NEEDED),
         delay_by_parts=delay_by_parts(core) if needed["delay_parts"] > NEEDED else (),
         explained=explained(core),
         likelihood_ratio=needed,
@@ -103,30 +103,30 @@ def covered_gap(core: MixedFit, told: Parameter | None) -> CoveredGap:
     )
 
 
-def gap_by_speed(core: MixedFit) -> tuple[GapAtSpeed, ...]:
+def gap_by_speed(core: MixedFit, needed: bool) -> tuple[GapAtSpeed, ...]:
     """Return the gap over the angles covered at speeds of the log, less the effect of the delay.
 
-    At the speed v the flanks are gap + Σ bend_k max(v − κ_k, 0) + 2 i v d apart; of this the part
-    2 i v d̂ of the mean delay is taken off.
+    If the log does not show (`needed`) that the gap depends on the speed, a speed counts only where
+    rows are at least half as dense as if all speeds were equally frequent: not in a ramp between
+    two speeds. At the speed v the flanks are gap + Σ bend_k max(v − κ_k, 0) + 2 i v d apart; of
+    this the part 2 i v d̂ of the mean delay is taken off.
     """
     posterior, scope = core.posterior, core.scope
     index, natural = posterior.problem.index, posterior.problem.natural
-    if len(scope.flanks) < 2 or not len(scope.covered):
-        return ()
     seen = np.concatenate([rows.speed for rows in core.rows])
     speeds: list[float] = []
     for speed in np.quantile(seen, (np.arange(_SPEEDS) + 0.5) / _SPEEDS, method="nearest"):
-        if not speeds or speed > _APART * speeds[-1]:
+        near = np.mean(np.abs(seen - speed) < _APART * speed / 2)
+        held = needed or near * np.ptp(seen) > _APART * speed / 2
+        if held and (not speeds or speed > (1 + _APART) * speeds[-1]):
             speeds.append(float(speed))
-    if len(speeds) < 2:
+    if len(scope.flanks) < 2 or not len(scope.covered) or len(speeds) < 2:
         return ()
     # What the bends add to the gap acts on coefficients that are not orthogonal to gap and delay.
     bends = [index["bend", k] for k in range(BENDS)]
     rows = []
     for speed in speeds:
-        raw = np.zeros(len(index))
-        raw[bends] = np.maximum(speed - core.bends, 0.0)
-        along = raw @ natural
+        along = np.maximum(speed - core.bends, 0.0) @ natural[bends]
         for name, gain in ((("gap",), 1.0), (("delay",), 2 * abs(scope.ratio) * speed)):
             if name in index:
                 along[bends] += gain * natural[index[name], bends]

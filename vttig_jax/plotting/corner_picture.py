@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from ..base.units import DEG
 from ..posterior.summary.draws import GAPS
 from ..posterior.summary.posterior import Posterior
-from .style import COLOURS, MODEL_COLOUR, heading, new_figure
+from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure
 
 _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
 _LABEL_WIDTH = 11  # letters in a line of a label, without the unit; chosen value
@@ -44,14 +44,10 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     if not names:
         raise ValueError("Argument `names` must hold at least one coordinate, but is empty.")
     units = [picture_unit(posterior, name) for name in names]
-    draws = np.stack(
-        [posterior.values(name) / size for name, (_, size) in zip(names, units, strict=True)],
-        axis=1,
-    )
-    stride = max(1, len(draws) // _MAX_DRAWS)
-    draws = draws[::stride]
-    fits = [_laplace(posterior, name, size) for name, (_, size) in zip(names, units, strict=True)]
-    count = len(names)
+    sizes, count = np.array([size for _, size in units]), len(names)
+    draws = np.stack([posterior.values(name) for name in names], axis=1) / sizes
+    draws = draws[:: max(1, len(draws) // _MAX_DRAWS)]
+    value, covariance = _laplace(posterior, names, sizes)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
     axes = _axes(figure, count)
     shades = [_Cells.of(own) for own in draws.T]
@@ -59,12 +55,12 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
         for column in range(row + 1):
             ax = axes[row, column]
             if column == row:
-                _draw_histogram(ax, draws[:, row], fits[row])
+                _draw_histogram(ax, draws[:, row], value[row], np.sqrt(covariance[row, row]))
                 ax.set_xlim(*shades[row].limits)
             else:
-                covariance = _covariance(posterior, (names[column], names[row]), units, names)
                 _draw_density(ax, shades[column], shades[row])
-                _draw_ellipses(ax, (fits[column], fits[row]), covariance)
+                pair = [column, row]
+                _draw_ellipses(ax, value[pair], covariance[np.ix_(pair, pair)])
             _ticks(ax, column == 0 and row > 0, row == count - 1, count)
     labels = [_label(name, unit) for name, (unit, _) in zip(names, units, strict=True)]
     size = "small" if count <= 6 else "x-small"
@@ -121,40 +117,25 @@ def _label(name: str, unit: str) -> str:
     return f"{words} [{unit}]" if unit else words
 
 
-def _laplace(posterior: Posterior, name: str, size: float) -> tuple[float, float] | None:
-    """Return value and standard error of a coordinate in the fit, in units of `size`.
+def _laplace(
+    posterior: Posterior, names: Sequence[str], sizes: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+    """Return values and covariance of coordinates in the fit, in units of `sizes`.
 
-    Return None if the fit does not have this coordinate.
+    They are NaN for a coordinate that the fit does not have.
     """
-    fit = posterior.fit
-    if name not in fit.covariance_names:
-        return None
-    index = fit.covariance_names.index(name)
-    value = float(fit.values[index])
-    return value / size, float(np.sqrt(fit.covariance[index, index])) / size
+    fit, value, covariance = posterior.fit, 0 * sizes + np.nan, np.full([len(sizes)] * 2, np.nan)
+    own = [k for k, name in enumerate(names) if name in fit.covariance_names]
+    there = [fit.covariance_names.index(names[k]) for k in own]
+    value[own] = fit.values[there]
+    covariance[np.ix_(own, own)] = fit.covariance[np.ix_(there, there)]
+    return value / sizes, covariance / np.outer(sizes, sizes)
 
 
-def _covariance(
-    posterior: Posterior,
-    pair: tuple[str, str],
-    units: Sequence[tuple[str, float]],
-    names: Sequence[str],
-) -> Float[np.ndarray, "2 2"] | None:
-    fitted = posterior.fit.covariance_names
-    if not set(pair) <= set(fitted):
-        return None
-    indices = [fitted.index(name) for name in pair]
-    size = np.array([units[names.index(name)][1] for name in pair])
-    return posterior.fit.covariance[np.ix_(indices, indices)] / np.outer(size, size)
-
-
-def _draw_histogram(
-    ax: Axes, draws: Float[np.ndarray, " n"], laplace: tuple[float, float] | None
-) -> None:
+def _draw_histogram(ax: Axes, draws: Float[np.ndarray, " n"], value: float, std: float) -> None:
     heights, edges = np.histogram(draws, _BINS, density=True)
     ax.stairs(heights, edges, fill=True, color=COLOURS[0], alpha=0.45, linewidth=0)
-    if laplace is not None and laplace[1] > 0:
-        value, std = laplace
+    if std > 0:
         x = np.linspace(value - 4 * std, value + 4 * std, 121)
         y = np.exp(-0.5 * ((x - value) / std) ** 2) / (std * np.sqrt(2 * np.pi))
         ax.plot(x, y, color=MODEL_COLOUR, linewidth=0.9)
@@ -196,15 +177,13 @@ def _draw_density(ax: Axes, across: _Cells, up: _Cells) -> None:
 
 
 def _draw_ellipses(
-    ax: Axes,
-    laplace: tuple[tuple[float, float] | None, tuple[float, float] | None],
-    covariance: Float[np.ndarray, "2 2"] | None,
+    ax: Axes, value: Float[np.ndarray, "2"], covariance: Float[np.ndarray, "2 2"]
 ) -> None:
-    if covariance is None or laplace[0] is None or laplace[1] is None:
+    if np.isnan(covariance).any():
         return
     for level in _LEVELS:
         ring = _ellipse(covariance, level)
-        ax.plot(laplace[0][0] + ring[0], laplace[1][0] + ring[1], color=MODEL_COLOUR, linewidth=0.9)
+        ax.plot(value[0] + ring[0], value[1] + ring[1], color=MODEL_COLOUR, linewidth=0.9)
 
 
 def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.ndarray, "2 n"]:
@@ -242,10 +221,4 @@ def _add_legend(figure: Figure) -> None:
         Line2D([], [], color=MODEL_COLOUR, linewidth=0.9, label="fit (Laplace): 68 % and 95 %"),
         Line2D([], [], linestyle="none", label="x = e cos θ, y = e sin θ of size e, phase θ"),
     ]
-    figure.legend(
-        handles=keys,
-        loc="upper right",
-        bbox_to_anchor=(0.98, 0.93),
-        frameon=False,
-        fontsize="small",
-    )
+    figure_legend(figure, keys, 1, loc="upper right", bbox_to_anchor=(0.98, 0.93))

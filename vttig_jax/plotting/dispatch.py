@@ -74,29 +74,28 @@ def plot(obj: object, *name: str, **options: Any) -> Figure:
     )
 
 
-def _plot_fit(fit: Fit, name: str = "te", **options: Any) -> Figure:
-    if name == "map":
-        return plot_map(backlash_map(fit), **options)
-    return _chosen({"te": plot_fit, "orders": plot_orders, "residual": plot_residual}, name)(
-        fit, **options
-    )
+def _named(first: str, **pictures: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Return the function that draws one of several pictures of an object by its name."""
+
+    def draw(obj: Any, name: str = first, **options: Any) -> Figure:
+        if name not in pictures:
+            known = ", ".join(pictures)
+            raise ValueError(f"Argument `name` must be one of {known}, but is {name!r}.")
+        return pictures[name](obj, **options)
+
+    return draw
 
 
-def _plot_posterior(posterior: Posterior, name: str = "corner", **options: Any) -> Figure:
-    return _chosen({"corner": plot_corner, "trace": plot_trace}, name)(posterior, **options)
-
-
-def _chosen(pictures: dict[str, Callable[..., Figure]], name: str) -> Callable[..., Figure]:
-    if name not in pictures:
-        raise ValueError(f"Argument `name` must be one of {', '.join(pictures)}, but is {name!r}.")
-    return pictures[name]
+def _plot_fit_map(fit: Fit, **options: Any) -> Figure:
+    return plot_map(backlash_map(fit), **options)
 
 
 plot.register(TECurve, plot_te)
 plot.register(EncoderLog, plot_log)
-plot.register(Fit, _plot_fit)
+_OF_FIT = {"te": plot_fit, "orders": plot_orders, "residual": plot_residual, "map": _plot_fit_map}
+plot.register(Fit, _named("te", **_OF_FIT))
 plot.register(BacklashMap, plot_map)
-plot.register(Posterior, _plot_posterior)
+plot.register(Posterior, _named("corner", corner=plot_corner, trace=plot_trace))
 plot.register(BandedMap, plot_band_map)
 plot.register(Simulation, plot_simulation)
 plot.register(SweepTable, plot_sweep)

@@ -12,12 +12,15 @@ from ..base.numerics.quantiles import NORMAL_95
 from ..base.units import ARCSEC, DEG
 from ..identify.result import Fit
 from ..kinematics.te_curve import TECurve
-from .curves import MOST_POINTS, thinned
+from .curves import MOST_POINTS, Folded, driving_turns, folded_turns, thinned
+from .residual import draw_runs
 from .style import (
     FLANK_COLOURS,
+    MANY_TURNS,
     MODEL_COLOUR,
     SIGNS,
     Unit,
+    dots,
     driving_axis,
     figure_of,
     grid,
@@ -43,6 +46,9 @@ def plot_fit(
 ) -> Figure:
     """Plot measured and fitted transmission error in one panel per flank, and the residual below.
 
+    From 25 driving turns on, the panels show instead the error over a turn of each shaft, the mean
+    over all its turns: measured, less all that the fit does not attribute to it, and its orders.
+
     If the log has several speeds, a last panel shows the gap at each of them. Points are rows,
     averages of some consecutive samples. The line is the fitted value at these points, including
     drift and encoder errors: measured value minus residual. All panels over the driving angle
@@ -53,30 +59,53 @@ def plot_fit(
     - `unit`: unit of the transmission error, "arcsec" or "deg"; the residual is always in arcsec.
     - `span_deg`: first and last driving angle to show, deg.
     """
-    size = unit_size(unit)
-    runs = _runs_in_span(fit, span_deg)
+    size, runs = unit_size(unit), _runs_in_span(fit, span_deg)
+    many = span_deg is None and driving_turns(fit) >= MANY_TURNS
+    folds = list(folded_turns(fit)) if many else []
     flanks = [flank for flank in ("A", "B") if any(curve.flank == flank for curve, _ in runs)]
-    gaps, panels = fit.checks.gap_by_speed, len(flanks) + 1
-    figure = new_figure(2.3 * (panels + bool(gaps)))
-    places = figure.add_gridspec(panels + bool(gaps), 1)
-    axes = [figure.add_subplot(places[0])]
-    axes += [figure.add_subplot(places[row], sharex=axes[0]) for row in range(1, panels)]
-    for ax in axes[:-1]:
-        ax.tick_params(labelbottom=False)
+    gaps, above = fit.checks.gap_by_speed, len(folds or flanks)
+    figure = new_figure(2.3 * (above + 1 + bool(gaps)))
+    places = figure.add_gridspec(above + 1 + bool(gaps), 1)
+    axes: list[Axes] = []
+    for row in range(above + 1):
+        shared = axes[0] if axes and not folds else None
+        axes.append(figure.add_subplot(places[row], sharex=shared))
+        grid(axes[row])
     if gaps:
-        _draw_gaps(figure.add_subplot(places[panels]), fit)
-    for ax, flank in zip(axes[:-1], flanks, strict=True):
-        _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
-        ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
+        _draw_gaps(figure.add_subplot(places[above + 1]), fit)
+    if folds:
+        for ax, fold in zip(axes[:-1], folds, strict=True):
+            _draw_fold(ax, fold, size / ARCSEC)
+            ax.set_ylabel(f"error [{SIGNS[unit]}]")
+    else:
+        for ax, flank in zip(axes[:-1], flanks, strict=True):
+            _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
+            ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
+            ax.tick_params(labelbottom=False)
     heading(figure, "transmission error and its fit", fit.pair.name, PurePath(fit.source).name)
-    _draw_residuals(axes[-1], runs, flanks)
+    curves, left = [curve for curve, _ in runs], [residual for _, residual in runs]
+    angles = [curve.driving_angle for curve in curves]
+    draw_runs(axes[-1], angles, left, [curve.flank for curve in curves], rms=True)
+    axes[-1].set_ylabel("residual [arcsec]")
     title(axes[-1], f"residual ({fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms of averaged rows)")
-    for ax in axes:
-        grid(ax)
     if span_deg is not None:
         axes[-1].set_xlim(*span_deg)
     driving_axis(axes[-1])
     return figure
+
+
+def _draw_fold(ax: Axes, fold: Folded, size: float) -> None:
+    """Draw the error over a turn of a shaft, in units of `size` arcsec."""
+    handles: list[Line2D] = []
+    for flank, mean in fold.measured.items():
+        handles += dots(ax, fold.middle, mean / size, flank, f"flank {flank}")
+        ax.plot(fold.fine, fold.fitted[flank] / size, color=MODEL_COLOUR, linewidth=0.8)
+    title(ax, fold.words, legend_rows=1)
+    legend(ax, handles)
+    dotted = f"dots: mean of {fold.turns:.3g} turns, line: its orders in the fit"
+    ax.set_xlabel(f"angle of the {fold.shaft} shaft [°]; {dotted}")
+    ax.set_xlim(0.0, 360.0)
+    ax.set_xticks(range(0, 361, 45))
 
 
 def _draw_gaps(ax: Axes, fit: Fit) -> None:
@@ -91,7 +120,7 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
         markersize=4,
         capsize=3,
     )
-    bars[0].set_label("at speeds that the log passed, 95 % interval")
+    bars[0].set_label("at speeds of the log, 95 % interval")
     handles: list[Line2D] = [bars[0]]
     if whole is not None:
         label = f"over the angles covered: {whole:.4f}°"
@@ -110,7 +139,7 @@ def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
     handles = []
     for curve, residual in runs:
         angle, error = curve.driving_angle / DEG, curve.transmission_error / size
-        handles = _dots(ax, *thinned(angle, error, points), curve.flank, "measured")
+        handles = dots(ax, *thinned(angle, error, points), curve.flank, "measured")
         fitted, far = error - residual / size, np.abs(np.diff(angle)) > _FAR_DEG
         breaks = np.flatnonzero(far | (np.diff(curve.time) > longest)) + 1
         line = np.insert(angle, breaks, angle[breaks]), np.insert(fitted, breaks, np.nan)
@@ -118,29 +147,6 @@ def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
             *thinned(*line, points), color=MODEL_COLOUR, linewidth=0.5, marker=",", label="fitted"
         )
     legend(ax, handles)
-
-
-def _draw_residuals(ax: Axes, runs: list[CurveAndResidual], flanks: list[str]) -> None:
-    points = MOST_POINTS // len(runs)
-    handles = []
-    for flank in flanks:
-        flank_runs = [run for run in runs if run[0].flank == flank]
-        rms = np.sqrt(np.mean(np.concatenate([residual for _, residual in flank_runs]) ** 2))
-        label = f"flank {flank}: {rms / ARCSEC:.3g}″ rms"
-        lines = [
-            _dots(ax, *thinned(curve.driving_angle / DEG, residual / ARCSEC, points), flank, label)
-            for curve, residual in flank_runs
-        ]
-        handles += lines[0]
-    ax.set_ylabel("residual [arcsec]")
-    legend(ax, handles)
-
-
-def _dots(
-    ax: Axes, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], flank: str, label: str
-) -> list[Line2D]:
-    style = {"color": FLANK_COLOURS[flank], "markersize": 4, "markeredgewidth": 0, "alpha": 0.6}
-    return ax.plot(x, y, ".", label=label, **style)
 
 
 def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveAndResidual]:

@@ -6,7 +6,7 @@ from matplotlib.patches import Patch
 
 from ..identify.orders import Order
 from ..identify.result import Fit
-from .style import FLANK_COLOURS, grid, heading, new_figure
+from .style import FLANK_COLOURS, figure_legend, grid, heading, new_figure
 
 _SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}
 _WIDTH = 0.38  # of a bar, orders
@@ -100,10 +100,4 @@ def _add_legend(figure: Figure, orders: tuple[Order, ...]) -> None:
     if not all(o.significant for o in orders):
         hollow = Patch(facecolor="none", edgecolor="0.4", label="not significant")
         handles.append(hollow)
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=len(handles),
-        frameon=False,
-        fontsize="small",
-    )
+    figure_legend(figure, handles, len(handles))

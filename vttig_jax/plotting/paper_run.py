@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from ..base.units import DEG
 from ..control.simulation.result import Simulation
 from .curves import thinned
-from .style import COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
+from .style import COLOURS, MODEL_COLOUR, figure_legend, grid, heading, legend, new_figure, title
 
 _LINES: dict[str, tuple[Any, ...]] = {
     "none": ("without control", MODEL_COLOUR, 1.6),
@@ -84,13 +84,7 @@ def plot_paper_run(
         lower.append((above, below))
     for ax, label in zip(lower[0], ("transmission\nerror [°]", "axial\nshift [mm]"), strict=True):
         ax.set_ylabel(label)
-    figure.legend(
-        handles=list(keys.values()),
-        loc="outside lower center",
-        ncols=3,
-        frameon=False,
-        fontsize="small",
-    )
+    figure_legend(figure, list(keys.values()), 3)
     heading(figure, name, "simulated")
     return figure
 

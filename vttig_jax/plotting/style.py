@@ -1,14 +1,17 @@
-"""Sizes, colours, units, ticks and legends of all pictures, and thinning of long lines."""
+"""Sizes, colours, units, ticks and legends of all pictures."""
 
 import math
 from collections.abc import Sequence
 from io import BytesIO
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
+import numpy as np
+from jaxtyping import Float
 from matplotlib import color_sequences
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 
 from ..base.shown_text import shown_name
@@ -24,7 +27,8 @@ MODEL_COLOUR: Final = "0.1"
 SIGNS: Final = {"arcsec": "arcsec", "deg": "°"}
 
 _WIDTH_IN = 8.0  # width of a figure, inch
-_MAX_TICKS, _MANY_TURNS = 9, 25  # of a driving angle axis; chosen values
+MANY_TURNS = 25  # from which on turns are folded, and are the labels of an axis; a chosen value
+_MAX_TICKS = 9  # of a driving angle axis; a chosen value
 _MOST_LETTERS = 120  # of a name in a heading, which is 8 inches wide; chosen value
 _LEGEND_ROW_PT = 15.0  # height of a legend row, point
 
@@ -100,6 +104,20 @@ def legend(ax: Axes, handles: Sequence[Artist]) -> None:
     )
 
 
+def figure_legend(figure: Figure, handles: Sequence[Artist], columns: int, **look: Any) -> None:
+    """Draw one legend for all panels of a figure, below them unless `look` says otherwise."""
+    style = {"loc": "outside lower center", "frameon": False, "fontsize": "small"}
+    figure.legend(handles=handles, ncols=columns, **style | look)
+
+
+def dots(
+    ax: Axes, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], flank: str, label: str
+) -> list[Line2D]:
+    """Draw points in the colour of their flank."""
+    style = {"color": FLANK_COLOURS[flank], "markersize": 3, "markeredgewidth": 0, "alpha": 0.6}
+    return ax.plot(x, y, ".", label=label, **style)
+
+
 def grid(ax: Axes) -> None:
     """Draw light grid lines behind the data, and remove the upper and right frame lines."""
     ax.grid(True, color="0.9", linewidth=0.6)
@@ -117,7 +135,7 @@ def driving_axis(ax: Axes) -> None:
     turns = (high - low) / 360.0
     if turns >= 3:
         ax.xaxis.set_major_locator(MultipleLocator(360.0 * math.ceil(turns / _MAX_TICKS)))
-    if turns >= _MANY_TURNS:
+    if turns >= MANY_TURNS:
         ax.set_xlabel("driving angle [turns]")
         ax.xaxis.set_major_formatter(lambda x, _: f"{x / 360:g}")
 

@@ -12,7 +12,7 @@ from ..geometry.checks import section_report
 from ..geometry.form import form_radius
 from ..geometry.outline import ORDER, Counts, GearProfile, blank_of, section_curve
 from ..geometry.tooth import SIDES, Tooth
-from .style import COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
+from .style import COLOURS, MODEL_COLOUR, figure_legend, grid, heading, legend, new_figure, title
 
 _PIECE_COLOURS = {"root": "0.45", "fillet": COLOURS[1], "flank": COLOURS[0], "tip": COLOURS[2]}
 _CIRCLES: tuple[tuple[str, Literal["-", "--", ":"]], ...] = (
@@ -75,15 +75,7 @@ def plot_tooth(tooth: Tooth, *, name: str = "") -> Figure:
         Line2D([], [], color="0.6", linewidth=0.7, linestyle=style, label=label)
         for label, style in _CIRCLES
     ]
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=7,
-        frameon=False,
-        fontsize="small",
-        handlelength=1.5,
-        columnspacing=1.2,
-    )
+    figure_legend(figure, handles, 7, handlelength=1.5, columnspacing=1.2)
     heading(figure, f"tooth of {tooth.teeth}", name)
     return figure
 

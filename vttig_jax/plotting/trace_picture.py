@@ -13,7 +13,7 @@ from matplotlib.typing import ColorType
 
 from ..posterior.summary.posterior import Posterior
 from .corner_picture import picture_unit
-from .style import COLOURS, grid, heading, new_figure
+from .style import COLOURS, figure_legend, grid, heading, new_figure
 
 _MAX_STEPS = 1000  # steps drawn; a chosen value
 _MAX_WALKERS = 12  # walkers drawn per ensemble; a chosen value
@@ -47,7 +47,8 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     figure, axes = _panels(panels, min(posterior.draws.shape[0], len(COLOURS)))
     for ax, (unit, size, name) in zip(axes, rows, strict=False):
         _draw(ax, chains.draws[..., chains.header.names.index(name)] / size)
-        words = name.replace("_", " ")
+        # A reader knows the memory of noise by its partial autocorrelation, of which this is atanh.
+        words = name.replace("partial", "partial autocorrelation").replace("_", " ")
         _name(ax, f"{words} [{unit}]" if unit else words)
     _draw(axes[len(rows)], chains.log_density)
     _name(axes[len(rows)], "log density")
@@ -126,11 +127,5 @@ def _add_legend(figure: Figure, ensembles: int) -> None:
         Line2D([], [], color=_colour(k), linewidth=1.4, label=f"ensemble {k + 1}")
         for k in range(min(ensembles, len(COLOURS)))
     ]
-    figure.legend(
-        handles=keys,
-        loc="lower center",
-        borderaxespad=0.2,
-        ncols=min(len(keys), _KEYS_PER_ROW),
-        frameon=False,
-        fontsize="small",
-    )
+    columns = min(len(keys), _KEYS_PER_ROW)
+    figure_legend(figure, keys, columns, loc="lower center", borderaxespad=0.2)

@@ -1,7 +1,7 @@
 """What the charts of a report show: lines, bands, bars and marks as numbers."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -9,14 +9,12 @@ from jaxtyping import Bool, Float
 
 from ..base.units import ARCSEC, DEG, REV
 from ..identify.result import Fit
-from ..kinematics.flank_error import errors_at
-from ..pair.gear_pair import Flank, GearPair
-from ..plotting.curves import mean_spectrum, thinned
-from .content import MapTable, RunContent, driving_turns
+from ..pair.gear_pair import Flank
+from ..plotting.curves import folded_turns, residual_spectrum, thinned
+from .content import MapTable, RunContent
 
 # The settings of the charts are chosen values.
 _POINTS = 3000  # most points of a line, about three times the pixels of its width
-_MOST_BINS = 720  # of a folded turn
 _ROWS = 24  # of the table behind a line
 _NEAR_DEG = 180.0  # shown on each side of the smallest gap
 
@@ -82,7 +80,7 @@ def charts_of(content: RunContent) -> dict[str, list[Chart]]:
         run = curve.driving_angle / REV, curve.transmission_error / ARCSEC, left / ARCSEC
         flanks.setdefault(curve.flank, []).append(run)
     return {
-        "error": [_over_log(fit, flanks), *_folded(fit, flanks)] if flanks else [],
+        "error": [_over_log(fit, flanks), *_folded(fit)] if flanks else [],
         "backlash": [*_backlash(found)] if isinstance(found, MapTable) else [],
         "orders": [_orders(fit)] if fit.orders else [],
         "residual": [*_residual(fit, flanks)] if flanks else [],
@@ -105,6 +103,8 @@ def _over_log(fit: Fit, flanks: dict[Flank, Runs]) -> Chart:
         series.append(_line("fit", runs, lambda error, left: error - left, "fit"))
     sizes = (error.peak_to_peak_deg * DEG / ARCSEC for error in fit.flank_errors.values())
     title = f"The fitted orders let the driven shaft lead and lag by {_and(sizes)}, peak to peak"
+    told = any(error.significant for error in fit.flank_errors.values())
+    title += "" if told else ", not above their noise"
     title += "; the distance between the flanks is the gap" if len(flanks) == 2 else ""
     return Chart(title, _TURNS, "transmission error [″]", series)
 
@@ -114,62 +114,35 @@ def _and(sizes: Any) -> str:
 
 
 def _residual(fit: Fit, flanks: dict[Flank, Runs]) -> Iterator[Chart]:
-    """Yield what the fit leaves over the log, and its spectrum."""
-    rms = fit.residual_rms_deg * DEG / ARCSEC
-    title = f"What the fit leaves, {rms:.3g}″ (rms of averaged rows), should look like noise"
+    """Yield what the fit leaves over the log, and its spectrum beside that of noise alone."""
+    rms, slow = fit.residual_rms_deg * DEG / ARCSEC, fit.noise.slow_share
+    title = f"The fit leaves {rms:.3g}″ (rms of averaged rows)"
+    remark = f"The fit takes it for noise. {100 * slow:.0f} % of its variance is slow, which means"
+    remark += " that the rows before tell it; the intervals contain this."
     series = [_line(f"flank {f}", runs, lambda error, left: left, f) for f, runs in flanks.items()]
-    yield Chart(title, _TURNS, "measured less fitted [″]", series)
-    whole = [(turn, left) for runs in flanks.values() for turn, _, left in runs]
-    whole = [run for run in whole if len(run[0]) >= 16 and np.ptp(run[0]) > 0.5]
-    if whole:
-        cycles, size = mean_spectrum(whole)
-        title = f"The highest line of the rest is {size.max():.2g}″"
-        title += f" at {cycles[size.argmax()]:.4g} cycles per turn of the driving shaft"
-        line = Series("residual", *thinned(cycles, size, _POINTS), "A")
-        yield Chart(title, "cycles per turn of the driving shaft", "amplitude [″]", [line])
+    yield Chart(title, _TURNS, "measured less fitted [″]", series, remark)
+    found = residual_spectrum(fit)
+    if found is not None:
+        level = Series(
+            "noise alone reaches this in 1 of 1000 logs", found.cycles, found.level, "fit"
+        )
+        series = [Series("residual", *thinned(found.cycles, found.size, _POINTS), "A"), level]
+        title = found.words.capitalize()
+        yield Chart(title, "cycles per turn of the driving shaft", "amplitude [″]", series)
 
 
-def _folded(fit: Fit, flanks: dict[Flank, Runs]) -> Iterator[Chart]:
+def _folded(fit: Fit) -> Iterator[Chart]:
     """Yield the charts of the error over one turn of each shaft that made a whole turn."""
-    terms = np.asarray(fit.model.terms, float).reshape(-1, 2)
-    teeth = fit.pair.driving.teeth if isinstance(fit.pair, GearPair) else np.inf
-    mesh = (terms[:, 1] == 0) & (np.abs(terms[:, 0]) >= teeth)
-    shafts = ("driving", 1.0), ("driven", abs(float(fit.model.ratio)))
-    for place, (shaft, speed) in enumerate(shafts):
-        own = (terms[:, 1 - place] == 0) | mesh
-        if driving_turns(fit) * speed >= 1 and own.any():
-            yield _one_turn(fit, flanks, (shaft, speed), own[None])
-
-
-def _one_turn(
-    fit: Fit, flanks: dict[Flank, Runs], shaft: tuple[str, float], own: Bool[np.ndarray, "1 terms"]
-) -> Chart:
-    """Return the error over one turn of a shaft (name, turns in a turn of the driving shaft).
-
-    Shown is what the terms `own` make, and the mean, over all turns, of the measured error less all
-    that the fit attributes to the other shaft, gap, drift and delay. The turn is divided into at
-    least eight parts for each cycle of the highest order.
-    """
-    (name, speed), model = shaft, fit.model
-    cycles = np.asarray(model.terms, float)[own[0]] @ [1.0, float(model.ratio)]
-    bins = int(np.clip(8 * np.abs(cycles).max() / speed, 90, _MOST_BINS))
-    middle, fine = (np.arange(n) * 360.0 / n + 180.0 / n for n in (bins, 4 * bins))
-    part = replace(model, offset=0 * model.offset, cosine=model.cosine * own, sine=model.sine * own)
-    series = []
-    for flank, runs in flanks.items():
-        turn, left = (np.concatenate([run[k] for run in runs]) for k in (0, 2))
-        made = errors_at(part, flank, np.append(turn, fine / 360.0 / speed) * REV) / ARCSEC
-        place = (turn * speed % 1.0 * bins).astype(int) % bins
-        count = np.bincount(place, minlength=bins)
-        total = np.bincount(place, made[: len(turn)] + left, bins)
-        mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-        series.append(Series(f"flank {flank}, mean of all turns", middle, mean, flank))
-        series.append(Series(f"fitted orders of the {name} shaft", fine, made[len(turn) :], "fit"))
-    swings = _and(np.ptp(one.y) for one in series[1::2])
-    title = f"Each turn of the {name} shaft repeats an error of {swings}, peak to peak"
-    remark = f"Folded over {driving_turns(fit) * speed:.3g} turns. Gap, drift, delay and what the"
-    remark += " other shaft makes are taken off as the fit has them."
-    return Chart(title, f"angle of the {name} shaft [°]", "error [″]", series, remark)
+    for fold in folded_turns(fit):
+        series = []
+        for flank, mean in fold.measured.items():
+            own = fold.fitted[flank]
+            series.append(Series(f"flank {flank}, mean of all turns", fold.middle, mean, flank))
+            series.append(Series(f"fitted orders of the {fold.shaft} shaft", fold.fine, own, "fit"))
+        remark = f"Folded over {fold.turns:.3g} turns. Gap, drift, delay and what the other shafts"
+        remark += " make are taken off as the fit has them."
+        title = fold.words.capitalize()
+        yield Chart(title, f"angle of the {fold.shaft} shaft [°]", "error [″]", series, remark)
 
 
 def _backlash(found: MapTable) -> Iterator[Chart]:

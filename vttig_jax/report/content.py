@@ -11,7 +11,6 @@ from jaxtyping import Float
 
 from ..base.errors import NoAnswerError, VttigError
 from ..base.files.limits import read_regular
-from ..base.units import REV
 from ..identify.accuracy import Accuracy
 from ..identify.backlash import backlash_map
 from ..identify.result import Fit
@@ -114,8 +113,3 @@ class RunContent:
         names = sorted(path.name for path in self.run.folder.iterdir() if path.suffix in _TEXTS)
         found = {name: self.data(name) for name in names if name not in others}
         return {name: data for name, data in found.items() if data is not None}
-
-
-def driving_turns(fit: Fit) -> float:
-    """Return the largest number of turns that the driving shaft made in one direction."""
-    return max((float(np.ptp(curve.driving_angle)) for curve in fit.curves), default=0.0) / REV

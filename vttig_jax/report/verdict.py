@@ -7,7 +7,8 @@ import numpy as np
 from ..base.units import ARCSEC, DEG
 from ..identify.result import Fit
 from ..pair.gear_pair import GearPair
-from .content import MapTable, RunContent, driving_turns
+from ..plotting.curves import driving_turns, residual_spectrum
+from .content import MapTable, RunContent
 
 _MEANT = {
     "backlash_deg": "the backlash",
@@ -50,23 +51,32 @@ def _and(words: list[str], last: str = " and ") -> str:
 def _main(content: RunContent) -> str:
     """Return the sentence with the main number: the gap, or the transmission error."""
     fit, found = content.fit, content.map
-    gap = fit.checks.gap_over_angles_covered
-    if gap.determined and gap.value is not None:
+    gap, said = fit.checks.gap_over_angles_covered, ""
+    low, high = gap.low95, gap.high95
+    if gap.value is not None and low is not None and high is not None:
         said = f"Between its two flanks the driven shaft can turn by {gap.in_words}"
-        said += ", which may be nothing" if gap.low95 is not None and gap.low95 <= 0 else ""
-        if isinstance(fit.pair, GearPair):
+        if low <= 0 < high:
+            said = f"No gap shows: flank B stands {gap.in_words} beside flank A, so that a gap is"
+            said += f" below {high:.4f}° of the driven shaft. {_swings(fit)}"
+        elif isinstance(fit.pair, GearPair):
             length_um = 1e3 * gap.value * DEG * float(fit.pair.reference_radii[1])
             said += f", {length_um:.3g} µm at the reference circle"
         if isinstance(found, MapTable) and found.record["smallest"]:
             ends = [found.record[end]["backlash_deg"] for end in ("smallest", "largest")]
             said += f"; over all positions of the gears it is {ends[0]:.4f}° to {ends[1]:.4f}°"
-        return f"{said}."
+    return f"{said or _swings(fit)}."
+
+
+def _swings(fit: Fit) -> str:
+    """Return how far the driven shaft leads and lags, and which order makes the most of it."""
     sizes = {flank: e.peak_to_peak_deg * DEG / ARCSEC for flank, e in fit.flank_errors.items()}
     swings = _and([f"{size:.4g}″ on flank {flank}" for flank, size in sizes.items()])
-    return (
-        f"The driven shaft runs ahead of and behind an even motion by {swings} from peak to peak,"
-        f" over {driving_turns(fit):.3g} turns of the driving shaft."
-    )
+    said = f"The driven shaft runs ahead of and behind an even motion by {swings}"
+    for top in sorted(fit.orders, key=lambda one: -one.amplitude_arcsec)[:1]:
+        if top.significant:
+            size = f"{2 * top.amplitude_arcsec:.4g}″"
+            said += f" (the order {top.shaft} {top.order:.5g} alone makes {size})"
+    return f"{said} from peak to peak, over {driving_turns(fit):.3g} turns of the driving shaft"
 
 
 def _trust(fit: Fit) -> str:
@@ -78,6 +88,8 @@ def _trust(fit: Fit) -> str:
         return "What to record next stands below."
     share = f"{100 * fit.checks.explained:.4g} % of the variance of the transmission error"
     left = f"{fit.residual_rms_deg * DEG / ARCSEC:.3g}″ (rms of averaged rows)"
+    rest = residual_spectrum(fit)
+    left += f"; {rest.words}" if rest is not None else ""
     return f"Nothing in the log contradicts this: the fit explains {share} and leaves {left}."
 
 
@@ -96,7 +108,7 @@ def next_steps(fit: Fit) -> list[str]:
     if 0 < fit.coverage.share < 1:
         steps.append(
             f"record {fit.pair.hunting_turns} turns of the driving shaft in each direction to"
-            f" measure every pair of teeth; {100 * (1 - fit.coverage.share):.2g} % of the map are"
+            f" measure every pair of teeth; {100 * (1 - fit.coverage.share):.3g} % of the map are"
             " extrapolated"
         )
     said = [f"{step[0].upper()}{step[1:].rstrip('.')}." for step in dict.fromkeys(steps)]
