@@ -140,10 +140,11 @@ def single_flank_numbers(
     batch, terms, long = max(1, 2**20 // points), [], cycles < pitches / 2
     for start in range(0, len(whole), batch):
         part = whole[start : start + batch] * (cycles > 0) * (points / 2)
-        waves = np.zeros((2, len(part), points // 2 + 1), complex)
-        waves[:, :, cycles] = part, part * long
+        # Without teeth there are no long waves.
+        waves = np.zeros((1 + bool(pitches), len(part), points // 2 + 1), complex)
+        waves[:, :, cycles] = np.stack([part, part * long])[: len(waves)]
         curves = np.fft.irfft(waves, points)
-        terms.append(single_flank(curves[0], curves[1], pitches))
+        terms.append(single_flank(curves[0], curves[-1], pitches))
     read, *others = np.concatenate(terms)
     sizes, again = np.reshape(others, (2, DRAWS, -1))
     # Where one wave has large noise that happens to be small, the terms as read are less than noise
