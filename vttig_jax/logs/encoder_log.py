@@ -25,7 +25,7 @@ from ..base.errors import LogError
 from ..base.files.text_tables import key_values
 from ..base.numerics.counting import pieces
 from ..base.shown_text import name_of_file
-from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn
+from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ..pair.schema import Encoder, PairSpec, as_fraction
 from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck, together
 from .channel.speed import Speed, is_at_standstill, smooth_speed, steps_of
@@ -289,7 +289,9 @@ class EncoderLog:
             if units[role] == "counts":
                 values[role] = _whole(values[role])
         for role in UNITS.keys() & values.keys():
-            values[role] = UNITS[role][units[role]] * values[role]
+            factor = UNITS[role].get(units[role]) or radians_of(units[role], None, layout.lead_mm)
+            assert factor is not None  # `assign` asks for the lead of an error that is a length
+            values[role] = factor * values[role]
         found = replace(found, notes=(*notes, *found.notes))
         return cls._validated(found, units, roles.statement, place, sha256=sha256)
 

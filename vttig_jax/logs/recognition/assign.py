@@ -612,9 +612,7 @@ class Search:
     def _check_units(self) -> None:
         """Set the unit "counts" if counts are stated; ask for missing units or counts."""
         counted = False
-        for role in SHAFTS:
-            if role not in self.roles:
-                continue
+        for role in (one for one in (*SHAFTS, "transmission_error") if one in self.roles):
             one = self.candidate(self.roles[role])
             unit = self._unit(one, role)
             if unit == "counts" and one.reading.unit is None:
@@ -625,6 +623,8 @@ class Search:
             }
             if length and (unit is None or unit in LENGTH_UNITS):
                 raise self._no_lead(role, one)
+            if role not in SHAFTS:
+                continue
             if unit is None:
                 raise self._no_unit(role, one)
             counted |= unit == "counts"
@@ -636,7 +636,8 @@ class Search:
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
         written = one.reading.unit if one.reading.unit in SHAFT_UNITS else None
-        return written or self.units.get(role) or ("counts" if self.statement.counted else None)
+        counted = self.statement.counted and role in SHAFTS
+        return written or self.units.get(role) or ("counts" if counted else None)
 
     def _no_unit(self, role: str, one: Candidate) -> Question:
         in_file, scale = self.statement.in_file, scale_of(one.name)
