@@ -21,6 +21,7 @@ from ..logs.motion.segments import told_orders
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.mixed_fit import CLEAR, MixedFit, waves_of
 from ..model.parameters import FULL_TURN, gap_row
+from ..model.runs import smooth_rounding
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .fit_settings import FitSettings
@@ -190,10 +191,13 @@ def fit_readings(
     left, free = gap - columns @ found, count - columns.shape[1]
     scatter = float(np.sqrt(left @ left / free)) if free else None
     inverse = np.linalg.inv(columns.T @ columns)
-    # Readings that repeat at a place have one error of rounding, of variance q²/12, in common.
-    rounding = step_of(gap) ** 2 / 12 if steps < count else 0.0
+    # Readings that repeat at a place have one error of rounding, of variance q²/12, in common, and
+    # that of a display whose step is larger than the noise lies in the mean and the low orders.
+    step = step_of(gap)
+    noise = max((scatter or 0.0) ** 2 - step**2 / 12, 0.0)
     shared = inverse @ columns.T @ (np.round(angle, 6)[:, None] == np.unique(np.round(angle, 6)))
-    spread = inverse * max((scatter or 0.0) ** 2 - rounding, 0.0) + rounding * shared @ shared.T
+    smooth = smooth_rounding(gap, step, noise) * np.eye(len(inverse))
+    spread = inverse * noise + step**2 / 12 * shared @ shared.T + smooth
     rows = []
     for k, wave in enumerate(kept, 1):
         at = [k, k + len(kept)]
