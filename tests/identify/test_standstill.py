@@ -108,20 +108,6 @@ def test_readings_that_repeat_their_rounding_are_no_surer(tmp_path, seed):
     assert low < gap < high
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_single_pass_of_a_coarse_display_is_no_surer(tmp_path, seed):
-    """Without noise the rounding of 36 readings goes with the angle, most of it in low orders."""
-    generator = np.random.default_rng(seed)
-    angle = np.arange(0.0, 360.0, 10.0)
-    error = generator.uniform(0, 0.01) + 0.01 * np.sin(np.radians(angle) + generator.uniform(0, 6))
-    path = tmp_path / "table.csv"
-    rows = np.column_stack([angle, np.round(angle + error, 2)])
-    np.savetxt(path, rows, "%.2f", ",", header="reference_deg,encoder_deg", comments="")
-    one = fitted(path).parameters["driving_encoder_arcsec"]
-    assert one.low95 is not None and one.high95 is not None
-    assert one.low95 < 36.0 < one.high95 and one.std > 4.0
-
-
 def test_few_places_leave_out_high_orders(tmp_path):
     """Twelve places cannot tell order 8 from order 4; half of the readings tell the noise."""
     result = fitted(table(tmp_path, np.arange(0.0, 361.0, 30.0)))

@@ -4,7 +4,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
 
 from ..logs.channel.unwrap import step_of
 from ..logs.checks.sampling import commensurate
@@ -47,20 +46,6 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
     return replace(Shafts.of(log, runs, slowing), rounding=rounding)
 
 
-def smooth_rounding(values: Float[np.ndarray, " n"], step: float, noise: float) -> float:
-    """Return the variance that rounding to steps of q may add to a mean or a harmonic of readings.
-
-    Without noise rounding is a function of the angle, and readings that change by m steps have as
-    much as q²/(12 m) of it in one harmonic. Noise of variance `noise` takes it to
-    exp(−4π² noise/q²) of that (Widrow and Kollár, Quantization Noise, 2008). It is 0
-    without a step, and beside noise of more than half a step.
-    """
-    if step == 0 or noise > step**2 / 4:  # more than half a step of noise leaves none of it
-        return 0.0
-    share = np.exp(-noise * (2 * np.pi / step) ** 2) / max(float(np.ptp(values)) / step, 1.0)
-    return step**2 / 12 * float(share)
-
-
 def _still(log: EncoderLog, segments: Segments) -> Shafts:
     """Return a table of readings at standstill, with all those of a flank in one run.
 
@@ -80,12 +65,7 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
     count, most = max(map(places, (driving, ratio * driving))), max(count, len(order) - count)
     step = step_of(error) if log.driven is None else log.driven.resolution
     columns = np.column_stack([driving, np.ones(len(order)), np.cos(phase), np.sin(phase)])
-    found = np.linalg.lstsq(columns, error, rcond=1e-6)[0]
-    slope, level = found[:2]
-    display = step_of(error)  # 0 where the places are no steps of it, which makes rounding white
-    first = slice(runs[0][1])
-    noise = max(float(np.var((error - columns @ found)[first])) - display**2 / 12, 0.0)
-    repeats = step**2 / (2 * count) * (most > 1.5 * count)
+    slope, level = np.linalg.lstsq(columns, error, rcond=1e-6)[0][:2]
     return Shafts(
         log.time[order],
         driving,
@@ -100,7 +80,7 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
         log.driving.resolution,
         None if log.torque is None else log.torque[order],
         still=True,
-        rounding=(repeats + smooth_rounding(error[first], display, noise)) ** 0.5,
+        rounding=step / (2 * count) ** 0.5 if most > 1.5 * count else 0.0,
     )
 
 

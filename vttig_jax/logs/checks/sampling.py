@@ -74,12 +74,11 @@ class Commensurate:
     @property
     def sentence(self) -> str:
         """Sentence on what it does to a fit, with a cure."""
-        step = Fraction(self.counts_per_sample).limit_denominator(_MOST_SAMPLES)
-        repeats = f"{step.numerator} in {step.denominator} samples"
-        whole = "a whole number" if step.denominator == 1 else repeats
+        step = Fraction(self.counts_per_sample).limit_denominator(_MOST_SAMPLES).denominator
         return (
             f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
-            f" {self.counts_per_sample:.4f} counts a sample, {whole}: its quantisation"
+            f" {self.counts_per_sample:.4f} counts a sample, a whole number"
+            f"{f' in {step} samples' * (step > 1)}: its quantisation"
             f" ({self.rounding_arcsec:.2g}″ in gap and orders) does not average out; change the"
             " speed or the rate slightly"
         )
@@ -158,8 +157,7 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
                 # A driving shaft that moves by p/q counts alone has one rounding error.
                 size = 0.0 if shaft == "driving" and strayed <= 1 else gain * channel.resolution
                 size /= samples * ARCSEC * float(np.sqrt(12 * max(strayed, 1.0)))
-                speed = 60 * segment.speed / REV
-                one = Commensurate(shaft, speed, abs(step), size)
+                one = Commensurate(shaft, 60 * segment.speed / REV, abs(step), size)
                 findings.setdefault((shaft, abs(step)), one)
     return tuple(findings.values())
 

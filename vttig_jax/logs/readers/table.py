@@ -167,8 +167,7 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
         return table
     values = table.numeric()
     kept = [k for k, own in enumerate(senses) if not own and k in values]
-    signs = {k: np.unique(np.sign(np.diff(values[k]))) for k in kept}
-    even = [k for k in kept if signs[k].tolist() in ([1], [-1])]
+    even = [k for k in kept if abs(np.sign(np.diff(values[k])).sum()) == len(values[k]) - 1 > 0]
     named = [name_and_unit(name, SHAFT_UNITS, table.source) for name in names]
     stems, units = zip(*named, strict=True)
     if {*passes} - values.keys() or not even or len({*units}) > 1:

@@ -26,14 +26,10 @@ from ...pair.schema import (
     as_fraction,
     as_ratio,
 )
-from ..readers.column_names import ROLES, SHAFT_UNITS, TIME_UNITS, unit_spelt, units_of
+from ..readers.column_names import ROLES, unit_spelt, units_of
 
 SHAFTS = ("driving", "driven")
-UNITS = {
-    **dict.fromkeys((*SHAFTS, "command"), SHAFT_UNITS),
-    "transmission_error": units_of("transmission_error"),
-    "time": tuple(TIME_UNITS),
-}
+UNITS = {role: units_of(role) for role in (*SHAFTS, "command", "transmission_error", "time")}
 """Role → units that the option `--unit` accepts for it."""
 
 
