@@ -3,6 +3,11 @@
 import numpy as np
 import pytest
 
+from vttig_jax.identify.readings import fit_readings
+from vttig_jax.logs import BacklashReadings
+from vttig_jax.pair import parse_pair_spec
+from vttig_jax.pair.gear_pair import pair_from_spec
+
 PLACES = np.arange(0.0, 360.0, 30.0)
 
 
@@ -42,6 +47,24 @@ def test_the_rounding_of_a_display_does_not_average_out(dial, vttig_json):
     first = found["orders"][0]
     assert first["std_deg"] >= 0.99 * step / 72**0.5
     assert abs(first["amplitude_deg"] - 0.02) < 2 * first["std_deg"]
+
+
+@pytest.mark.parametrize(("places", "size"), [(36, 0.6), (36, 1.0), (24, 1.0), (12, 4.0)])
+def test_a_single_pass_of_a_coarse_display_is_no_surer(places, size):
+    """A first order of `size` steps of the display and little noise: intervals hold the truth."""
+    generator, step, held = np.random.default_rng(places), 0.01, []
+    drive = pair_from_spec(parse_pair_spec({"drive": {"ratio": "1/45"}}))
+    angle = np.arange(places) * 360 / places
+    for _ in range(50):
+        mean, phase = 0.1 + generator.uniform(0, step), generator.uniform(0, 2 * np.pi)
+        true = mean + size * step * np.sin(np.radians(angle) + phase)
+        shown = step * np.round((true + generator.normal(0, 0.05 * step, places)) / step)
+        found = fit_readings(BacklashReadings.from_arrays(angle, shown), drive)
+        first = found.orders[0]
+        assert found.low95_deg is not None and found.high95_deg is not None
+        near = abs(first.amplitude_deg - size * step) < 2 * first.std_deg
+        held.append([found.low95_deg < mean < found.high95_deg, near])
+    assert np.all(np.mean(held, axis=0) >= 0.92)
 
 
 @pytest.mark.parametrize(

@@ -190,10 +190,12 @@ def fit_readings(
     left, free = gap - columns @ found, count - columns.shape[1]
     scatter = float(np.sqrt(left @ left / free)) if free else None
     inverse = np.linalg.inv(columns.T @ columns)
-    # Readings that repeat at a place have one error of rounding, of variance q²/12, in common.
-    rounding = step_of(gap) ** 2 / 12 if steps < count else 0.0
+    # Readings that repeat at a place have one error of rounding, of variance q²/12, in common, and
+    # where they change by few steps it lies in the mean and in low orders.
+    rounding = step_of(gap) ** 2 / 12
     shared = inverse @ columns.T @ (np.round(angle, 6)[:, None] == np.unique(np.round(angle, 6)))
     spread = inverse * max((scatter or 0.0) ** 2 - rounding, 0.0) + rounding * shared @ shared.T
+    spread += 6 / steps * rounding * np.eye(len(inverse))
     rows = []
     for k, wave in enumerate(kept, 1):
         at = [k, k + len(kept)]
@@ -204,9 +206,8 @@ def fit_readings(
     grid = np.append(np.arange(angle.min(), angle.max(), step), angle.max())
     curve = design(grid) @ found
     ends = [GapAt(float(grid[k] / DEG), float(curve[k])) for k in (curve.argmin(), curve.argmax())]
-    std = None if scatter is None else float(np.sqrt(spread[0, 0]))
+    mean, std = float(found[0]), None if scatter is None else float(np.sqrt(spread[0, 0]))
     half = None if std is None else float(stdtrit(free, 0.975)) * std
-    mean = float(found[0])
     return ReadingsFit(
         readings.source,
         readings.sha256,

@@ -25,7 +25,7 @@ from ..base.errors import LogError
 from ..base.files.text_tables import key_values
 from ..base.numerics.counting import pieces
 from ..base.shown_text import name_of_file
-from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn
+from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ..pair.schema import Encoder, PairSpec, as_fraction
 from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck, together
 from .channel.speed import Speed, is_at_standstill, smooth_speed, steps_of
@@ -240,25 +240,15 @@ class EncoderLog:
                 "Argument `driven` must be given, or `transmission_error` instead, but"
                 f" {seen} given."
             )
-        for one in (one for one in units if one not in SHAFT_UNITS):
-            known = ", ".join(SHAFT_UNITS)
-            raise ValueError(f"Argument `unit` must be {known}, but is {one!r}.")
-        if transmission_error_unit not in ANGLE_UNITS:
-            raise ValueError(
-                f"Argument `transmission_error_unit` must be one of {', '.join(ANGLE_UNITS)}, but"
-                f" is {transmission_error_unit!r}."
-            )
+        of_error = "transmission_error_unit", transmission_error_unit, ANGLE_UNITS
+        for name, one, known in (*(("unit", one, SHAFT_UNITS) for one in units), of_error):
+            if one not in known:
+                told = f"must be one of {', '.join(known)}, but is {one!r}."
+                raise ValueError(f"Argument `{name}` {told}")
         time = as_column("time_s", time_s, None).astype(np.float64, copy=False)
-        columns = {
-            "driving": driving,
-            "driven": driven,
-            "transmission_error": transmission_error,
-            "direction": direction,
-            "axial_mm": axial_mm,
-            "torque": torque,
-            "speed": speed,
-            "acceleration": acceleration,
-        }
+        columns = {"driving": driving, "driven": driven, "transmission_error": transmission_error}
+        columns |= {"direction": direction, "axial_mm": axial_mm, "torque": torque}
+        columns |= {"speed": speed, "acceleration": acceleration}
         sizes = {"transmission_error": ANGLE_UNITS[transmission_error_unit]}
         values = {
             role: as_column(role, one, len(time)) * (1 if role in SHAFTS else sizes.get(role, 1.0))
@@ -289,7 +279,9 @@ class EncoderLog:
             if units[role] == "counts":
                 values[role] = _whole(values[role])
         for role in UNITS.keys() & values.keys():
-            values[role] = UNITS[role][units[role]] * values[role]
+            factor = UNITS[role].get(units[role]) or radians_of(units[role], None, layout.lead_mm)
+            assert factor is not None  # `assign` asks for the lead of an error that is a length
+            values[role] = factor * values[role]
         found = replace(found, notes=(*notes, *found.notes))
         return cls._validated(found, units, roles.statement, place, sha256=sha256)
 
@@ -366,22 +358,21 @@ class EncoderLog:
                 direction = direction * (1 if direction[1:] @ np.diff(driving.angle) >= 0 else -1)
                 way = "rise" if direction[0] > 0 else "fall"
                 notes.append(f"direction: the positions {way} in the rows `{word}`, by their order")
+        others: dict[str, Any] = {r: values.get(r) for r in ("axial_mm", "speed", "acceleration")}
         return cls(
             time=time,
             driving=driving,
             driven=driven,
             error=error,
             direction=direction,
-            axial_mm=values.get("axial_mm"),
-            torque=values.get("torque"),
             ratio=statement.ratio,
             zero=layout.zero,
             source=place.name,
             sha256=sha256,
             notes=tuple(notes),
             place=replace(place, line_of=None),  # it may hold the text
-            speed=values.get("speed"),
-            acceleration=values.get("acceleration"),
+            torque=values.get("torque"),
+            **others,
         )
 
 

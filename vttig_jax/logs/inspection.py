@@ -78,20 +78,13 @@ class Inspection(TextResult):
             "sha256": self.sha256 or None,
             "zero": self.zero,
             "samples": {
-                "read": self.segments.read,
-                "forward": self.segments.forward,
-                "backward": self.segments.backward,
-                "masked": self.segments.masked,
+                kind: getattr(self.segments, kind)
+                for kind in ("read", "forward", "backward", "masked")
             },
             "columns": [asdict(column) for column in self.columns],
             "sampling": asdict(self.sampling),
-            "ratio": {
-                "given": str(ratio.given),
-                "seen": ratio.seen,
-                "std": ratio.std,
-                "verdict": ratio.verdict,
-                "sentence": ratio.sentence,
-            },
+            "ratio": {"given": str(ratio.given)}
+            | {name: getattr(ratio, name) for name in ("seen", "std", "verdict", "sentence")},
             "motion": motion,
             "segments": segments,
             "plateaus": [asdict(plateau) for plateau in self.plateaus],
@@ -179,15 +172,10 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
 
 
 def _columns(log: EncoderLog) -> tuple[ColumnReport, ...]:
-    names = log.place.columns
-    reports = []
-    if "time" in names:
-        low, high = float(log.time[0]), float(log.time[-1])
-        reports.append(ColumnReport("time", names["time"], "s", low, high))
-    reports.append(_channel("driving", names.get("driving", "driving"), log.driving))
-    if log.driven is not None:
-        reports.append(_channel("driven", names.get("driven", "driven"), log.driven))
+    names, shafts = log.place.columns, {"driving": log.driving, "driven": log.driven}
+    reports = [_channel(r, names.get(r, r), one) for r, one in shafts.items() if one is not None]
     others = {
+        "time": ("s", log.time if "time" in names else None),
         "transmission_error": ("arcsec", None if log.error is None else log.error / ARCSEC),
         "direction": (None, log.direction),
         "axial_mm": ("mm", log.axial_mm),
@@ -199,7 +187,7 @@ def _columns(log: EncoderLog) -> tuple[ColumnReport, ...]:
         if values is not None:
             low, high = float(np.min(values)), float(np.max(values))
             reports.append(ColumnReport(role, names.get(role, role), unit, low, high))
-    return tuple(reports)
+    return tuple(sorted(reports, key=lambda one: one.role != "time"))
 
 
 def _channel(role: str, name: str, channel: Channel) -> ColumnReport:
@@ -270,15 +258,8 @@ def _lines(report: "Inspection") -> str:
         )
         for line in report.lines
     ]
-    head = [
-        ("line found blind", "cycles/rev"),
-        ("std", "cycles/rev"),
-        ("period", "s"),
-        ("amplitude", "″"),
-        ("std", "″"),
-        "by chance",
-    ]
-    return text_table(rows, head)
+    head = [("line found blind", "cycles/rev"), ("std", "cycles/rev"), ("period", "s")]
+    return text_table(rows, [*head, ("amplitude", "″"), ("std", "″"), "by chance"])
 
 
 def _remarks(report: "Inspection") -> list[str]:

@@ -7,9 +7,10 @@ Order spectrum of the transmission error, by least squares over samples with a c
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int64
 
 from ...base.units import ARCSEC, REV
 from ..channel.channel import GAP
@@ -18,8 +19,11 @@ from ..motion.segments import HIGHEST, Segment, turns_of
 from ..readers.column_names import ROW
 
 _STRAYED = 16
-"""Largest range of counts beside a line of whole counts a sample over which their rounding goes
+"""Largest range beside a line of p/q counts a sample, in counts/q, over which their rounding goes
 with the angle and does not average out (chosen)."""
+
+_MOST_SAMPLES = 12
+"""Largest number q of samples after which rounding repeats that is searched (chosen)."""
 
 SAME_SPEED = 0.03
 """Segments with a smaller relative difference of speed belong to one plateau (chosen)."""
@@ -54,7 +58,7 @@ class SpeedPlateau:
 
 @dataclass(frozen=True)
 class Commensurate:
-    """Segment in which `shaft` turns by a whole number of counts per sample.
+    """Segment in which `shaft` turns by a whole number of counts in each few samples.
 
     `speed_rpm` is the signed speed of the driving shaft. `rounding_arcsec` is the standard
     deviation of what the rounding of the counts adds to cosine or sine of an order, as an angle of
@@ -70,9 +74,11 @@ class Commensurate:
     @property
     def sentence(self) -> str:
         """Sentence on what it does to a fit, with a cure."""
+        step = Fraction(self.counts_per_sample).limit_denominator(_MOST_SAMPLES).denominator
         return (
             f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
-            f" {self.counts_per_sample:.4f} counts a sample, a whole number: its quantisation"
+            f" {self.counts_per_sample:.4f} counts a sample, a whole number"
+            f"{f' in {step} samples' * (step > 1)}: its quantisation"
             f" ({self.rounding_arcsec:.2g}″ in gap and orders) does not average out; change the"
             " speed or the rate slightly"
         )
@@ -131,11 +137,13 @@ def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
 
 
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
-    """Return shafts with readings in whole counts that turn by a whole number of counts per sample.
+    """Return shafts with readings in whole counts that turn by p/q counts per sample, q ≤ 12.
 
-    Most steps between samples are then equal, which noise of the encoder would prevent, and their
-    mean is within 0.001 of them, which a speed nearby would prevent. The number of the row is no
-    reading. Each combination of shaft and number of counts is reported once, for its first segment.
+    The rounding of a steady shaft then repeats every q samples, and their mean is rounded to 1/q
+    counts. Most steps of q samples are p counts, which noise of the encoder would prevent, and
+    their mean is within 0.001 of it, or one count in the segment, which a speed nearby would
+    prevent. The number of the row is no reading. Each shaft and p/q is reported once, for the first
+    segment in which it is found.
     """
     findings = {}
     sides = ("driving", log.driving, abs(float(log.ratio))), ("driven", log.driven, 1.0)
@@ -144,17 +152,32 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
         if row or channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
             continue
         for segment in segments:
-            step = np.diff(channel.reading[segment.start : segment.stop])
-            whole = int(np.median(step))
-            strayed = float(np.ptp(np.cumsum(step - whole)))
-            near = np.mean(step == whole) > 2 / 3 and abs(np.mean(step) - whole) < 1e-3
-            if whole and near and strayed <= _STRAYED:
-                # A driving shaft that moves by whole counts alone has one rounding error.
+            step, samples, strayed = _locked(channel.reading[segment.start : segment.stop])
+            if samples:
+                # A driving shaft that moves by p/q counts alone has one rounding error.
                 size = 0.0 if shaft == "driving" and strayed <= 1 else gain * channel.resolution
-                size /= ARCSEC * float(np.sqrt(12 * max(strayed, 1.0)))
-                speeds = 60 * segment.speed / REV, abs(float(step.mean()))
-                findings.setdefault((shaft, abs(whole)), Commensurate(shaft, *speeds, size))
+                size /= samples * ARCSEC * float(np.sqrt(12 * max(strayed, 1.0)))
+                one = Commensurate(shaft, 60 * segment.speed / REV, abs(step), size)
+                findings.setdefault((shaft, abs(step)), one)
     return tuple(findings.values())
+
+
+def _locked(reading: Int64[np.ndarray, " n"]) -> tuple[float, int, float]:
+    """Return p/q for the least q, that q, and the range beside the line of p/q counts a sample.
+
+    The range is in counts/q; q is 0 for a shaft that does not turn so.
+    """
+    total = np.cumsum(reading - reading[0])
+    for samples in range(1, min(_MOST_SAMPLES, len(reading) // 3) + 1):
+        moved = reading[samples:] - reading[:-samples]
+        mean, near = float(np.mean(moved)), 1e-3 + samples / len(moved)
+        whole = round(mean)
+        if whole and abs(mean - whole) < near and np.mean(moved == whole) > 2 / 3:
+            sums = total[samples:] - total[:-samples]
+            strayed = float(np.ptp(sums - whole * np.arange(len(sums))))
+            if strayed <= _STRAYED:
+                return whole / samples, samples, strayed
+    return 0.0, 0, 0.0
 
 
 def aliased(

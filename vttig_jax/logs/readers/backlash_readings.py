@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from jaxtyping import Float, Int64
+from jaxtyping import Float, Int64, Real
 from numpy.typing import ArrayLike
 
 from ...base.errors import InputError, LogError
@@ -35,6 +35,17 @@ float64 is 1e-9 rad)."""
 
 MOST_BACKLASH = REV / 2
 """Largest backlash of a reading in rad: half a turn, within which the next teeth engage."""
+
+
+_RANGES = {
+    "driving": ("an angle of a driving shaft", MOST_DRIVING, -np.inf),
+    "backlash": ("a backlash, which is less than half a turn", MOST_BACKLASH, 0.0),
+}
+"""Role → what it is, and its largest and least value in rad."""
+
+_SUBTRACT = (
+    "subtract the position on flank A from that on flank B, so that the backlash is positive"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +94,8 @@ class BacklashReadings:
             )
         # Line numbers in the file that `to_csv` writes; its header is line 1.
         lines = np.arange(2, 2 + driving.size, dtype=np.int64)
-        names = {"driving": "driving_deg", "backlash": "backlash_deg"}
-        _check(driving, backlash, names, lines, source)
-        driving, backlash = driving * DEG, backlash * DEG
-        _check_sizes(driving, backlash, names, lines, source)
+        driving = _radians("driving", driving, "driving_deg", DEG, source, lines)
+        backlash = _radians("backlash", backlash, "backlash_deg", DEG, source, lines)
         return cls(driving, backlash, source, "", lines)
 
     def to_csv(self) -> str:
@@ -153,13 +162,11 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
         ) from None
     columns = {role: _column(table, role) for role in UNITS}
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
-    driving, backlash = (np.asarray(column, np.float64) for column in values)
     lines = np.array([number for number, _ in table.rows()], np.int64)
-    names = {role: table.names[index] for role, (index, _) in columns.items()}
-    _check(driving, backlash, names, lines, source)
-    factors = {role: ANGLE_UNITS[unit] for role, (_, unit) in columns.items()}
-    driving, backlash = driving * factors["driving"], backlash * factors["backlash"]
-    _check_sizes(driving, backlash, names, lines, source)
+    driving, backlash = (
+        _radians(role, one, table.names[index], ANGLE_UNITS[unit], source, lines)
+        for (role, (index, unit)), one in zip(columns.items(), values, strict=True)
+    )
     return BacklashReadings(driving, backlash, source, digest, lines)
 
 
@@ -201,53 +208,30 @@ def _suggested_names(role: str, units: Sequence[str]) -> str:
     return f"{role}_{first}{rest} or _{last}"
 
 
-def _check(
-    driving: Float[np.ndarray, " n"],
-    backlash: Float[np.ndarray, " n"],
-    names: dict[str, str],
-    lines: Int64[np.ndarray, " n"],
+def _radians(
+    role: str,
+    values: Real[np.ndarray, " n"],
+    name: str,
+    radians: float,
     source: str,
-) -> None:
-    """Raise `LogError` for values that are not finite and for negative backlash.
+    lines: Int64[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Return a column in rad; `radians` is its unit.
 
-    The values are in the units of the file; `names` is role → column name.
+    **Raises** `LogError` for values that are not finite, for a negative backlash, and for angles
+    beyond `MOST_DRIVING` or `MOST_BACKLASH`.
     """
-    for role, values in (("driving", driving), ("backlash", backlash)):
-        invalid = np.flatnonzero(~np.isfinite(values))
-        if invalid.size:
-            raise LogError(
-                f"{values[invalid[0]]:g} is not a reading; write the value or remove the line.",
-                where=f"{source}: line {lines[invalid[0]]}, column `{names[role]}`",
-            )
-    negative = np.flatnonzero(backlash < 0)
-    if negative.size:
-        raise LogError(
-            f"the file has a negative backlash ({backlash[negative[0]]:g}, {negative.size} of"
-            f" {len(backlash)} readings); subtract the position on flank A from that on flank B, so"
-            " that the backlash is positive.",
-            where=f"{source}: line {lines[negative[0]]}, column `{names['backlash']}`",
-        )
-
-
-def _check_sizes(
-    driving: Float[np.ndarray, " n"],
-    backlash: Float[np.ndarray, " n"],
-    names: dict[str, str],
-    lines: Int64[np.ndarray, " n"],
-    source: str,
-) -> None:
-    """Raise `LogError` for angles (rad) beyond `MOST_DRIVING` or `MOST_BACKLASH`."""
-    for role, values, limit, cure in (
-        ("driving", driving, MOST_DRIVING, "an angle of a driving shaft"),
-        ("backlash", backlash, MOST_BACKLASH, "a backlash, which is less than half a turn"),
+    angle, (what, most, least) = values * radians, _RANGES[role]
+    for wrong, said in (
+        (~np.isfinite(angle), "is not a reading; write the value or remove the line"),
+        (np.abs(angle) > most, f"is not {what}; correct the value or the unit of its column"),
+        (angle < least, f"is a negative {role}; {_SUBTRACT}"),
     ):
-        large = np.flatnonzero(np.abs(values) > limit)
-        if large.size:
-            raise LogError(
-                f"{values[large[0]] / DEG:.4g}° is not {cure}; correct the value or the unit of its"
-                " column.",
-                where=f"{source}: line {lines[large[0]]}, column `{names[role]}`",
-            )
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            seen = f"{values[k]:g} ({np.count_nonzero(wrong)} of {len(values)} readings)"
+            raise LogError(f"{seen} {said}.", where=f"{source}: line {lines[k]}, column `{name}`")
+    return angle
 
 
 MAP_COLUMNS = "roll_mm", "z_mm", "deviation_um"

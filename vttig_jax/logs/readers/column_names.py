@@ -50,7 +50,7 @@ SHAFT_UNITS = (*ANGLES, *LENGTH_UNITS)
 _UNITS = {
     "time": tuple(TIME_UNITS),
     **dict.fromkeys(("driving", "driven", "command"), SHAFT_UNITS),
-    "transmission_error": tuple(ANGLE_UNITS),
+    "transmission_error": (*ANGLE_UNITS, *LENGTH_UNITS),
     "axial_mm": tuple(LENGTH_UNITS),
     "torque": ("nm",),
     "speed": tuple(SPEED_UNITS),

@@ -18,7 +18,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from itertools import islice
+from itertools import islice, zip_longest
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from jaxtyping import Real
 from ...base.errors import LogError
 from ...pair.schema import LogLayout
 from ..channel.channel import EXACT_FLOAT
-from .column_names import WAYS, fold, is_units_row, with_units
+from .column_names import WAYS, bracket_of, fold, is_units_row, with_units
 from .table import MOST_COLUMNS, Table
 from .text import Lines
 from .times import looks_like_stamp
@@ -40,6 +40,11 @@ _GROUPED = {
 _BLANKS = re.compile("['\u2019\u00a0\u2009\u202f]")
 _BLANK_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(?:{_BLANKS.pattern}\d{{3}})+(?!\d)")
 _OTHER = re.compile("[^\\d.,+\\-eE'\u2019\u00a0\u2009\u202f]")
+_SEXAGESIMAL = re.compile(
+    r"""([+-]?)\s*(\d+)\s*°\s*(\d+)\s*['′]\s*(?:(\d+[.,]?\d*)\s*(?:["″]|''))?"""
+)
+"""Degrees, minutes and seconds of an angle, such as 12°30'05.2"."""
+
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 
 CURE = 'give --decimal "." or --decimal ","'
@@ -52,7 +57,7 @@ def looks_like_number(field: str) -> bool:
         return "_" not in field
     except ValueError:
         if _OTHER.search(field.strip()):
-            return False
+            return _SEXAGESIMAL.fullmatch(field.strip()) is not None
     text = _without_thousands_blanks(field)
     plain = any(number.fullmatch(text) for number in _NUMBER.values())
     return plain or any(_thousands(text, mark) is not None for mark in ".,")
@@ -66,6 +71,10 @@ def to_number(field: str, decimal: str) -> float | None:
     text = _without_thousands_blanks(field)
     if _NOT_FINITE.fullmatch(text):
         return float(text)
+    if angle := _SEXAGESIMAL.fullmatch(text):
+        sign, degrees, minutes, seconds = angle.groups()
+        size = int(degrees) + int(minutes) / 60 + float((seconds or "0").replace(",", ".")) / 3600
+        return -size if sign == "-" else size
     if not _NUMBER[decimal].fullmatch(text):
         grouped = _thousands(text, "," if decimal == "." else ".")
         if grouped is None:
@@ -194,6 +203,11 @@ class TextTable(Table):
         self._nulls = NO_NUMBERS if missing else frozenset()
         self._parsed: dict[tuple[int, str], np.ndarray] = {}
         self._first = next((fields for _, fields in self.rows()), [])
+        sexagesimal = map(_SEXAGESIMAL.fullmatch, self._first)
+        self.names = tuple(
+            f"{name} [deg]" if angle and not bracket_of(name) else name
+            for name, angle in zip_longest(names, sexagesimal)
+        )
         self._ways = {k for k, text in enumerate(self._first) if fold(text) in WAYS}
         self._leave_out_text_below()
         self._last = list(islice(self._from_below(), 4))  # line index, text and fields, from below

@@ -31,7 +31,7 @@ from jaxtyping import Float, Real
 
 from ...base.errors import LogError
 from .binary import ClockedColumn, table_of
-from .column_names import is_units_row, unit_in, with_units
+from .column_names import TIME_UNITS, is_units_row, unit_in, with_units
 from .delimited import is_value, looks_like_number, split, to_number
 from .table import Table
 from .text import Lines, printable
@@ -123,12 +123,6 @@ _HEAD = 60
 """Number of first lines that may describe the channels (chosen)."""
 
 END = "EOF"
-MS = 1e-3
-"""Seconds in a millisecond, which is the unit of most time columns."""
-
-_TICK = 1e-7
-"""Seconds in a unit of FILETIME, which counts since 1601."""
-
 _FILETIME = re.compile(r"1\d{17}")
 """FILETIME of the years 1917 to 2234: 18 digits, which a float does not hold."""
 
@@ -167,9 +161,9 @@ def read_twincat(text: Lines, source: str) -> Found | None:
         cells = cells_of(rows, first, source, f"column `time {group}`")
         if cells and all(_FILETIME.fullmatch(text) for _, text in cells):
             origin = int(rows[0][1][times[0]])
-            seconds = np.array([int(text) - origin for _, text in cells]) * _TICK
+            seconds = np.array([int(text) - origin for _, text in cells]) * TIME_UNITS["100ns"]
         else:
-            seconds = numbers(cells, decimal, source, f"column `time {group}`") * MS
+            seconds = numbers(cells, decimal, source, f"column `time {group}`") * TIME_UNITS["ms"]
         for k in range(first + 1, last):
             if name := _name(described, k):
                 place = source, f"column `{name}`"
@@ -317,11 +311,8 @@ def read_increment(text: Lines, source: str) -> Found | None:
     }
     counted = columns.pop("X", np.arange(len(rows)))
     notes = (f"oscilloscope: time = {start:g} s + {step:g} s × sample", *cut)
-    return table_of(
-        [ClockedColumn("time [s]", start + step * counted)]
-        + [ClockedColumn(name, values) for name, values in columns.items()],
-        source,
-    ), notes
+    columns = {"time [s]": start + step * counted, **columns}
+    return table_of([ClockedColumn(*column) for column in columns.items()], source), notes
 
 
 DELIMITERS = (",", ";", "\t")

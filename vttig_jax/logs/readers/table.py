@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Int64, Real, Shaped
 
 from ...base.errors import LogError
-from .column_names import ANGLES, SHAFT_UNITS, TIME, WAYS, index_of, name_and_unit, words_of
+from .column_names import SHAFT_UNITS, TIME, WAYS, index_of, name_and_unit, words_of
 
 MOST_COLUMNS = 256
 """Largest number of channels in one matrix, its shorter side, and of columns of a text that has
@@ -156,7 +156,8 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     falling ones. Readings that do not follow the positions (with a correlation of 0.99) are errors.
     A table with a time, or of which one of these columns is `requested`, stays as it is.
     """
-    words = [[w for w in words_of(name) if w != "pos"] or [name[:1]] for name in table.names]
+    marks = [[*words_of(name), *name.split()] for name in table.names]  # also `Run 1 +`
+    words = [[word for word in own if word != "pos"] for own in marks]
     senses = [{WAYS[word] for word in own if word in WAYS} for own in words]
     up, down = ([k for k, own in enumerate(senses) if own == {sign}] for sign in (1, -1))
     passes = [k for both in zip(up, down, strict=False) for k in both]
@@ -166,23 +167,25 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
         return table
     values = table.numeric()
     kept = [k for k, own in enumerate(senses) if not own and k in values]
-    stems, units = zip(*(name_and_unit(name, ANGLES, table.source) for name in names), strict=True)
-    steps = np.diff(values[kept[-1]]) if kept else np.zeros(1)
-    if {*passes} - values.keys() or abs(np.sign(steps).sum()) < len(steps) or len({*units}) > 1:
+    even = [k for k in kept if abs(np.sign(np.diff(values[k])).sum()) == len(values[k]) - 1 > 0]
+    named = [name_and_unit(name, SHAFT_UNITS, table.source) for name in names]
+    stems, units = zip(*named, strict=True)
+    if {*passes} - values.keys() or not even or len({*units}) > 1:
         return table
-    rising = np.arange(len(steps) + 1)[:: int(np.sign(steps[0]))]
+    position = values[even[-1]]
+    rising = np.argsort(position)
     order = np.concatenate([rising, rising[::-1]] * len(up))
     reading = np.stack([values[k] for k in passes])[np.arange(len(order)) // len(rising), order]
     ways = np.tile(np.repeat([1, -1], len(rising)), len(up))
     name = " ".join(word for word in words_of(stems[0]) if word not in WAYS) or "driven"
-    if abs(np.corrcoef(values[kept[-1]][order], reading)[0, 1]) < 0.99:
+    if abs(np.corrcoef(position[order], reading)[0, 1]) < 0.99:
         name = "transmission_error"
     name += f" [{units[0]}]" * (units[0] is not None)
     said = ", ".join(f"`{name}`" for name in names)
     note = f"{said} are passes up and down side by side, read as one pass after the other"
     arrays = (*(values[k][order] for k in kept), reading, ways)
-    named, told = (*(table.names[k] for k in kept), name, "direction"), (*table.notes, note)
-    return Table(named, arrays, table.source, digest=table.digest, notes=told)
+    columns, told = (*(table.names[k] for k in kept), name, "direction"), (*table.notes, note)
+    return Table(columns, arrays, table.source, digest=table.digest, notes=told)
 
 
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")
@@ -306,14 +309,29 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
     edges = [int(np.count_nonzero(np.diff(one))) for one in (a, b)]
     steps, name = edges[0] > 2 * edges[1], f"quadrature({first},{second})"
     counts = _steps(a, b) if steps else _quadrature(a, b, f"{table.source}: `{name}`")
+    time = None if steps else _times_of_edges(table)
+    if time is not None:  # the shaft stands between two counts at its own edges, at known times
+        own = np.flatnonzero(np.diff(counts)) + 1
+        counts = np.interp(time, time[own], 0.5 * (counts[own - 1] + counts[own]))
     how = f"the rising edges of `{pair[0]}` in the direction of `{pair[1]}`"
     four = f"the edges of `{pair[0]}` and `{pair[1]}`, four a period"
     note = f"{name} counts {how if steps else four}: {sum(edges)} edges"
 
-    def value(columns: Columns) -> Int64[np.ndarray, " n"]:
+    def value(columns: Columns) -> Real[np.ndarray, " n"]:
         return counts[: len(columns[indices[0]])]  # an incomplete last row may be left out
 
     return Computed(f"{name} [counts]", tuple(indices), value), note
+
+
+def _times_of_edges(table: Table) -> np.ndarray | None:
+    """Return the times of the rows if each was written when a level changed, else None.
+
+    Logic analysers export such rows. Their time is the only column that always rises.
+    """
+    columns = table.own_numeric().values()
+    times = [one for one in columns if np.all(np.diff(one) > 0)]
+    changes = [np.diff(one) != 0 for one in columns if set(one.tolist()) <= {0, 1}]
+    return times[0] if len(times) == 1 and np.all(np.any(changes, axis=0)) else None
 
 
 def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n"]:

@@ -443,7 +443,8 @@ class Search:
         levels = [one.name for one in moving + others if one.has_levels]
         for role, a, b in zip(missing, levels[::2], levels[1::2], strict=False):
             seen += f"; channels with two levels are counted with --quadrature {role}='{a},{b}'"
-        seen += "".join(one.span for one in moving if self.statement.counted)
+        for one in (one for one in moving if self.statement.counted and one.span):
+            seen += f"; `{one.name}` jumps over {one.span:.3g}: --counts gives a turn"
         for one in others:
             if one.reading.unit in ANGLE_UNITS and "driven" in missing and self.roles:
                 seen += f"; if `{one.name}` is the error of the driven shaft, give"
@@ -612,9 +613,7 @@ class Search:
     def _check_units(self) -> None:
         """Set the unit "counts" if counts are stated; ask for missing units or counts."""
         counted = False
-        for role in SHAFTS:
-            if role not in self.roles:
-                continue
+        for role in (one for one in (*SHAFTS, "transmission_error") if one in self.roles):
             one = self.candidate(self.roles[role])
             unit = self._unit(one, role)
             if unit == "counts" and one.reading.unit is None:
@@ -625,18 +624,36 @@ class Search:
             }
             if length and (unit is None or unit in LENGTH_UNITS):
                 raise self._no_lead(role, one)
+            if role not in SHAFTS:
+                continue
             if unit is None:
                 raise self._no_unit(role, one)
             counted |= unit == "counts"
             if unit == "counts" and not self.statement.in_file and not self.statement.counted:
                 raise self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
+            if unit == "counts" and self.statement.counted and one.is_voltage:
+                self._check_span(role, one)
         if self.statement.counted and not counted and not self.asked:
             raise ask("unused-counts", "")
+
+    def _check_span(self, role: str, one: Candidate) -> None:
+        """Raise `Question` for volts that jump over another span than --counts says."""
+        counts, span = self.statement.encoders[SHAFTS.index(role)].counts_per_rev or 0, one.span
+        near = 0.05 * span + 2 * float(np.median(np.abs(one.steps)))
+        if span and abs(counts - span) > near:
+            turn = Fraction(f"{span:.2g}")
+            tenfold = f"--column {role}='{turn.denominator}*{one.name}' and " * (
+                turn.denominator > 1
+            )
+            option = f"{tenfold}--counts with {turn.numerator} for {role}"
+            about = {"role": role, "columns": [one], "options": [option]}
+            raise self._ask("wrong-span", **about, span=span, counts=counts)
 
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
         written = one.reading.unit if one.reading.unit in SHAFT_UNITS else None
-        return written or self.units.get(role) or ("counts" if self.statement.counted else None)
+        counted = self.statement.counted and role in SHAFTS
+        return written or self.units.get(role) or ("counts" if counted else None)
 
     def _no_unit(self, role: str, one: Candidate) -> Question:
         in_file, scale = self.statement.in_file, scale_of(one.name)

@@ -18,7 +18,7 @@ from jaxtyping import Float, Real
 from ...base.errors import LogError, UsageError, VttigError
 from ...base.units import REV
 from ..channel.unwrap import find_modulus, unwrap
-from ..readers.column_names import ANGLES, TIME_UNITS, NameReading
+from ..readers.column_names import ANGLES, TIME_UNITS, NameReading, bracket_of
 from ..slope import DEVIATIONS, slope
 from ..source import LEAST_RANGE
 
@@ -118,7 +118,8 @@ class Candidate:
     @property
     def is_voltage(self) -> bool:
         """Whether the name says volts, and the values are numbers that change."""
-        return self.reading.other in ("v", "mv", "volt", "volts") and self.turns
+        said = {bracket_of(self.name), self.reading.other}
+        return not said.isdisjoint(("v", "mv", "volt", "volts")) and self.turns
 
     @property
     def has_levels(self) -> bool:
@@ -128,11 +129,10 @@ class Candidate:
         return self.turns and self.rows > SHOWN**2 and float(np.mean(off)) > 0.99
 
     @property
-    def span(self) -> str:
-        """Text on readings that jump over nearly their whole range, which may be a turn, or ""."""
+    def span(self) -> float:
+        """Range over nearly all of which the readings jump more than once, as over a turn, or 0."""
         size = 0.0 if self.values is None or self.has_levels else float(np.ptp(self.values))
-        often = size > 0 and int(np.sum(np.abs(self.steps) > 0.9 * size)) > 1
-        return f"; `{self.name}` jumps over {size:.3g}: --counts gives a turn" * often
+        return size if np.sum(np.abs(self.steps) > 0.9 * size) > 1 else 0.0
 
     @property
     def is_sign(self) -> bool:
@@ -314,6 +314,8 @@ QUESTIONS = {
     "no-counts": "the column `{a}` of {role} is in counts, and no log says how many make a"
     " turn; give {options}.",
     "no-lead": "the column {facts} for {role} is a length; {options}.",
+    "wrong-span": "the column `{a}` of {role} jumps over {span:.3g}, which is a turn, and --counts"
+    " says {counts}; give {options}.",
     "unused-counts": "--counts is given, but no column is in counts; leave it out.",
     "no-time": "no column is certainly the time; give --column time=NAME, or --sample-rate"
     " HZ (1 for readings at standstill){seen}.",

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from ...base.errors import PairError, UsageError
 from ...base.files.limits import STDIN, kept_bytes
-from ...base.units import ANGLE_UNITS, radians_of
+from ...base.units import radians_of
 from ...pair.pair_file import PAIR_FILE, check_rows
 from ...pair.schema import (
     DriveTable,
@@ -26,14 +26,10 @@ from ...pair.schema import (
     as_fraction,
     as_ratio,
 )
-from ..readers.column_names import ROLES, SHAFT_UNITS, TIME_UNITS, unit_spelt
+from ..readers.column_names import ROLES, unit_spelt, units_of
 
 SHAFTS = ("driving", "driven")
-UNITS = {
-    **dict.fromkeys((*SHAFTS, "command"), SHAFT_UNITS),
-    "transmission_error": tuple(ANGLE_UNITS),
-    "time": tuple(TIME_UNITS),
-}
+UNITS = {role: units_of(role) for role in (*SHAFTS, "command", "transmission_error", "time")}
 """Role → units that the option `--unit` accepts for it."""
 
 
