@@ -129,20 +129,21 @@ def rig_draws(
 
 
 def flanks_of(
-    fit: Fit, coefficients: Float[np.ndarray, "m columns"]
+    fit: Fit, coefficients: Float[np.ndarray, "m columns"], *, bends: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return offsets, cosines and sines of the terms of `fit.model` on both flanks, of all draws.
 
     As in the model of the fit, an unmeasured flank has the orders of the other one, and orders that
     both flanks have in common are left out if their shaft made less than a turn: the log tells only
-    their prior. The common level is that of the fit: no map depends on it.
+    their prior, and with `bends` their sum where it covers. The common level is that of the fit: no
+    map depends on it.
     """
     core = fit.core
     whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
     sides = [side if side in core.scope.flanks else -side for side in SIDES]
     rows = np.array(
         [
-            [order_rows(core, w, side, common=float(has_turned(core, w))) for w in whole]
+            [order_rows(core, w, side, common=float(bends or has_turned(core, w))) for w in whole]
             for side in sides
         ]
     )

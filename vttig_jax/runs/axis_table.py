@@ -165,8 +165,6 @@ class AxisTable(TextResult):
             rows.append(("one direction", f"{only}; a file with both has its values twice"))
         elif self.lost is None:
             rows.append(("lost motion", "it stays, because the log does not determine the gap"))
-        if short := " and ".join(s for s in SHAFTS if self.fit.core.scope.turns[s] < FULL_TURN):
-            rows.append(("left out", f"orders of the {short} shaft, which turned less than once"))
         rows += left_out_rows(self.fit)
         rows.append(("contains", "also what the encoder of the driven shaft adds once per turn"))
         return key_values(rows, title="error table of the axis")
@@ -198,11 +196,16 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
     flanks, zero_mean, model, draws = measured_error(fit, posterior)
     # The log begins in the forward direction, as homing does, which has the mean zero.
     ahead: Flank = "A" if gain > 0 else "B"
+    period = np.arange(2**12) * (fit.pair.hunting_turns * REV / 2**12)
+    if any(fit.core.scope.turns[shaft] < FULL_TURN for shaft in SHAFTS):
+        # A table of a part of a turn holds, and has its zero, where the log covers.
+        model, draws = drawn_from(fit, fit.core.posterior.moved[None]).mean_model, None
+        period = fit.core.scope.covered
+        zero_mean = flanks[: 1 if ("gap",) in fit.core.posterior.problem.index else 2]
     draws = student_draws(fit) if draws is None else draws
     every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
     parts = {name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")}
     few = replace(draws, **parts)
-    period = np.arange(2**12) * (fit.pair.hunting_turns * REV / 2**12)
 
     known = (0,) if axis.place_known else tuple(range(turns))
 
@@ -215,7 +218,12 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
         return AxisError(curves, ratio, gain, axis.zero_deg * DEG, known)
 
     error = error_of(lambda angle, flank: errors_at(model, flank, angle), period)
-    return AxisCurves(error, error_of(few.errors, period[::8]), turns, zero_mean != flanks)
+    return AxisCurves(
+        error,
+        error_of(few.errors, period[:: max(1, len(period) // 512)]),
+        turns,
+        zero_mean != flanks,
+    )
 
 
 def student_draws(fit: Fit) -> GapDraws:
@@ -230,8 +238,13 @@ def student_draws(fit: Fit) -> GapDraws:
     # One scale a draw: the noise that the log hardly tells is the same for all orders.
     share = random.uniform(size=(_MOST_DRAWS, 1))
     drawn = drawn * np.sqrt(freedom / (2 * gammaincinv(freedom / 2, share)))
-    series = flanks_of(fit, mean + drawn)
-    return GapDraws(fit.pair, tuple(fit.model.terms), *series, np.arange(_MOST_DRAWS))
+    return drawn_from(fit, mean + drawn)
+
+
+def drawn_from(fit: Fit, coefficients: np.ndarray) -> GapDraws:
+    """Return the errors of both flanks for draws of the coefficients, shape (draws, columns)."""
+    series = flanks_of(fit, coefficients, bends=True)
+    return GapDraws(fit.pair, tuple(fit.model.terms), *series, np.arange(len(coefficients)))
 
 
 def axis_table(

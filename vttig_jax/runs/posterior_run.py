@@ -1,7 +1,6 @@
 """Posterior of a run folder: its report, `posterior.json`, the map with bands and the pictures."""
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,29 +18,14 @@ FIGURES = tuple(f"figures/{name}.png" for name in ("corner", "trace", "band"))
 """Pictures of the posterior draws in a run folder."""
 
 
-@dataclass(frozen=True)
-class PosteriorReport:
-    """Posterior with its backlash map with bands; None if the logs do not determine the gap."""
-
-    posterior: "Posterior"
-    banded: "BandedMap | None"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the object of schema `vttig.posterior/1`."""
-        return self.posterior.to_json()
-
-    def __str__(self) -> str:
-        return str(self.posterior)
-
-
-def report_on(posterior: "Posterior") -> PosteriorReport:
-    """Return the report on a posterior, with the map if the logs determine the gap."""
+def banded_of(posterior: "Posterior") -> "BandedMap | None":
+    """Return the backlash map of a posterior with its bands; None if its logs tell no gap."""
     from ..posterior.summary.bands import band_map
 
     try:
-        return PosteriorReport(posterior, band_map(posterior))
+        return band_map(posterior)
     except NoAnswerError:
-        return PosteriorReport(posterior, None)
+        return None
 
 
 def save_posterior(
@@ -83,7 +67,7 @@ def save_posterior(
     longer = not overwrite and not _is_reported(folder, posterior)
     longer = longer and place.exists() and posterior.chains.continues(place)
     posterior.chains.save(place, overwrite=overwrite or longer)
-    write_report(folder, report_on(posterior), figures=figures)
+    write_report(folder, posterior, banded_of(posterior), figures=figures)
 
 
 def _holds(folder: Path, posterior: "Posterior") -> bool:
@@ -115,7 +99,9 @@ def _is_reported(folder: Path, posterior: "Posterior") -> bool:
         return False
 
 
-def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True) -> None:
+def write_report(
+    folder: Path, posterior: "Posterior", banded: "BandedMap | None", *, figures: bool = True
+) -> None:
     """Write `posterior.json`, the map with its bands, and the pictures.
 
     If the folder has a report on chains with another number of steps, its pictures are removed,
@@ -125,19 +111,17 @@ def write_report(folder: Path, report: PosteriorReport, *, figures: bool = True)
     from ..base.files.run_folder import RunFolder
     from ..plotting.save import posterior_figures
 
-    banded = report.banded
-    outdated = () if _is_reported(folder, report.posterior) else (*FIGURES, "report.html")
+    outdated = () if _is_reported(folder, posterior) else (*FIGURES, "report.html")
     run = (_read_json(folder / "fit.json") or {}).get("run", "")
     with RunFolder(folder, overwrite=True, results=(REPORT,)) as writer:
         for name in outdated:
             writer.discard(name)
         if figures:
-            drawn = posterior_figures(report.posterior, banded, run=run)
-            for name, data in drawn.items():
+            for name, data in posterior_figures(posterior, banded, run=run).items():
                 writer.write_bytes(f"figures/{name}", data)
         if banded is not None:
             table = banded.table()
-            record = banded_record(report.posterior.fit, banded, len(table), Path("map.csv"))
+            record = banded_record(posterior.fit, banded, len(table), Path("map.csv"))
             writer.write_text("map.csv", csv_text(table, banded.columns))
             writer.write_text("map.json", dumps(record | {"run": run}) + "\n")
-        writer.write_text(REPORT, dumps(report.to_json() | {"run": run}) + "\n")
+        writer.write_text(REPORT, dumps(posterior.to_json() | {"run": run}) + "\n")

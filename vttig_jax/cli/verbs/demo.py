@@ -9,7 +9,7 @@ import click
 from ... import report as reports
 from ...base.errors import UsageError
 from ...runs.fit_run import write_fit
-from ...runs.posterior_run import report_on, write_report
+from ...runs.posterior_run import banded_of, write_report
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ..options import verb
 from ..output import Output, sampling_bar
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from ...identify.result import Fit
     from ...logs.encoder_log import EncoderLog
     from ...posterior.summary.bands import BandedMap
+    from ...posterior.summary.posterior import Posterior
     from ...rig.synthetic import SyntheticRig
-    from ...runs.posterior_run import PosteriorReport
 
 SAMPLED_TOGETHER: Final = "off"
 """Delay of the fit: the simulated rig reads both encoders at the same instant."""
@@ -69,10 +69,10 @@ def command(
             overwrite=overwrite,
             progress=follow,
         )
-    report = report_on(posterior)
-    assert report.banded is not None  # the rig of the paper turns in both directions
+    banded = banded_of(posterior)
+    assert banded is not None  # the rig of the paper turns in both directions
     if out is not None:
-        write_report(out, report)
+        write_report(out, posterior, banded)
     hint = "`vttig demo --out DIR` keeps the log, the fit, the draws, the map and the pictures."
     if out is not None:
         hint = (
@@ -82,14 +82,14 @@ def command(
             hint += f"\n\nreport: {reports.write_report(out, overwrite=overwrite).record['report']}"
         except UsageError as missing:  # the extra is not installed
             hint += f"\n\n{missing.message}"
-    output.emit(report.to_json(), f"{_report(rig, report, report.banded)}\n\n{hint}")
+    output.emit(posterior.to_json(), f"{_report(rig, posterior, banded)}\n\n{hint}")
 
 
-def _report(rig: "SyntheticRig", found: "PosteriorReport", banded: "BandedMap") -> str:
+def _report(rig: "SyntheticRig", found: "Posterior", banded: "BandedMap") -> str:
     """Return the report: table of true, fitted and sampled values, and comparison of the maps."""
     from ...base.files.text_tables import key_values, text_table
 
-    result = found.posterior.fit
+    result = found.fit
     rows = [_row(name, true, found) for name, true in _truths(rig).items()]
     heading = ["parameter", "truth", "fit", "std", "off in std", "sampled 95 %", "unit"]
     head = key_values(
@@ -98,19 +98,19 @@ def _report(rig: "SyntheticRig", found: "PosteriorReport", banded: "BandedMap") 
             ("samples", f"{result.samples['read']} at {rig.rate_hz:g} Hz"),
             ("outcome", result.outcome),
             ("residual", f"{result.residual_rms_deg:.5f}° rms"),
-            ("sampler", str(found.posterior.diagnosis)),
+            ("sampler", str(found.diagnosis)),
         ],
         title="the paper's rig (Tables 1 and 2)",
     )
     return f"{head}\n\n{text_table(rows, heading)}\n\n{_map_text(rig, banded)}"
 
 
-def _row(name: str, true: float, found: "PosteriorReport") -> list[str]:
+def _row(name: str, true: float, found: "Posterior") -> list[str]:
     import numpy as np
 
     from ...base.angles import difference_deg
 
-    parameter, drawn = found.posterior.fit.parameters[name], found.posterior.parameters[name]
+    parameter, drawn = found.fit.parameters[name], found.parameters[name]
     value, std = parameter.value, parameter.std
     if value is None or not std or drawn.low95 is None:
         return [name, f"{true:g}", "–", "", "", "", parameter.unit]

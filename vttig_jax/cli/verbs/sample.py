@@ -16,7 +16,7 @@ from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
 from ...runs.fit_run import perform, resolve, save_fit
 from ...runs.options import options_of
-from ...runs.posterior_run import report_on, write_report
+from ...runs.posterior_run import banded_of, write_report
 from ...runs.run import open_run
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run
 from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
@@ -176,10 +176,9 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
 
     **Raises** `NotConvergedError` for draws that have not converged.
     """
-    report = report_on(posterior)
-    write_report(out, report, figures=figures)
+    write_report(out, posterior, banded_of(posterior), figures=figures)
     LOGGER.info("written to %s", out)
-    output.emit(report.to_json(), report)
+    output.emit(posterior.to_json(), posterior)
     if not posterior.diagnosis.converged:
         command = f"`vttig sample {shlex.quote(str(out))} --resume`"
         text = str(posterior.diagnosis).replace("--resume", command).removeprefix("converged: no; ")
