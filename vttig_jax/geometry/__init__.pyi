@@ -26,7 +26,6 @@ from .surface import flank_roll as flank_roll
 from .surface import flank_span as flank_span
 from .surface import surface_normal as surface_normal
 from .surface import tooth_surface as tooth_surface
-from .tooth import Tabulated as Tabulated
 from .tooth import Taper as Taper
 from .tooth import Tooth as Tooth
 from .tooth import tooth_of as tooth_of
