@@ -10,7 +10,6 @@ from .contact_report import contact_at as contact_at
 from .deviations import Deviations as Deviations
 from .deviations import FlankMap as FlankMap
 from .drawing import section_drawing as section_drawing
-from .form import fillet_interference as fillet_interference
 from .form import form_radius as form_radius
 from .form import undercut_depth as undercut_depth
 from .measures import compare_stated as compare_stated
