@@ -42,6 +42,7 @@ from .plant import (
     Shafts,
     Slide,
     Walls,
+    flown,
     touching,
     walls,
 )
@@ -370,9 +371,7 @@ class Elastic(Plant):
         else:
             slowing = self.slowing(shafts, now, ratio, step)
         # The flight without contact, and the penetration of the nearer flank at both of its ends.
-        free = shafts.offset + step * (driven_speed + 0.5 * step * slowing)
-        free -= ratio * (driving.angle - shafts.angle)
-        drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
+        free, drift = flown(shafts, driving, ratio, slowing, step)
         rate = jnp.sqrt(jnp.asarray(self.stiffness) / self._inertia)
         start_a, start_b = _depths(now, shafts.offset, shafts.drift)
         end_a, end_b = _depths(then, free, drift)
