@@ -7,7 +7,6 @@ are arrays over the lanes, from the axes of the sweep to the leaves of the case.
 
 import hashlib
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -27,6 +26,7 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from msgspec import structs
 
 from ...base.errors import InputError, ScenarioError
+from ...base.files.limits import free_bytes
 from ...base.runtime import require_x64
 from ...base.units import REV
 from ...kinematics.flank_table import FlankTable
@@ -653,15 +653,12 @@ def _devices(count: int | None) -> list[Any]:
 
 
 def _require_memory(count: int, columns: int) -> None:
-    """Raise `InputError` for a table that is, with a copy of it, larger than the memory."""
-    if not hasattr(os, "sysconf"):  # on Windows
-        return
-    needed = 16e-9 * count * columns
-    available = 1e-9 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > available:
+    """Raise `InputError` for a table that is, with a copy of it, larger than the free memory."""
+    needed, free = 16e-9 * count * columns, 1e-9 * free_bytes()
+    if needed > free:
         raise InputError(
-            f"{count} cases need {needed:.3g} GB of memory, but there are {available:.3g};"
-            " split an axis into several sweeps.",
+            f"{count} cases need {needed:.3g} GB of memory, but {free:.3g} GB are free; split an"
+            " axis into several sweeps.",
             where="sweep",
         )
 
