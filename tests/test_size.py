@@ -29,7 +29,7 @@ BOUNDS = {
     "model": (2156, 44),
     "identify": (3800, 38),  # 9000 together with posterior
     "posterior": (2980, 46),
-    "control": (5623, 77),  # 3600
+    "control": (5612, 77),  # 3600
     "plotting": (1896, 52),  # 2000 together with the report
     "runs": (2611, 11),  # 900
     "cli": (4099, 19),  # 2600
