@@ -23,13 +23,13 @@ BOUNDS = {
     "base": (1268, 19),  # 950
     "pair": (669, 1),  # 560
     "kinematics": (1228, 23),  # 780
-    "geometry": (3529, 56),  # 2800
+    "geometry": (3423, 56),  # 2800
     "logs": (10172, 273),  # 7400
     "rig": (324, 1),  # 260
     "model": (2145, 44),
     "identify": (3774, 38),  # 9000 together with posterior
     "posterior": (2980, 46),
-    "control": (5723, 77),  # 3600
+    "control": (5612, 77),  # 3600
     "plotting": (1896, 52),  # 2000 together with the report
     "runs": (2611, 11),  # 900
     "cli": (3950, 19),  # 2600

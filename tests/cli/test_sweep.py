@@ -139,14 +139,14 @@ def test_bad_files_are_one_sentence(vttig, sweep, monkeypatch):
     text = sweep.read_text()
     for old, new, code, words in (
         ("motion.reversal_deg", "motion.reversl_deg", 3, "no key of a scenario"),
-        ("num = 5", "num = 10000000", 3, "of memory, but there are 0.1"),
+        ("num = 5", "num = 10000000", 3, "of memory, but 0.1 GB are free"),
         ("pair.toml", "other.toml", 3, "there is no file"),
         ('controller" = ["none", "predictive"]', 'inertia.driven_kgm2" = [-1.0]', 3, "driven_kgm2"),
         ("[sweep]", "[swep]", 3, "swep"),
         ("to = 360", "to = 1e99", 3, "sweep"),
         ("num = 5", "num = 10000000000", 3, "sweep"),
     ):
-        monkeypatch.setattr("os.sysconf", lambda name: 10**4)  # 10⁴ pages of 10 kB
+        monkeypatch.setattr("vttig_jax.control.sweeps.sweep.free_bytes", lambda: 10**8)
         sweep.write_text(text.replace(old, new))
         found, out, err = vttig("sweep", sweep)
         assert (found, out) == (code, "") and words in err and err.count("\n") == 1

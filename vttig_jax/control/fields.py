@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import equinox as eqx
 import msgspec
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Float
 
-from ..base.arrays import Number, float64
+from ..base.arrays import Number, float64, known
 from ..base.files.toml_io import key
 
 if TYPE_CHECKING:  # users give floats, which the fields convert
@@ -80,7 +79,7 @@ class Part(eqx.Module):
     def __check_init__(self) -> None:
         for name, kind, _, signed in number_fields(self):
             value = getattr(self, name)
-            if value is None or not is_known(value):
+            if value is None or not known(value):
                 continue
             if np.ndim(value):
                 raise ValueError(
@@ -94,11 +93,6 @@ class Part(eqx.Module):
                 raise ValueError(f"Argument `{name}` {bounds}, but is {float(value):g}.") from None
 
 
-def is_known(value: Any) -> bool:
-    """Return whether a number has a value; it has none while JAX traces it."""
-    return not isinstance(value, Tracer)
-
-
 def may_be_positive(value: Any) -> bool:
     """Return whether a number is above zero or traced, so that its effect must be computed."""
-    return not is_known(value) or bool(np.any(value > 0))
+    return not known(value) or bool(np.any(value > 0))

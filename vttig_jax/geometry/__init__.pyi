@@ -10,7 +10,6 @@ from .contact_report import contact_at as contact_at
 from .deviations import Deviations as Deviations
 from .deviations import FlankMap as FlankMap
 from .drawing import section_drawing as section_drawing
-from .form import fillet_interference as fillet_interference
 from .form import form_radius as form_radius
 from .form import undercut_depth as undercut_depth
 from .measures import compare_stated as compare_stated
@@ -26,7 +25,6 @@ from .surface import flank_roll as flank_roll
 from .surface import flank_span as flank_span
 from .surface import surface_normal as surface_normal
 from .surface import tooth_surface as tooth_surface
-from .tooth import Tabulated as Tabulated
 from .tooth import Taper as Taper
 from .tooth import Tooth as Tooth
 from .tooth import tooth_of as tooth_of

@@ -33,8 +33,8 @@ _STEP = 1e-13  # tolerance of the position in the root search, mm
 _ROUNDING = 1e-12  # excess, rad, treated as zero so that the ends of the stroke are found
 
 
-def _teeth_of(pair: GearPair, teeth: Teeth | None) -> Teeth:
-    return teeth or (tooth_of(pair, "driving"), tooth_of(pair, "driven"))
+def _teeth_of(pair: GearPair) -> Teeth:
+    return tooth_of(pair, "driving"), tooth_of(pair, "driven")
 
 
 @compiled
@@ -43,8 +43,6 @@ def section_backlash(
     z_mm: Real[ArrayLike, "*shape"],
     centre_distance_mm: Real[ArrayLike, ""] | None = None,
     axial_mm: Real[ArrayLike, ""] = 0.0,
-    *,
-    teeth: Teeth | None = None,
 ) -> Float[Array, "*shape"]:
     """Return the backlash of each section alone, without eccentricity, rad of the driven gear.
 
@@ -59,7 +57,6 @@ def section_backlash(
     - `z_mm`: heights from the middle of the driving face, any shape.
     - `centre_distance_mm`: centre distance a; the drawn one when absent.
     - `axial_mm`: axial shift s of the driven gear towards the driving gear's thick end.
-    - `teeth`: gears (driving, driven), as `tooth_of` returns them, if they differ from the drawing.
 
     **Returns** backlash in rad, shape of `z_mm`; NaN outside the common face.
 
@@ -78,7 +75,7 @@ def section_backlash(
 
     ```
     """
-    gears = _teeth_of(pair, teeth)
+    gears = _teeth_of(pair)
     distance = _distance(pair, centre_distance_mm)
     z, axial = jnp.asarray(z_mm, float), jnp.asarray(axial_mm, float)
     low, high = common_face(gears, axial)
@@ -92,8 +89,6 @@ def geometric_backlash(
     pair: GearPair,
     centre_distance_mm: Real[ArrayLike, "..."] | None = None,
     axial_mm: Real[ArrayLike, "..."] = 0.0,
-    *,
-    teeth: Teeth | None = None,
 ) -> Float[Array, "..."]:
     """Return the backlash of the pair from its tooth thicknesses, rad of the driven gear.
 
@@ -107,7 +102,6 @@ def geometric_backlash(
     - `pair`: gear pair.
     - `centre_distance_mm`: centre distance a, any shape; the drawn one when absent.
     - `axial_mm`: axial shift s, broadcast against the centre distance; s > 0 closes the backlash.
-    - `teeth`: gears (driving, driven) if they differ from the drawing.
 
     **Returns** backlash in rad; multiplied by R₂ it is the backlash at the reference circle. NaN
     where the faces do not overlap.
@@ -129,7 +123,7 @@ def geometric_backlash(
 
     ```
     """
-    return backlash_and_contact(pair, centre_distance_mm, axial_mm, teeth=teeth)[0]
+    return backlash_and_contact(pair, centre_distance_mm, axial_mm)[0]
 
 
 @compiled
@@ -137,11 +131,9 @@ def backlash_and_contact(
     pair: GearPair,
     centre_distance_mm: Real[ArrayLike, "..."] | None = None,
     axial_mm: Real[ArrayLike, "..."] = 0.0,
-    *,
-    teeth: Teeth | None = None,
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape 2"]]:
     """Return `geometric_backlash`, rad, and the contact heights of flank A and flank B, mm."""
-    gears = _teeth_of(pair, teeth)
+    gears = _teeth_of(pair)
     distance = _distance(pair, centre_distance_mm)
     distance, axial = jnp.broadcast_arrays(distance, jnp.asarray(axial_mm, float))
     low, high = common_face(gears, axial)
@@ -217,7 +209,6 @@ def axial_for_backlash(
     centre_distance_mm: float | None = None,
     *,
     least_overlap_mm: float = 0.0,
-    teeth: Teeth | None = None,
 ) -> float:
     """Return the axial shift s, mm, closest to 0 at which `geometric_backlash` has a given value.
 
@@ -229,7 +220,6 @@ def axial_for_backlash(
     - `backlash_rad`: required backlash, rad of the driven gear.
     - `centre_distance_mm`: centre distance a; the drawn one when absent.
     - `least_overlap_mm`: smallest permitted overlap of the faces.
-    - `teeth`: gears (driving, driven) if they differ from the drawing.
 
     **Raises** `PairError` if no position has this backlash; the message states the possible range.
 
@@ -255,10 +245,10 @@ def axial_for_backlash(
 
     ```
     """
-    gears = _teeth_of(pair, teeth)
+    gears = _teeth_of(pair)
 
     def excess(axial: Array, _: None = None) -> Array:
-        return geometric_backlash(pair, centre_distance_mm, axial, teeth=gears) - backlash_rad
+        return geometric_backlash(pair, centre_distance_mm, axial) - backlash_rad
 
     wanted, widths = f"{backlash_rad / DEG:g}°", np.array([float(g.face_width_mm) for g in gears])
     if np.isnan(widths).any():
@@ -388,7 +378,6 @@ def gap_report(
     apparent_deg: float | None = None,
     logged_axial_mm: float = 0.0,
     sections: int = _REPORTED,
-    teeth: Teeth | None = None,
 ) -> GapReport:
     """Report the backlash of a pair at one position, section by section.
 
@@ -399,7 +388,6 @@ def gap_report(
     - `apparent_deg`: j_c of a fit, compared with the drawn backlash at the position of the log.
     - `logged_axial_mm`: axial shift s of the log.
     - `sections`: number of sections over the common face.
-    - `teeth`: gears (driving, driven) if they differ from the drawing.
 
     **Raises** `ValueError` if the faces do not overlap, `PairError` if the axes are too close.
 
@@ -428,7 +416,7 @@ def gap_report(
 
     ```
     """
-    gears = _teeth_of(pair, teeth)
+    gears = _teeth_of(pair)
     distance = float(pair.centre_distance_mm if centre_distance_mm is None else centre_distance_mm)
     low, high = (float(end) for end in common_face(gears, jnp.asarray(axial_mm, float)))
     if not low <= high:
@@ -439,7 +427,7 @@ def gap_report(
     heights = np.linspace(low, high, sections if high > low else 1)
     # All positions are evaluated in one array, so that the function is compiled for one shape.
     shifts = np.append(axial_mm + np.array([0.0, -1e-3, 1e-3]), logged_axial_mm)
-    values, contact = map(np.asarray, backlash_and_contact(pair, distance, shifts, teeth=gears))
+    values, contact = map(np.asarray, backlash_and_contact(pair, distance, shifts))
     backlash, opened, closed, logged = map(float, values)
     if np.isnan(backlash):
         raise PairError(
@@ -447,7 +435,7 @@ def gap_report(
             " apart.",
             where="centre_distance_mm",
         )
-    by_section = section_backlash(pair, heights, distance, axial_mm, teeth=gears)
+    by_section = section_backlash(pair, heights, distance, axial_mm)
     radius = float(pair.reference_radii[1])
     return GapReport(
         centre_distance_mm=distance,

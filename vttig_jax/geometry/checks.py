@@ -15,7 +15,7 @@ from ..base.files.text_tables import text_table
 from ..pair.gear_pair import involute
 from .form import form_radius, radius_where, undercut_depth
 from .surface import rack_side
-from .tooth import SIDES, Tabulated, Tooth
+from .tooth import SIDES, Tooth
 
 Heights = Real[ArrayLike, "..."] | Sequence[float] | None
 """Heights of sections in mm, or None for sections over the face width."""
@@ -28,7 +28,7 @@ def check_tooth(tooth: Tooth, z: Heights = None) -> None:
     """Raise `PairError` if a gear has no tooth surface; `section_report` reports other defects.
 
     The function checks the numbers of the drawing, the recession of each flank (finite values,
-    increasing heights of a table, differentiable by JAX) and the thickness at the reference circle,
+    differentiable by JAX) and the thickness at the reference circle,
     which must be positive in every section.
 
     **Arguments**
@@ -90,11 +90,9 @@ def check_tooth(tooth: Tooth, z: Heights = None) -> None:
 
 
 def check_recessions(tooth: Tooth, heights: Float[np.ndarray, " n"]) -> None:
-    """Raise `PairError` if δ of a flank is not finite, a bad table or not differentiable by JAX."""
+    """Raise `PairError` if δ of a flank is not finite or not differentiable by JAX."""
     for recession, side in zip(tooth.recession, SIDES, strict=True):
         where = f"recession of the {side} flank"
-        if isinstance(recession, Tabulated):
-            recession.check(where)
         values = np.asarray(recession(heights), float)
         if values.shape != heights.shape:
             raise PairError(
@@ -300,7 +298,7 @@ def section_report(tooth: Tooth, z: Heights = None) -> SectionReport:
 
     **Returns** `SectionReport`, which prints as a table.
 
-    **Raises** `PairError` if a recession is not finite or its table does not increase in z.
+    **Raises** `PairError` if a recession is not finite.
 
     **Example**
     ```python

@@ -595,7 +595,6 @@ def contact_model(
     sections: int | None = None,
     constant_backlash: Backlash = "drawing",
     centre_distance_mm: Scalar | float | None = None,
-    teeth: tuple[Tooth, Tooth] | None = None,
     tooth_pairs: int | None = None,
     points: int | None = None,
 ) -> ContactModel:
@@ -626,7 +625,6 @@ def contact_model(
     - `constant_backlash`: "drawing" for the backlash of the drawn teeth; "given" rotates flank B so
       that concentric gears have the constant backlash of `eccentricities`, as after a fit.
     - `centre_distance_mm`: centre distance, by default the nominal one.
-    - `teeth`: gears (driving, driven) that replace the drawn ones, e.g. with measured recessions.
     - `tooth_pairs`: number of tooth pairs searched; by default 3, or more if the contact ratio
       requires it.
     - `points`: number of roll angles on the grid of each flank; by default 9, or 2 for each row of
@@ -665,8 +663,7 @@ def contact_model(
         )
     if not known(pair):
         pair = jax.tree.map(jnp.asarray, pair)  # so that no formula mixes NumPy and traced numbers
-    driving, driven = teeth or (tooth_of(pair, "driving"), tooth_of(pair, "driven"))
-    gears = _as_pytree(driving), _as_pytree(driven)
+    gears = tooth_of(pair, "driving"), tooth_of(pair, "driven")
     distance = (
         pair.centre_distance_mm if centre_distance_mm is None else float64(centre_distance_mm)
     )
@@ -701,15 +698,6 @@ def contact_model(
         deviations=deviations,
         search_grid=search_grid,
     )
-
-
-def _as_pytree(tooth: Tooth) -> Tooth:
-    """Return the gear with recessions that are plain functions wrapped as pytrees for JAX."""
-    recession = tuple(
-        flank if isinstance(flank, eqx.Module) else jax.tree_util.Partial(flank)
-        for flank in tooth.recession
-    )
-    return eqx.tree_at(lambda gear: gear.recession, tooth, recession)
 
 
 def _knots(deviations: Deviations | None, direction: str) -> int:

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from ..base.arrays import Numbers, float64, known
 from ..base.errors import PairError
 from ..base.files.text_tables import key_values
-from .tooth import SHAFTS, check_finite, check_knots
+from .tooth import SHAFTS
 
 
 class FlankMap(eqx.Module):
@@ -54,7 +54,7 @@ class FlankMap(eqx.Module):
         for name, values in (("roll_mm", roll_mm), ("z_mm", z_mm)):
             if not known(values):
                 raise ValueError(f"Argument `{name}` must be known numbers, but is traced.")
-            check_knots(values, name, "the map")
+            _check_knots(values, name)
         self.roll_mm, self.z_mm = np.asarray(roll_mm, float), np.asarray(z_mm, float)
         self.deviation_um = float64(deviation_um)
         shape = len(self.roll_mm), len(self.z_mm)
@@ -65,7 +65,7 @@ class FlankMap(eqx.Module):
                 where="deviation_um",
             )
         if known(self.deviation_um):
-            check_finite(np.asarray(self.deviation_um), "deviation_um")
+            _check_finite(np.asarray(self.deviation_um), "deviation_um")
         self.along_roll, self.along_z = _pieces(self.roll_mm), _pieces(self.z_mm)
 
     def prepared(self) -> "Bicubic":
@@ -75,6 +75,30 @@ class FlankMap(eqx.Module):
         )
         knots = jnp.asarray(self.roll_mm), jnp.asarray(self.z_mm)
         return Bicubic(*knots, polynomials.reshape(-1, 16))
+
+
+def _check_knots(values: Any, where: str) -> None:
+    """Raise `PairError` for knots of a spline that are too few, not finite or do not increase."""
+    knots = np.asarray(values)
+    if knots.ndim != 1 or len(knots) < 2:
+        raise PairError(
+            f"the shape is {knots.shape}; give two or more points, shape (n,).", where=where
+        )
+    _check_finite(knots, where)
+    if not np.all(np.diff(knots) > 0):
+        row = int(np.argmax(np.diff(knots) <= 0))
+        raise PairError(
+            f"the map goes from {knots[row]:g} to {knots[row + 1]:g} mm at points {row + 1} and"
+            f" {row + 2}; sort the points and keep each value once.",
+            where=where,
+        )
+
+
+def _check_finite(values: np.ndarray, where: str) -> None:
+    """Raise `PairError` for an array with a number that is not finite."""
+    if not np.all(np.isfinite(values)):
+        point = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(values))[0])
+        raise PairError(f"point {point} is not a number; remove or repair it.", where=where)
 
 
 class Bicubic(eqx.Module):

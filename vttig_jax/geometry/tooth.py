@@ -10,17 +10,12 @@ thin end of the mate.
 """
 
 import math
-from typing import Any, Literal, Protocol, get_args, runtime_checkable
+from typing import Literal, Protocol, get_args, runtime_checkable
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 
-from ..base.arrays import Number, Numbers, float64, known, namespace
-from ..base.errors import PairError
+from ..base.arrays import Number, Numbers, float64, namespace
 from ..base.units import DEG
 from ..pair.gear_pair import GearPair, involute
 
@@ -65,110 +60,6 @@ class Taper(eqx.Module):
         """Return δ(z) in mm."""
         crown = self.crowning_mm * (2 * z / self.face_width_mm) ** 2
         return z * self.slope + crown + self.thinning_mm
-
-
-class Tabulated(eqx.Module):
-    """Recession δ(z) as a natural cubic spline through measured points, linear beyond its ends.
-
-    The spline is twice continuously differentiable, so that the flank has a curvature. It is linear
-    in the tabulated values and can be differentiated with respect to them.
-
-    **Arguments**
-    - `z_mm`: two or more heights, strictly increasing, shape (n,).
-    - `recession_mm`: δ at these heights, positive where the tooth is thinner, shape (n,).
-
-    **Raises** `PairError` for heights that do not increase and for numbers that are not finite.
-
-    **Example**
-    ```python
-    >>> import numpy as np
-    >>> from vttig_jax.geometry import Tabulated
-    >>> measured = Tabulated([-10.0, 0.0, 10.0], [-0.52, 0.0, 0.53])
-    >>> measured(np.array([-10.0, 5.0, 20.0])).round(5)
-    array([-0.52   ,  0.26406,  1.0625 ])
-
-    ```
-    """
-
-    z_mm: Float[Numbers, " n"] = eqx.field(converter=float64)
-    recession_mm: Float[Numbers, " n"] = eqx.field(converter=float64)
-
-    def __check_init__(self) -> None:
-        self.check()
-
-    def check(self, where: str = "recession") -> None:
-        """Raise `PairError` for a table that defines no spline; traced values are not checked.
-
-        `where` is the `where` of the error.
-        """
-        if not known(self):
-            return
-        if np.shape(self.z_mm) != np.shape(self.recession_mm):
-            raise PairError(
-                f"the table has heights of shape {np.shape(self.z_mm)} and values of shape"
-                f" {np.shape(self.recession_mm)}; give as many values as heights.",
-                where=where,
-            )
-        check_knots(self.z_mm, where)
-        check_finite(np.asarray(self.recession_mm), where)
-
-    def __call__(self, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape"]:
-        """Return δ(z) in mm."""
-        xp = namespace(self, z)
-        heights, values = xp.asarray(self.z_mm), xp.asarray(self.recession_mm)
-        second = _second_derivatives(heights, values)
-        inside = xp.clip(z, heights[0], heights[-1])
-        right = xp.clip(xp.searchsorted(heights, inside, side="right"), 1, len(heights) - 1)
-        left, widths = right - 1, heights[1:] - heights[:-1]
-        width = heights[right] - heights[left]
-        a, b = (heights[right] - inside) / width, (inside - heights[left]) / width
-        cubic = (a**3 - a) * second[left] + (b**3 - b) * second[right]
-        value = a * values[left] + b * values[right] + cubic * width**2 / 6
-        chord = (values[1:] - values[:-1]) / widths
-        # Beyond the table the slope is that of its nearer end.
-        first = chord[0] - widths[0] * second[1] / 6
-        last = chord[-1] + widths[-1] * second[-2] / 6
-        return value + (z - inside) * xp.where(inside <= heights[0], first, last)
-
-
-def check_knots(values: Any, where: str, what: str = "z") -> None:
-    """Raise `PairError` for knots of a spline that are too few, not finite or do not increase."""
-    knots = np.asarray(values)
-    if knots.ndim != 1 or len(knots) < 2:
-        raise PairError(
-            f"the shape is {knots.shape}; give two or more points, shape (n,).", where=where
-        )
-    check_finite(knots, where)
-    if not np.all(np.diff(knots) > 0):
-        row = int(np.argmax(np.diff(knots) <= 0))
-        raise PairError(
-            f"{what} goes from {knots[row]:g} to {knots[row + 1]:g} mm at points {row + 1} and"
-            f" {row + 2}; sort the points and keep each value once.",
-            where=where,
-        )
-
-
-def check_finite(values: np.ndarray, where: str) -> None:
-    """Raise `PairError` for an array with a number that is not finite."""
-    if not np.all(np.isfinite(values)):
-        point = tuple(int(i) + 1 for i in np.argwhere(~np.isfinite(values))[0])
-        raise PairError(f"point {point} is not a number; remove or repair it.", where=where)
-
-
-def _second_derivatives(z: Any, values: Any) -> Any:
-    """Return the second derivatives of the natural spline at its knots; both ends are zero."""
-    if namespace(z, values) is np:
-        return CubicSpline(z, values, bc_type="natural")(z, 2)
-    width = z[1:] - z[:-1]
-    chord = (values[1:] - values[:-1]) / width
-    if len(z) == 2:
-        return jnp.zeros_like(values)
-    lower = jnp.concatenate([jnp.zeros(1), width[1:-1]])
-    upper = jnp.concatenate([width[1:-1], jnp.zeros(1)])
-    right = 6 * (chord[1:] - chord[:-1])
-    middle = 2 * (width[1:] + width[:-1])
-    inner = jax.lax.linalg.tridiagonal_solve(lower, middle, upper, right[:, None])[:, 0]
-    return jnp.concatenate([jnp.zeros(1), inner, jnp.zeros(1)])
 
 
 class Tooth(eqx.Module):

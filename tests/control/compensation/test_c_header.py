@@ -15,11 +15,13 @@ from tests.control import headers
 from tests.control.compensation.test_compensation import (
     ALLOWED,
     ANGLES,
+    ORIGIN,
     drive_map,
     readings,
     wrapped,
 )
 from tests.control.headers import called, compiled, needs_cc
+from tests.oracles.compensated import gap_at, shift_at
 from vttig_jax.base.errors import NoAnswerError, UsageError
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.control.compensation import c_header as module
@@ -35,8 +37,6 @@ from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.gear_pair import Eccentricities, ShaftReading
 from vttig_jax.rig.paper import paper_pair, paper_rig
-
-ORIGIN = HeaderOrigin("VTTIG rig", "0.1.0", "start")
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +72,8 @@ def test_over_the_hunting_period_it_is_the_map(grid, compensation, program, marg
     np.testing.assert_allclose(
         shift, np.maximum(0, grid.over(ANGLES) / closing - margin), atol=5e-8
     )
-    # The same harmonics in Python: rounding alone is left.
-    expected = compensation.shift(wrapped(first), wrapped(second), margin)
+    # The oracle with the same harmonics: rounding alone is left.
+    expected = shift_at(compensation, wrapped(first), wrapped(second), margin)
     np.testing.assert_allclose(shift, expected.shift_mm, atol=1e-11)
     np.testing.assert_allclose(per_rad, expected.slope_mm_per_rad, atol=1e-10)
     assert (margin > 0) == bool((shift == 0).any())
@@ -114,14 +114,14 @@ def test_a_margin_that_is_none_is_unknown_for_the_shift_alone(program, bad):
 
 
 @needs_cc
-def test_it_knows_what_python_knows(grid, compensation, program):
+def test_it_knows_what_the_oracle_knows(grid, compensation, program):
     generator = np.random.default_rng(2)
     first, second = generator.uniform(-50, 50, (2, 20_000))
     near = readings(grid, angles=first)[1] + generator.uniform(-2, 2, len(first)) * (
         compensation.tolerance_rad
     )
     for driven in (second, near):
-        known = compensation.backlash(first, driven).known
+        known = gap_at(compensation, first, driven).known
         found = called(program, first, driven, 0.0)
         np.testing.assert_array_equal(found[4] == 0, known)
         assert 0.001 < known.mean() < 0.999
@@ -174,7 +174,7 @@ def test_the_backlash_of_a_drive_alone(tmp_path):
     backlash, slope, *_, status = called(program, wrapped(first), wrapped(second), 0.0)
     assert not status.any()
     np.testing.assert_allclose(backlash, grid.over(first), atol=1e-10)
-    expected = found.backlash(wrapped(first), wrapped(second))
+    expected = gap_at(found, wrapped(first), wrapped(second))
     np.testing.assert_allclose(slope, expected.slope, atol=1e-10)
 
 

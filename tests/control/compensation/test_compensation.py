@@ -12,8 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.oracles.compensated import gap_at, shift_at
 from vttig_jax.base.errors import NoAnswerError, PairError, UsageError
 from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.control.compensation.c_header import HeaderOrigin, c_header
 from vttig_jax.control.compensation.compensation import Compensation
 from vttig_jax.control.compensation.map_harmonics import compensation_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
@@ -27,6 +29,7 @@ PAIR = paper_pair()
 RATIO = 45 / 80
 CLOSING = 2 * math.tan(3 * DEG) / 80.0
 ALLOWED = 60 * ARCSEC
+ORIGIN = HeaderOrigin("VTTIG rig", "0.1.0", "start")
 ANGLES = np.random.default_rng(1).uniform(0, 16 * REV, 2000)
 
 
@@ -58,13 +61,13 @@ def wrapped(angle):
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_single_turn_readings_give_the_map_of_the_hunting_period(grid, compensation, share):
     first, second = readings(grid, share)
-    gap = compensation.backlash(wrapped(first), wrapped(second))
+    gap = gap_at(compensation, wrapped(first), wrapped(second))
     assert gap.known.all()
     np.testing.assert_allclose(gap.backlash_rad, grid.over(ANGLES), atol=1e-10)
     assert compensation.error_rad < 1e-10
     slope = np.asarray(jax.vmap(jax.grad(lambda angle: grid.at(angle)))(jnp.asarray(ANGLES)))
     np.testing.assert_allclose(gap.slope, slope, atol=1e-8)
-    shift = compensation.shift(wrapped(first), wrapped(second), 0.2)
+    shift = shift_at(compensation, wrapped(first), wrapped(second), 0.2)
     expected = np.maximum(0, grid.over(ANGLES) / CLOSING - 0.2)
     np.testing.assert_allclose(shift.shift_mm, expected, atol=1e-7)
     assert 0 < np.count_nonzero(shift.shift_mm == 0) < 500
@@ -83,8 +86,8 @@ def test_windings_and_noise_within_the_tolerance_do_not_matter(
     grid, compensation, turns, noise, place, share
 ):
     first, second = readings(grid, share, ANGLES[place : place + 1])
-    plain = compensation.backlash(first, second)
-    gap = compensation.backlash(first + REV * turns[0], second + REV * turns[1] + 0.99 * noise)
+    plain = gap_at(compensation, first, second)
+    gap = gap_at(compensation, first + REV * turns[0], second + REV * turns[1] + 0.99 * noise)
     assert bool(gap.known[0])
     assert gap.backlash_rad[0] == pytest.approx(float(plain.backlash_rad[0]), abs=1e-11)
 
@@ -92,8 +95,8 @@ def test_windings_and_noise_within_the_tolerance_do_not_matter(
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_readings_that_are_no_numbers_are_unknown(compensation, bad):
     for pair in ((bad, 0.0), (0.0, bad), (bad, bad)):
-        assert compensation.backlash(*pair) == (0.0, 0.0, False)
-        assert compensation.shift(*pair) == (0.0, 0.0, False)
+        assert gap_at(compensation, *pair) == (0.0, 0.0, False)
+        assert shift_at(compensation, *pair) == (0.0, 0.0, False)
 
 
 def test_readings_of_another_place_are_unknown(grid, compensation):
@@ -101,10 +104,10 @@ def test_readings_of_another_place_are_unknown(grid, compensation):
     limit = compensation.tolerance_rad
     assert limit > (float(grid.largest.backlash) / 2 + ALLOWED)
     off = np.linspace(2 * limit + 1e-6, compensation.spacing_rad / 2, len(first))
-    gap = compensation.backlash(first, second + off)
+    gap = gap_at(compensation, first, second + off)
     assert not gap.known.any() and not gap.backlash_rad.any() and not gap.slope.any()
     # Foreign readings pass as seldom as the tolerance is narrow.
-    share = compensation.backlash(first, np.random.default_rng(0).uniform(0, REV, 2000)).known
+    share = gap_at(compensation, first, np.random.default_rng(0).uniform(0, REV, 2000)).known
     assert share.mean() == pytest.approx(2 * limit / compensation.spacing_rad, abs=0.01)
 
 
@@ -141,7 +144,7 @@ def test_a_mounted_driven_encoder_moves_the_offset_alone(grid, compensation):
     # The eccentricities of this contact stand elsewhere, the range stays.
     assert mounted.offset_rad - compensation.offset_rad == pytest.approx(9, abs=0.02 * DEG)
     first, second = readings(grid)
-    gap = mounted.backlash(first, second + mounted.offset_rad - compensation.offset_rad)
+    gap = gap_at(mounted, first, second + mounted.offset_rad - compensation.offset_rad)
     assert gap.known.all()
     np.testing.assert_allclose(gap.backlash_rad, grid.over(ANGLES), atol=1e-10)
 
@@ -152,7 +155,7 @@ def test_models_of_eccentricities_alone(build):
     found = compensation_of(grid, allowed_rad=ALLOWED)
     first, second = readings(grid)
     np.testing.assert_allclose(
-        found.backlash(first, second).backlash_rad, grid.over(ANGLES), atol=1e-11
+        gap_at(found, first, second).backlash_rad, grid.over(ANGLES), atol=1e-11
     )
     assert len(found.terms) < 20
 
@@ -161,8 +164,8 @@ def test_perfect_gears_have_no_harmonics():
     grid = BacklashMap(exact_model(PAIR, Eccentricities(constant_backlash_deg=0.04)), None, PAIR)
     found = compensation_of(grid, allowed_rad=ALLOWED)
     assert found.terms == ()
-    assert found.shift(1.0, RATIO).shift_mm == pytest.approx(0.04 * DEG / CLOSING)
-    assert found.shift(1.0, RATIO).slope_mm_per_rad == 0
+    assert shift_at(found, 1.0, RATIO).shift_mm == pytest.approx(0.04 * DEG / CLOSING)
+    assert shift_at(found, 1.0, RATIO).slope_mm_per_rad == 0
 
 
 def drive_map(ratio: Fraction, gap: float = 4e-4) -> BacklashMap:
@@ -181,10 +184,8 @@ def test_a_drive_has_a_backlash_and_no_shift():
     found = compensation_of(grid, allowed_rad=ALLOWED)
     first, second = readings(grid)
     np.testing.assert_allclose(
-        found.backlash(first, second).backlash_rad, grid.over(ANGLES), atol=1e-11
+        gap_at(found, first, second).backlash_rad, grid.over(ANGLES), atol=1e-11
     )
-    with pytest.raises(UsageError, match="--quantity backlash"):
-        found.shift(0.0, 0.0)
     assert found.to_json()["closing_rad_per_mm"] is None
     assert "shift" not in str(found)
 
@@ -195,7 +196,7 @@ def test_gears_that_do_not_thin_have_no_shift(helix_deg):
     pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.12)
     grid = BacklashMap(exact_model(pair, paper_eccentricities()), None, pair)
     with pytest.raises(UsageError, match="no axial displacement closes this gap"):
-        compensation_of(grid, allowed_rad=ALLOWED).shift(0.0, 0.0)
+        c_header(compensation_of(grid, allowed_rad=ALLOWED), ORIGIN, name="rig")
 
 
 def test_too_many_turns_leave_the_turn_open():
@@ -203,10 +204,10 @@ def test_too_many_turns_leave_the_turn_open():
     found = compensation_of(grid, allowed_rad=0.1 * DEG)
     assert not found.is_locating and not found.to_json()["locating"]
     with pytest.raises(NoAnswerError, match=r"1798 turns .* 0\.2° apart"):
-        found.backlash(0.0, 0.0)
+        c_header(found, ORIGIN, name="rig", quantity="backlash")
     finer = compensation_of(grid, allowed_rad=10 * ARCSEC)
     first, second = readings(grid, angles=np.linspace(0, 1798 * REV, 500))
-    gap = finer.backlash(first, second)
+    gap = gap_at(finer, first, second)
     assert gap.known.all()
     np.testing.assert_allclose(gap.backlash_rad, grid.over(first), atol=1e-11)
 
@@ -223,14 +224,11 @@ def test_json_holds_all_that_the_evaluation_needs(grid, compensation):
     assert (record["ratio"], record["hunting_turns"]) == ("9/16", 16)
 
 
-def test_bad_arguments_are_refused(grid, compensation):
+def test_bad_arguments_are_refused(grid):
     with pytest.raises(ValueError, match="`allowed_rad` must be 0 or more"):
         compensation_of(grid, allowed_rad=-1.0)
     with pytest.raises(ValueError, match="`left_out_rad` must be 0 or more"):
         compensation_of(grid, allowed_rad=0.0, left_out_rad=math.nan)
-    for margin in (-0.1, math.nan, math.inf):
-        with pytest.raises(ValueError, match="`margin_mm` must be 0 or more"):
-            compensation.shift(0.0, 0.0, margin)
     with pytest.raises(PairError, match="too long to search"):
         compensation_of(drive_map(Fraction("0.003893214683")), allowed_rad=0.0)
     steep = drive_map(Fraction(1, 2)).model

@@ -12,7 +12,6 @@ from benchmarks.compiler import fast_to_compile
 from tests.laws import checks
 from vttig_jax.geometry.backlash import backlash_and_contact, geometric_backlash, section_backlash
 from vttig_jax.geometry.contact import contact_model
-from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
 
 SHIFTS = np.array([-12.0, -3.0, -0.2, 0.0, 0.1, 0.9, 4.0, 15.0])
@@ -128,17 +127,6 @@ def test_crowned_teeth_touch_where_each_flank_is_thickest(distance, shift):
     np.testing.assert_allclose(
         section_backlash(pair, some, distance, shift), sections, rtol=0, atol=1e-14
     )
-
-
-def test_gears_given_take_the_place_of_the_drawn_ones():
-    thick, thin = make(), make(helix=(3.0, 3.0), crowning=(20.0, 20.0))
-    gears = tooth_of(thin, "driving"), tooth_of(thin, "driven")
-    for z in (0.0, 7.0):
-        found = float(section_backlash(thick, z, 125.3, 0.4, teeth=gears))
-        assert found == pytest.approx(float(section_backlash(thin, z, 125.3, 0.4)), abs=1e-16)
-    given = float(geometric_backlash(thick, 125.3, 3.0, teeth=gears))
-    assert given == pytest.approx(float(geometric_backlash(thin, 125.3, 3.0)), abs=1e-16)
-    assert given - float(geometric_backlash(thick, 125.3, 3.0)) > 1e-6
 
 
 def test_nothing_is_left_where_faces_do_not_overlap():

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from tests.geometry.backlash.test_drawn_backlash import UNEQUAL, make
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.backlash import axial_for_backlash, geometric_backlash
-from vttig_jax.geometry.tooth import tooth_of
 
 
 @pytest.mark.slow
@@ -41,14 +40,6 @@ def test_linear_teeth_by_equation_16():
             left = float(pair.drawing_backlash) - math.radians(backlash_deg)
             found = axial_for_backlash(pair, math.radians(backlash_deg))
             assert found == pytest.approx(left * 80.0 / tapers, abs=1e-9)
-
-
-def test_measured_gears_need_another_position():
-    drawn, thin = make(), make(crowning=(20.0, 20.0))
-    gears = tooth_of(thin, "driving"), tooth_of(thin, "driven")
-    found = axial_for_backlash(drawn, 1e-4, teeth=gears)
-    assert found == axial_for_backlash(thin, 1e-4)
-    assert abs(found - axial_for_backlash(drawn, 1e-4)) > 1e-4
 
 
 def test_of_two_positions_the_nearer_one():

@@ -8,7 +8,6 @@ import pytest
 from tests.geometry.backlash.test_drawn_backlash import make
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.backlash import gap_report, geometric_backlash, section_backlash
-from vttig_jax.geometry.tooth import tooth_of
 
 pytestmark = pytest.mark.smoke
 
@@ -58,17 +57,6 @@ def test_an_apparent_backlash_stands_beside():
     assert gap_report(pair).difference is None and "apparent" not in str(gap_report(pair))
     spur = str(gap_report(make((0.0, 0.0)), apparent_deg=0.1))
     assert "of tooth thickness" in spur and "of s" not in spur
-
-
-def test_all_numbers_are_those_of_the_gears_given():
-    """Also by how much a shift opens the gap."""
-    steep = make((5.0, 5.0))
-    gears = tooth_of(steep, "driving"), tooth_of(steep, "driven")
-    given, own = gap_report(make(), 125.3, 0.4, teeth=gears), gap_report(steep, 125.3, 0.4)
-    for name in ("backlash", "opening_mm"):
-        assert getattr(given, name) == pytest.approx(getattr(own, name), rel=1e-12)
-    np.testing.assert_allclose(given.section_backlash, own.section_backlash, atol=1e-16)
-    assert abs(given.opening_mm - gap_report(make(), 125.3, 0.4).opening_mm) > 0.05
 
 
 def test_one_section_where_the_face_has_none_to_choose():

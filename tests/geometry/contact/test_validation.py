@@ -1,7 +1,6 @@
 """Pairs that cannot be brought into contact, and wrong options: one sentence each."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -14,7 +13,7 @@ from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.deviations import Deviations
 from vttig_jax.geometry.form import form_radius
 from vttig_jax.geometry.mounting import Misalignment
-from vttig_jax.geometry.tooth import Tabulated, Tooth, tooth_of
+from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair, Rack
 
 
@@ -92,29 +91,6 @@ def test_sections_are_one_where_all_touch_at_once():
     first, second = Gear(45, 3.0, 3.0, 20.0), Gear(80, 3.1, 3.0, 20.0)
     unlike = GearPair(first, second, module_mm=2.0, pressure_angles_deg=20.0)
     assert contact_model(unlike).search_grid.sections == 9
-
-
-def recessed(pair: GearPair, change) -> tuple[Tooth, Tooth]:
-    """The drawn gears with another recession on the driving one's left flank."""
-    driving = tooth_of(pair, "driving")
-    changed = replace(driving, recession=(change, driving.recession[1]))
-    return changed, tooth_of(pair, "driven")
-
-
-@pytest.mark.slow
-def test_measured_and_general_recessions_take_the_place_of_the_drawing():
-    """A helix measurement, and a plain function: A touches where the gears are thickest."""
-    pair, taper = make(), math.tan(math.radians(3.0))
-
-    def wave(z):
-        return z * taper + 0.004 * (1 - jnp.cos(0.5 * (z - 3.0)))
-
-    heights = np.linspace(-10.0, 10.0, 41)
-    table = Tabulated(heights, np.asarray(wave(heights)))
-    for change, close in ((wave, 1e-12), (table, 5e-8)):
-        model = contact_model(pair, teeth=recessed(pair, change), sections=17)
-        found = np.asarray(model.transmission_error(np.array([0.01, 0.05]), "A"))
-        np.testing.assert_allclose(found, 0.004 * (1 - math.cos(1.5)) / 80, atol=close)
 
 
 def test_half_of_the_numbers_may_be_traced():

@@ -18,7 +18,7 @@ from scipy.optimize import minimize, root_scalar
 from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
 from vttig_jax.base.arrays import namespace
 from vttig_jax.geometry.measures import SIZES_MM, _stand_off, over_balls, usual_ball
-from vttig_jax.geometry.tooth import Tabulated, Tooth
+from vttig_jax.geometry.tooth import Tooth
 
 KHK_HELICAL: dict[str, Any] = {"normal_module_mm": 1.0, "normal_pressure_angle_deg": 20.0}
 
@@ -220,9 +220,9 @@ def test_the_helix_is_not_forgotten():
 )
 def test_the_search_finds_what_the_formula_says_of_straight_flanks(helix, half, z, teeth):
     tooth = shop_gear(teeth, helix=(helix, 0.0), width=200.0)
-    far, slope = np.array([-300.0, 300.0]), math.tan(math.radians(helix))
-    table = eqx.tree_at(lambda t: t.recession, tooth, (Tabulated(far, far * slope),) * 2)
-    searched, formula = _stand_off(table, 0, half, z), _stand_off(tooth, 0, half, z)
+    line = Wave(math.tan(math.radians(helix)), 0.0)
+    same = eqx.tree_at(lambda t: t.recession, tooth, (line, line))
+    searched, formula = _stand_off(same, 0, half, z), _stand_off(tooth, 0, half, z)
     assert searched[0] == pytest.approx(formula[0], rel=1e-12, abs=1e-12)
     assert searched[1] == pytest.approx(formula[1], abs=1e-6 * half)
 

@@ -17,7 +17,7 @@ from vttig_jax.geometry import mesh as meshing
 from vttig_jax.geometry.form import form_radius
 from vttig_jax.geometry.mesh import gear_mesh
 from vttig_jax.geometry.surface import fillet_span, flank_roll, tooth_surface
-from vttig_jax.geometry.tooth import SIDES, Side, Tabulated, Tooth
+from vttig_jax.geometry.tooth import SIDES, Side, Taper, Tooth
 
 ALIKE = np.array([20.0, 20.0])
 GEARS = {
@@ -27,10 +27,10 @@ GEARS = {
     ),
     "undercut": tooth(12, recession=(crowned(0.02, 0.01), crowned(0.01, 0.0))),
     "spur": tooth(20, recession=(crowned(0.0, 0.0),) * 2, fillet_radius_mm=0.3),
-    "table": tooth(
+    "hollow": tooth(
         30,
         fillet_radius_mm=0.2,
-        recession=(crowned(0.01, 0.02), Tabulated([-10, 0, 10], [0, 0.1, 0])),
+        recession=(crowned(0.01, 0.02), Taper(0.0, -0.1, 20.0, 0.1)),
     ),
     "sharp cutter": tooth(60, fillet_radius_mm=0.0),
     "winding": tooth(14, fillet_radius_mm=0.3, recession=(crowned(0.6, 0.0), crowned(-0.6, 0.0))),

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,16 +10,13 @@ import pytest
 from tests.geometry.surface_teeth import crowned, tooth, wave
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.checks import check_tooth
-from vttig_jax.geometry.tooth import Tabulated, Taper
-
-TABLE = Tabulated([-10.0, 0.0, 10.0], [-0.5, 0.0, 0.5])
-FOLDED = eqx.tree_at(lambda t: t.z_mm, TABLE, np.array([-10.0, 11.0, 10.0]))
+from vttig_jax.geometry.tooth import Taper
 
 
 def test_what_has_a_surface_passes():
     for gear in (
         tooth(),
-        tooth(recession=(TABLE, wave)),
+        tooth(recession=(wave, wave)),
         tooth(recession=(crowned(0.05, 0.02), lambda z: 0.01 + 0.0 * z)),
         tooth(12, fillet_radius_mm=0.0),
     ):
@@ -47,7 +43,6 @@ def test_recessions_that_are_none():
         lambda z: 0.1,
         lambda z: np.sin(z),
         lambda z: z if z[0] > 0 else -z,
-        FOLDED,
     ):
         with np.errstate(divide="ignore"), pytest.raises(PairError) as caught:
             check_tooth(tooth(recession=(recession, Taper(0.0))))

@@ -9,11 +9,9 @@ import pytest
 from tests.geometry.surface_teeth import between, crowned, cutter, tooth, wave
 from tests.laws import checks, table
 from vttig_jax.geometry.surface import PARTS, fillet_span, flank_span, surface_normal, tooth_surface
-from vttig_jax.geometry.tooth import SIDES, Tabulated
+from vttig_jax.geometry.tooth import SIDES
 
-GEAR = tooth(
-    recession=(crowned(0.05, 0.03), Tabulated([-10.0, -3.0, 4.0, 10.0], [-0.3, -0.1, 0.12, 0.4]))
-)
+GEAR = tooth(recession=(crowned(0.05, 0.03), wave))
 HEIGHTS = np.array([-9.0, -2.0, 0.5, 8.0])
 each_side = pytest.mark.parametrize("side", SIDES)
 
@@ -97,7 +95,7 @@ def test_recession_turns_the_section(side):
         radius = np.hypot(points[..., 0], points[..., 1])
         np.testing.assert_allclose(radius, radius[:, :1] + 0 * radius, rtol=1e-14)
         clockwise = np.arctan2(points[..., 0], points[..., 1]) * sense
-        recession = GEAR.recessions(HEIGHTS)[:, index]
+        recession = np.asarray(GEAR.recessions(HEIGHTS))[:, index]
         turned = clockwise + recession / 45.0
         np.testing.assert_allclose(turned, turned[:, :1] + 0 * turned, rtol=0, atol=1e-15)
 

@@ -13,11 +13,10 @@ do not belong to this pair with these zeros, and the backlash is unknown.
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Bool, Float, Real
+from jaxtyping import Float
 
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.text_tables import key_values
@@ -25,31 +24,7 @@ from ...base.units import ARCSEC, DEG, REV
 from ...kinematics.harmonic import Term
 from ...pair.gear_pair import Drive, GearPair
 
-Readings = Real[ArrayLike, "..."]
 Numbers = Float[np.ndarray, "..."] | np.float64
-Truths = Bool[np.ndarray, "..."] | np.bool_
-
-
-class GapReading(NamedTuple):
-    """Backlash (rad of the driven gear), its derivative with respect to φ₁, and whether known.
-
-    Where `known` is false, value and derivative are 0.
-    """
-
-    backlash_rad: Numbers
-    slope: Numbers
-    known: Truths
-
-
-class Shift(NamedTuple):
-    """Axial displacement that closes the gap (mm), its derivative by φ₁, and whether known.
-
-    Where `known` is false, value and derivative are 0.
-    """
-
-    shift_mm: Numbers
-    slope_mm_per_rad: Numbers
-    known: Truths
 
 
 def closing_of(pair: GearPair | Drive) -> float:
@@ -122,62 +97,15 @@ class Compensation:
         """
         return self.tolerance_rad < self.spacing_rad / 2
 
-    def backlash(self, driving_rad: Readings, driven_rad: Readings) -> GapReading:
-        """Return the backlash at single-turn readings, both in rad from the zeros of the fit.
-
-        It is unknown if a reading is not finite, or if the readings are farther than the tolerance
-        from every possible position of the pair. According to the map, the pair binds where the
-        backlash is negative.
-
-        **Raises** `NoAnswerError` if single-turn readings cannot identify the turn.
-        """
-        self.require_locating()
-        first, second = np.broadcast_arrays(
-            np.asarray(driving_rad, np.float64), np.asarray(driven_rad, np.float64)
-        )
-        finite = np.isfinite(first) & np.isfinite(second)
-        first, second = (np.where(finite, angle, 0.0) for angle in (first, second))
-        first, second = (angle - REV * np.rint(angle / REV) for angle in (first, second))
-        ideal = float(self.ratio) * first
-        distance = second - ideal - self.offset_rad
-        turn = np.rint(distance / self.spacing_rad)
-        known = finite & (np.abs(distance - turn * self.spacing_rad) <= self.tolerance_rad)
-        value, slope = self.at_both_angles(first, ideal + turn * self.spacing_rad)
-        return GapReading(np.where(known, value, 0.0)[()], np.where(known, slope, 0.0)[()], known)
-
-    def shift(self, driving_rad: Readings, driven_rad: Readings, margin_mm: float = 0.0) -> Shift:
-        """Return the axial displacement that closes the gap minus `margin_mm`, but at least 0, mm.
-
-        **Raises** `UsageError` where no displacement closes the gap, `NoAnswerError` where
-        single-turn readings never identify the turn, `ValueError` for a negative or NaN margin.
-        """
-        require_closing(self.closing_rad_per_mm)
-        if not (margin_mm >= 0 and math.isfinite(margin_mm)):
-            raise ValueError(f"Argument `margin_mm` must be 0 or more, but is {margin_mm}.")
-        gap = self.backlash(driving_rad, driven_rad)
-        shift = gap.backlash_rad / self.closing_rad_per_mm - margin_mm
-        closes = gap.known & (shift > 0)
-        return Shift(
-            np.where(closes, shift, 0.0)[()],
-            np.where(closes, gap.slope / self.closing_rad_per_mm, 0.0)[()],
-            gap.known,
-        )
-
-    def at_both_angles(
-        self, driving_rad: Numbers | float, ideal_rad: Numbers | float
-    ) -> tuple[Numbers, Numbers]:
-        """Return j(φ₁, ξ) in rad, and its derivative with respect to φ₁ if ξ moves with i φ₁."""
+    def at_both_angles(self, driving_rad: Numbers | float, ideal_rad: Numbers | float) -> Numbers:
+        """Return j(φ₁, ξ), rad of the driven gear."""
         value = np.full(np.shape(driving_rad), self.constant_rad)
-        slope = np.zeros(np.shape(driving_rad))
-        ratio = float(self.ratio)
         for (first, second), cosine, sine in zip(
             self.terms, self.cosine_rad, self.sine_rad, strict=True
         ):
             phase = first * np.asarray(driving_rad) + second * np.asarray(ideal_rad)
-            wave = np.cos(phase), np.sin(phase)
-            value += cosine * wave[0] + sine * wave[1]
-            slope += (first + second * ratio) * (sine * wave[0] - cosine * wave[1])
-        return value[()], slope[()]
+            value += cosine * np.cos(phase) + sine * np.sin(phase)
+        return value[()]
 
     def require_locating(self) -> None:
         """Raise `NoAnswerError` if single-turn readings cannot identify the turn."""

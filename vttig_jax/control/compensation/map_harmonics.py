@@ -71,9 +71,9 @@ def compensation_of(
     >>> pair = paper_pair()
     >>> grid = BacklashMap(exact_model(pair, paper_eccentricities()), None, pair)
     >>> compensation = compensation_of(grid, allowed_rad=1e-4)
-    >>> gap = compensation.backlash(1.0, 45 / 80 * 1.0)
-    >>> bool(gap.known), bool(abs(gap.backlash_rad - grid.at(1.0)) < 1e-11)
-    (True, True)
+    >>> gap = compensation.at_both_angles(1.0, 45 / 80 * 1.0)
+    >>> bool(abs(gap - grid.at(1.0)) < 1e-11)
+    True
 
     ```
     """
@@ -217,7 +217,7 @@ def _with_error(
     result: Compensation, angles: Float[np.ndarray, " n"], map_values: Float[np.ndarray, " n"]
 ) -> Compensation:
     """Return the compensation with `error_rad`, its largest difference from the map at `angles`."""
-    value, _ = result.at_both_angles(angles, float(result.ratio) * angles)
+    value = result.at_both_angles(angles, float(result.ratio) * angles)
     return replace(result, error_rad=float(np.abs(value - map_values).max()))
 
 

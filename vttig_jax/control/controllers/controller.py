@@ -163,7 +163,12 @@ def exceeds(value: Any, threshold: Any, scale: Any, width: Any) -> Float[Array, 
     """
     if width is None:
         return jnp.where(value > threshold, 1.0, 0.0)
-    share = jnp.clip(0.5 * ((value - threshold) / (scale * width) + 1.0), 0.0, 1.0)
+    share = 0.5 * ((value - threshold) / (scale * width) + 1.0)
+    return _smooth_step(jnp.clip(share, 0.0, 1.0))
+
+
+def _smooth_step(share: Float[Array, ""]) -> Float[Array, ""]:
+    """Return p³ (10 − 15 p + 6 p²) for a share p of 0 … 1."""
     return share**3 * (10 + share * (6 * share - 15))
 
 
@@ -348,8 +353,7 @@ class Feedforward(Controller):
         sense = jnp.where(moving, jnp.sign(seen.reference_speed), state.sense)
         period = seen.time - state.time
         progress = jnp.clip(state.progress - sense * period / self.jump_s, 0.0, 1.0)
-        share = progress**3 * (10 + progress * (6 * progress - 15))
         # The shaft reaches the commanded lead one period later.
         gap = seen.map.gap(seen.reference + period * seen.reference_speed + state.advance)
-        advance = -share * gap / seen.map.ratio
+        advance = -_smooth_step(progress) * gap / seen.map.ratio
         return LeadJump(seen.time, sense, progress, advance), Command(jnp.zeros(()), advance)

@@ -3,19 +3,18 @@
 A controller needs the turn at its start, because the backlash map differs from turn to turn.
 """
 
-from typing import Any
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from ...base.units import REV
 from ...kinematics.flank_model import FlankModel
 from ...kinematics.turn_location import locate
 from ...pair.gear_pair import Drive, GearPair
 from ..hardware.encoder import Encoder, noise_draws
-from .controller import Controller, Measurement
+from .controller import NoController
 
 CERTAINTY = 0.999
 """Lowest probability at which a controller accepts a located turn; a chosen value."""
@@ -25,19 +24,13 @@ _LEAST_STD = 1e-9
 """
 
 
-class LostController(Controller):
+class LostController(NoController):
     """Controller for a run in which the turn within the hunting period could not be located.
 
-    It commands an axial displacement of zero in every period, so the gap remains open.
+    It would close the gap, but commands a displacement of zero, so the gap remains open.
     """
 
-    def start(self) -> tuple[()]:
-        """Return an empty state."""
-        return ()
-
-    def step(self, state: Any, seen: Measurement) -> tuple[Any, Float[Array, ""]]:
-        """Return the unchanged state and a displacement of zero, mm."""
-        return state, jnp.zeros(())
+    closes: ClassVar[bool] = True
 
 
 def turn_error(

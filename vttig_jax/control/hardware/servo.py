@@ -22,7 +22,7 @@ from ...kinematics.flank_table import Bounds, Flanks
 from ..fields import Part, Quantity, not_negative, positive
 from ..motion.motion import MotionPoint
 from ..plants.elastic import Elastic
-from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, walls
+from ..plants.plant import FREE, ON_B, ContactEvent, Drag, Plant, Shafts, flown, walls
 
 
 class Motor(eqx.Module):
@@ -142,7 +142,7 @@ class ServoDrive(eqx.Module):
         angle = shafts.angle + 0.5 * step * (shafts.speed + speed)
         course = replace(course, speed=speed, angle=angle)
         moved, touch = plant.step(shafts, course, slide, bounds, step)
-        flight = self._flight(shafts, course, self._slowing(shafts, bounds, step), bounds, step)
+        flight = flown(shafts, course, bounds.ratio, self._slowing(shafts, bounds, step), step)
         met = (touch.side != FREE) & ~carries
         flank = jnp.where(touch.side != FREE, touch.side, side)
         result = self._shared(moved, flight, flank, met, bounds)
@@ -191,24 +191,13 @@ class ServoDrive(eqx.Module):
         course = _course(shafts, jnp.where(closed, joint, separate), step)
         moved, touch = coupled.step(shafts, course, slide, bounds, step)
         slowing = coupled.slowing(shafts, now, ratio, step)
-        flight = self._flight(shafts, course, slowing, bounds, step)
+        flight = flown(shafts, course, ratio, slowing, step)
         return self._shared(moved, flight, flank, ~closed, bounds, slope), touch
 
     def _inertia(self, slope: Scalar) -> Scalar:
         """Return m = J₁ J₂/(J₁ + k² J₂), the inertia of the relative motion, kg m² (k: `slope`)."""
         driving, driven = jnp.asarray(self.driving.inertia), self.driven.inertia
         return driving * driven / (driving + slope**2 * driven)
-
-    def _flight(self, shafts, course, slowing, bounds, step) -> tuple[Scalar, Scalar]:
-        """Return x and its rate at the end of a step without contact.
-
-        `course`: driving shaft at the end. `slowing`: acceleration of the driven shaft, rad/s².
-        """
-        turned = step * (bounds.ratio * shafts.speed + shafts.drift + 0.5 * step * slowing)
-        return (
-            shafts.offset + turned - bounds.ratio * (course.angle - shafts.angle),
-            shafts.drift + step * slowing - bounds.ratio * (course.speed - shafts.speed),
-        )
 
     def _shared(self, moved, flight, flank, met, bounds, slope=None) -> Shafts:
         """Return both shafts after the torque of a flank has moved both of them.

@@ -14,10 +14,10 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
-from ...base.arrays import Number, Numbers, float64, namespace
+from ...base.arrays import Number, Numbers, float64, known, namespace
 from ...base.numerics.sincos import sincos
 from ...base.units import DEG, REV
-from ..fields import Part, Quantity, is_known, number
+from ..fields import Part, Quantity, number
 
 
 class MotionPoint(eqx.Module):
@@ -266,7 +266,7 @@ class Reversal(Part):
         rate, distance = self.speed_rpm * (REV / 60.0), abs(self.reversal_deg * DEG)
         ramps = rate * ramps
         time = (distance - ramps) / rate
-        if not is_known(time) or time >= 0:
+        if not known(time) or time >= 0:
             return time
         if distance < ramps * (1 - _ROUNDING):
             raise ValueError(

@@ -1,10 +1,5 @@
 """Recorded motions: the CSV file, the spline through its rows, and the braking and turn times."""
 
-import csv
-import io
-import math
-from collections.abc import Iterator
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Final
 
@@ -16,9 +11,11 @@ from jaxtyping import Float, Real
 from scipy.interpolate import CubicSpline
 
 from ...base.arrays import Number, Numbers, float64
-from ...base.errors import InputError
-from ...base.files.limits import read_regular
+from ...base.errors import InputError, LogError
 from ...base.units import DEG
+from ...logs.readers.delimited import find_table
+from ...logs.readers.text import read_text
+from ...pair.schema import LogLayout
 from .motion import Motion, MotionPoint
 
 BACK: Final = 0.01
@@ -93,107 +90,62 @@ LARGEST: Final = 1e12
 """Largest time (s) or angle (deg) in the file; for larger numbers double precision is too coarse.
 """
 
-_UNREADABLE: Final = {
-    FileNotFoundError: "no such file; check the path of the motion.",
-    IsADirectoryError: "this is a folder; name the file of the motion in it.",
-    PermissionError: "no permission to read this file; change its access rights.",
-}
-
-_FORMAT_HINT: Final = "it needs the columns time_s and driving_deg, separated by commas"
-
 
 def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return times (s) and driving angles (deg) of a CSV file, checked row by row.
 
     **Raises** `InputError` that names the file, the line and the cure.
     """
-    path = Path(path)
-    lines = _lines(path)
-    line, header = next(lines, (0, []))
-    if not header:
-        raise InputError(f"the file is empty; {_FORMAT_HINT}.", where=str(path))
-    indices = [_column_index(header, name, path, line) for name in COLUMNS]
-    rows: list[tuple[float, float]] = []
-    for line, fields in lines:
-        where = f"{path}, line {line}"
-        if len(fields) != len(header):
+    source, header = str(path), ",".join(COLUMNS)
+    text, _, _ = read_text(path, None)
+    try:  # fields without a number become NaN, which is refused below
+        table = find_table(text, source, LogLayout(delimiter=",", decimal=".", missing="skip"))
+    except LogError as error:
+        raise InputError(
+            f"there is no table; write the header {header} and lines of numbers below it, separated"
+            " by commas.",
+            where=error.where,
+        ) from None
+    for name in COLUMNS:
+        if (count := table.names.count(name)) != 1:
             raise InputError(
-                f"{len(fields)} fields under {len(header)} column names; give every column one"
+                f"the file has {count} columns `{name}` (the header has {', '.join(table.names)});"
+                f" write the header {header}.",
+                where=source,
+            )
+    places = [table.names.index(name) for name in COLUMNS]
+    times, angles = (values.astype(float) for values in table.own_columns(places, keep_last=True))
+    gaps = np.diff(times, prepend=-np.inf)
+    for row, (line, fields) in enumerate(table.rows()):
+        where = f"{source}: line {line}"
+        if len(fields) > len(table.names):
+            raise InputError(
+                f"{len(fields)} fields under {len(table.names)} column names; give every column one"
                 " value, with a decimal point.",
                 where=where,
             )
-        time, angle = (
-            _number(fields[index], name, where)
-            for index, name in zip(indices, COLUMNS, strict=True)
-        )
-        if rows and time - rows[-1][0] < SHORTEST_S:
+        for name, place, values in zip(COLUMNS, places, (times, angles), strict=True):
+            if not abs(values[row]) <= LARGEST:
+                seen = f"`{fields[place]}`" if any(fields[place : place + 1]) else "empty"
+                raise InputError(
+                    f"{name} is {seen}; write a number up to {LARGEST:g} with a decimal point, or"
+                    " remove the row.",
+                    where=where,
+                )
+        if gaps[row] < SHORTEST_S:
             raise InputError(
-                f"time_s goes from {rows[-1][0]!r} to {time!r}; times must increase from row to"
-                f" row by {SHORTEST_S:g} s or more, so remove the row or sort the file.",
+                f"time_s goes from {times[row - 1]} to {times[row]}; times must increase from row"
+                f" to row by {SHORTEST_S:g} s or more, so remove the row or sort the file.",
                 where=where,
             )
-        rows.append((time, angle))
-    if len(rows) < 2:
-        raise InputError(
-            f"the number of rows is {len(rows)}; a motion needs two or more.", where=str(path)
-        )
-    times, angles = np.array(rows, np.float64).T
+    if len(times) < 2:
+        raise InputError("the file has one row; a motion needs two or more.", where=source)
     if np.ptp(angles) == 0:
         raise InputError(
             f"driving_deg is {angles[0]:.10g} in every row; a motion must move the shaft.",
-            where=str(path),
+            where=source,
         )
     return times, angles
-
-
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and stripped fields of every line that is neither empty nor a comment."""
-    try:
-        file = io.StringIO(read_regular(path).decode("utf-8-sig"), newline="")
-        reader = csv.reader(file, strict=True)
-        for row in reader:
-            fields = [field.strip() for field in row]
-            if any(fields) and not fields[0].startswith("#"):
-                yield reader.line_num, fields
-    except OSError as error:
-        other = f"cannot be read ({error.strerror or error}); check the path and the disk."
-        raise InputError(_UNREADABLE.get(type(error), other), where=str(path)) from None
-    except UnicodeDecodeError:
-        raise InputError(
-            f"not text in UTF-8; save the motion as CSV: {_FORMAT_HINT}.", where=str(path)
-        ) from None
-    except csv.Error as error:
-        raise InputError(
-            f"not a CSV file ({error}); save the motion as CSV: {_FORMAT_HINT}.", where=str(path)
-        ) from None
-
-
-def _column_index(header: list[str], name: str, path: Path, line: int) -> int:
-    where = f"{path}, line {line}"
-    count = header.count(name)
-    if count > 1:
-        raise InputError(f"{count} columns are named {name}; keep one of them.", where=where)
-    if count == 1:
-        return header.index(name)
-    similar = get_close_matches(name, header, n=1)
-    names = ", ".join(header[:8]) + (", …" if len(header) > 8 else "")
-    cure = f"rename `{similar[0]}` if you mean that column" if similar else _FORMAT_HINT
-    raise InputError(f"no column {name} among: {names}; {cure}.", where=where)
-
-
-def _number(field: str, name: str, where: str) -> float:
-    try:
-        value = float(field)
-    except ValueError:
-        value = math.nan
-    if not abs(value) <= LARGEST or "_" in field:
-        shown = f"`{field}`" if field else "empty"
-        raise InputError(
-            f"{name} is {shown}; write a number up to {LARGEST:g} with a decimal point, or remove"
-            " the row.",
-            where=where,
-        )
-    return value
 
 
 Scalar = Float[Number, ""]

@@ -25,11 +25,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...base.arrays import Number, float64
+from ...base.arrays import Number, float64, known
 from ...base.errors import ScenarioError
 from ...kinematics.flank_table import Bounds
 from ...pair.gear_pair import GearPair
-from ..fields import Quantity, is_known, number, positive
+from ..fields import Quantity, number, positive
 from ..hermite import cubic, nonzero
 from ..motion.motion import MotionPoint
 from .plant import (
@@ -42,6 +42,7 @@ from .plant import (
     Shafts,
     Slide,
     Walls,
+    flown,
     touching,
     walls,
 )
@@ -307,7 +308,7 @@ class Elastic(Plant):
         **Raises** `ScenarioError` for gears without face width.
         """
         width = pair.driven.face_width_mm if isinstance(pair, GearPair) else np.nan
-        if is_known(width) and np.isnan(width):
+        if known(width) and np.isnan(width):
             cure = "add `face_width_mm` to [driven] of the pair file"
             if not isinstance(pair, GearPair):
                 cure = "a [drive] has none, so choose the rigid plant"
@@ -370,9 +371,7 @@ class Elastic(Plant):
         else:
             slowing = self.slowing(shafts, now, ratio, step)
         # The flight without contact, and the penetration of the nearer flank at both of its ends.
-        free = shafts.offset + step * (driven_speed + 0.5 * step * slowing)
-        free -= ratio * (driving.angle - shafts.angle)
-        drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
+        free, drift = flown(shafts, driving, ratio, slowing, step)
         rate = jnp.sqrt(jnp.asarray(self.stiffness) / self._inertia)
         start_a, start_b = _depths(now, shafts.offset, shafts.drift)
         end_a, end_b = _depths(then, free, drift)

@@ -185,6 +185,18 @@ def walls(
     )
 
 
+def flown(shafts, driving, ratio, slowing, step) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Return x and its rate at the end of a step without contact.
+
+    `driving`: driving shaft at the end. `slowing`: acceleration of the driven shaft, rad/s².
+    """
+    turned = step * (ratio * shafts.speed + shafts.drift + 0.5 * step * slowing)
+    return (
+        shafts.offset + turned - ratio * (driving.angle - shafts.angle),
+        shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed),
+    )
+
+
 def touching(
     below: Bool[Array, ""], above: Bool[Array, ""], side: Float[Array, ""]
 ) -> Float[Array, ""]:
@@ -281,10 +293,7 @@ class Rigid(Plant):
         then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
         driven_speed = ratio * shafts.speed + shafts.drift
         slowing = self.drag.acceleration(driven_speed, 0.0, step)
-        turned = step * (driven_speed + 0.5 * step * slowing)
-        free = shafts.offset + turned - ratio * (driving.angle - shafts.angle)
-        drift = shafts.drift + step * slowing - ratio * (driving.speed - shafts.speed)
-
+        free, drift = flown(shafts, driving, ratio, slowing, step)
         below, above = free <= then.lower, free >= then.upper
         hit = below | above
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)

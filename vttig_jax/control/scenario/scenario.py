@@ -154,32 +154,26 @@ def table_of(name: str, *contents: Any) -> Any:
 
 _ANGLE = {"unit": "deg", "ge": -1e6, "le": 1e6}
 _OFFSET = {"unit": "mm", "ge": 0, "le": 1e3}
-_RIG: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "driving_mm": ("eccentricity of the driving gear", "", _OFFSET | {"examples": [0.0226]}),
-    "driving_phase_deg": ("its angle", "line", _ANGLE | {"examples": [49.5]}),
-    "driven_mm": ("eccentricity of the driven gear", "", _OFFSET | {"examples": [0.0273]}),
-    "driven_phase_deg": ("its angle", "line", _ANGLE | {"examples": [79.3]}),
+_FROM_CENTRES = "its angle from the line of centres at angle 0"
+_RIG: dict[str, tuple[str, dict[str, Any]]] = {
+    "driving_mm": ("eccentricity of the driving gear", _OFFSET | {"examples": [0.0226]}),
+    "driving_phase_deg": (_FROM_CENTRES, _ANGLE | {"examples": [49.5]}),
+    "driven_mm": ("eccentricity of the driven gear", _OFFSET | {"examples": [0.0273]}),
+    "driven_phase_deg": (_FROM_CENTRES, _ANGLE | {"examples": [79.3]}),
     "constant_backlash_deg": (
-        "backlash without eccentricities",
-        "gear",
+        "backlash without eccentricities, angle of the driven gear",
         {"unit": "deg", "ge": 0, "le": 90, "examples": [0.038]},
     ),
 }
-_MORE = {
-    "": "",
-    "line": " from the line of centres at angle 0",
-    "gear": ", angle of the driven gear",
-}
 
 
-def _rig(full: bool) -> dict[str, tuple[Any, Any]]:
-    """Return the keys of a rig: required with a full text, or optional."""
+def _rig(required: bool) -> dict[str, tuple[Any, Any]]:
+    """Return the keys of a rig, required or optional."""
     kinds: dict[str, Any] = {
-        name: Annotated[float, key(text + _MORE[more] * full, **bounds)]
-        for name, (text, more, bounds) in _RIG.items()
+        name: Annotated[float, key(text, **bounds)] for name, (text, bounds) in _RIG.items()
     }
     return {
-        name: (kind, NODEFAULT) if full else (kind | None, None) for name, kind in kinds.items()
+        name: (kind, NODEFAULT) if required else (kind | None, None) for name, kind in kinds.items()
     }
 
 
@@ -189,8 +183,8 @@ _TURN = "turn of the hunting period; located: from one reading of both shafts"
 _KIND = "shape of the speed; recorded: that of `file`"
 _EVENT = "reversal, or an event instead of it or before it"
 
-EccentricityTable = table_of("EccentricityTable", _rig(full=True))
-MapTable = table_of("MapTable", _rig(full=False))
+EccentricityTable = table_of("EccentricityTable", _rig(required=True))
+MapTable = table_of("MapTable", _rig(required=False))
 MotionTable = table_of(
     "MotionTable",
     {

@@ -139,7 +139,7 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
         bounds, gap = fixed.drawn
         gaps.append(gap)
     controller = _chosen(s)
-    blind = isinstance(controller, (LostController, NoController))
+    blind = isinstance(controller, NoController)
     if turns is None and s.turn == "located" and not blind:
         turns = located_turns(s)
         if turns is None:

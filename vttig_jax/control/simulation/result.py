@@ -125,7 +125,7 @@ def _ending(run: "Simulation") -> str:
 def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
     t, spec, metrics = run.tally, run.spec, _numeric_metrics(run)
     yield "simulated", f"{spec.plant} plant, controller {run.controller}"
-    yield "flanks", flanks_text(spec, not isinstance(run.case.controller, NoController))
+    yield "flanks", flanks_text(spec, type(run.case.controller) is not NoController)
     yield "motion", _motion(run)
     yield "outcome", run.outcome
     mean, most, least = (metrics[f"te_{name}_deg"] for name in ("mean", "max", "min"))

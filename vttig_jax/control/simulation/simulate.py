@@ -22,9 +22,8 @@ from ...pair.gear_pair import Drive, GearPair, load_pair
 from ..controllers.controller import Controller, smoothed
 from ..fields import number_fields
 from ..motion.motion import Motion
-from ..scenario.axes import SCENARIO_FILE
 from ..scenario.scenario import Scenario
-from ..scenario.spec import ScenarioSpec, load_scenario_spec
+from ..scenario.spec import ScenarioSpec
 from .case import Case, Sample, State, initial_state, metrics_of, run_periods, trace_periods
 from .prepare import Fixed, Maps, case_of, prepared, spec_of
 from .result import Simulation
@@ -36,7 +35,7 @@ Between two calls Ctrl-C can interrupt the run; much shorter calls would be slow
 
 
 def simulate(
-    scenario: str | Path | ScenarioSpec | Scenario,
+    scenario: ScenarioSpec | Scenario,
     pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
@@ -48,11 +47,10 @@ def simulate(
     """Simulate the run of one scenario: the gear drive, its motion and its controller.
 
     **Arguments**
-    - `scenario`: a scenario file (TOML), its specification, or a `Scenario`, which goes with the
-      arguments `trace_every` and `progress` alone.
+    - `scenario`: the specification of a scenario, or a `Scenario`, which goes with the arguments
+      `trace_every` and `progress` alone. `vttig_jax.simulate` takes files too.
     - `pair`: gears instead of the pair file that the scenario names.
-    - `folder`: folder for relative paths; by default that of the scenario file, or else the working
-      folder.
+    - `folder`: folder for relative paths; by default the working folder.
     - `controller`: controller of the user, instead of that of the scenario; see `Controller`.
     - `maps`: flank models of the run folders and map files that the scenario names;
       `vttig_jax.simulate` reads them.
@@ -93,7 +91,7 @@ def simulate(
 
 
 def specified_case(
-    scenario: str | Path | ScenarioSpec | Scenario,
+    scenario: ScenarioSpec | Scenario,
     pair: GearPair | Drive | None = None,
     folder: str | Path | None = None,
     controller: Controller | None = None,
@@ -103,12 +101,9 @@ def specified_case(
     if isinstance(scenario, Scenario):
         scenario = scenario if controller is None else replace(scenario, controller=controller)
         return spec_of(scenario), scenario.pair, prepared(scenario)[0]
-    source = "" if isinstance(scenario, ScenarioSpec) else str(scenario)
-    folder = Path(source).parent if folder is None else Path(folder)
-    spec = scenario if isinstance(scenario, ScenarioSpec) else load_scenario_spec(scenario)
-    with SCENARIO_FILE.error_context(source):
-        pair = load_gears(folder / spec.pair) if pair is None else pair
-        return spec, pair, case_of(spec, pair, folder, controller, maps)
+    folder = Path(folder or "")
+    pair = load_gears(folder / scenario.pair) if pair is None else pair
+    return scenario, pair, case_of(scenario, pair, folder, controller, maps)
 
 
 def load_gears(path: Path) -> GearPair | Drive:
@@ -176,7 +171,7 @@ class CaseRun(eqx.Module):
 
 
 def build_case(
-    scenario: str | Path | ScenarioSpec | Scenario,
+    scenario: ScenarioSpec | Scenario,
     pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,

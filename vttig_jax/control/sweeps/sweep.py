@@ -7,7 +7,6 @@ are arrays over the lanes, from the axes of the sweep to the leaves of the case.
 
 import hashlib
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -27,18 +26,18 @@ from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from msgspec import structs
 
 from ...base.errors import InputError, ScenarioError
+from ...base.files.limits import free_bytes
 from ...base.runtime import require_x64
 from ...base.units import REV
 from ...kinematics.flank_table import FlankTable
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
-from ..scenario.axes import SCENARIO_FILE, Value
+from ..scenario.axes import Value
 from ..scenario.scenario import Scenario
 from ..scenario.spec import (
     KEYS,
     ScenarioSpec,
     check_choices,
-    load_sweep_spec,
     numbers_fit,
     spec_table,
     with_keys,
@@ -209,26 +208,23 @@ def _type_of(axis: str) -> type:
 
 
 def cases_of(
-    spec: str | Path | ScenarioSpec,
+    spec: ScenarioSpec,
     pair: GearPair | Drive | None = None,
     folder: str | Path | None = None,
     controller: Controller | None = None,
     maps: Maps = Maps(),
 ) -> SweepCases:
-    """Read and validate the inputs of a sweep; see `sweep`."""
-    source = "" if isinstance(spec, ScenarioSpec) else str(spec)
-    whole = spec if isinstance(spec, ScenarioSpec) else load_sweep_spec(spec)
-    with SCENARIO_FILE.error_context(source):
-        if whole.sweep is None:
-            raise ScenarioError("missing; a sweep names its axes in [sweep].", where="sweep")
-        if controller is not None and "controller" in whole.sweep.axes:
-            raise ScenarioError(
-                "is an axis, but a controller of your own is given; remove one of them.",
-                where="sweep.controller",
-            )
-        folder = Path(source).parent if folder is None else Path(folder)
-        pair = load_gears(folder / whole.pair) if pair is None else pair
-    return SweepCases(whole, pair, folder, controller, maps)
+    """Validate the inputs of a sweep, and read its gears; see `sweep`."""
+    if spec.sweep is None:
+        raise ScenarioError("missing; a sweep names its axes in [sweep].", where="sweep")
+    if controller is not None and "controller" in spec.sweep.axes:
+        raise ScenarioError(
+            "is an axis, but a controller of your own is given; remove one of them.",
+            where="sweep.controller",
+        )
+    folder = Path(folder or "")
+    pair = load_gears(folder / spec.pair) if pair is None else pair
+    return SweepCases(spec, pair, folder, controller, maps)
 
 
 def _digest(tree: Any) -> str:
@@ -535,7 +531,7 @@ def _numbered(spec: ScenarioSpec, row: Mapping[str, Any]) -> ScenarioSpec:
 
 
 def sweep(
-    spec: str | Path | ScenarioSpec,
+    spec: ScenarioSpec,
     pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
@@ -555,7 +551,7 @@ def sweep(
     also takes half of the time.
 
     **Arguments**
-    - `spec`: a sweep file (TOML) or its specification.
+    - `spec`: the specification of a sweep; `vttig_jax.sweep` takes files too.
     - `pair`, `folder`, `controller`: as for `simulate`.
     - `maps`: flank models of the maps that the file names, and of the draws of `rig`, which
       `vttig_jax.sweep` reads; all cases are run for each draw.
@@ -589,8 +585,7 @@ def sweep(
     require_x64("sweep")
     cases = cases_of(spec, pair, folder, controller, maps)
     began, before = time.perf_counter(), compiled_s()
-    with SCENARIO_FILE.error_context("" if isinstance(spec, ScenarioSpec) else str(spec)):
-        work = SweepWork(cases, _devices(devices))
+    work = SweepWork(cases, _devices(devices))
     _require_memory(len(cases), 2 + len(METRICS) + len(cases.axes))
     finished, writing = 0, 0.0
     with (store or Memory)(cases.header | {"block": work.block_size}) as kept:
@@ -653,15 +648,12 @@ def _devices(count: int | None) -> list[Any]:
 
 
 def _require_memory(count: int, columns: int) -> None:
-    """Raise `InputError` for a table that is, with a copy of it, larger than the memory."""
-    if not hasattr(os, "sysconf"):  # on Windows
-        return
-    needed = 16e-9 * count * columns
-    available = 1e-9 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    if needed > available:
+    """Raise `InputError` for a table that is, with a copy of it, larger than the free memory."""
+    needed, free = 16e-9 * count * columns, 1e-9 * free_bytes()
+    if needed > free:
         raise InputError(
-            f"{count} cases need {needed:.3g} GB of memory, but there are {available:.3g};"
-            " split an axis into several sweeps.",
+            f"{count} cases need {needed:.3g} GB of memory, but {free:.3g} GB are free; split an"
+            " axis into several sweeps.",
             where="sweep",
         )
 

@@ -15,7 +15,7 @@ from ...base.files.toml_io import Key
 from ...base.runtime import require_x64
 from ...base.units import DEG
 from ...pair.gear_pair import Drive, GearPair
-from ..scenario.axes import SCENARIO_FILE, unknown_key
+from ..scenario.axes import unknown_key
 from ..scenario.spec import ECCENTRICITIES, KEYS, ScenarioSpec, believed_map, with_numbers
 from ..simulation.case import NEAR_MM
 from ..simulation.prepare import Maps
@@ -74,7 +74,7 @@ _LEAST_GAIN = 1e-3
 
 
 def tune(
-    spec: str | Path | ScenarioSpec,
+    spec: ScenarioSpec,
     pair: GearPair | Drive | None = None,
     *,
     folder: str | Path | None = None,
@@ -144,12 +144,10 @@ def tune(
         raise ValueError(
             f"Argument `interference_weight` must be at least 0, but is {interference_weight!r}."
         )
-    source = "" if isinstance(spec, ScenarioSpec) else str(spec)
     cases = cases_of(spec, pair, folder, maps=maps)
-    with SCENARIO_FILE.error_context(source):
-        _check_controller(cases.spec)
-        keys = free_keys(cases.spec, free, limits)
-        return _tuned(_Judge(SweepWork(cases), keys, objective, interference_weight), progress)
+    _check_controller(spec)
+    keys = free_keys(spec, free, limits)
+    return _tuned(_Judge(SweepWork(cases), keys, objective, interference_weight), progress)
 
 
 def _check_controller(spec: ScenarioSpec) -> None:
