@@ -252,7 +252,8 @@ def test_residuals_stand_beside_their_curves(noisy_fit):
         assert residual.std() < 0.3 * curve.transmission_error.std()
 
 
-def test_64_bit_floats_are_required():
+def test_64_bit_floats_are_required(monkeypatch):
+    monkeypatch.delenv("JAX_ENABLE_X64", raising=False)  # the command line sets it
     program = (
         "import numpy as np, vttig_jax\n"
         "from vttig_jax.logs.encoder_log import EncoderLog\n"

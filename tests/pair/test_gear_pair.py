@@ -232,7 +232,8 @@ def test_leaves_are_numpy_doubles_until_compiled(paper_pair, paper_rig):
     np.testing.assert_allclose(moved.base_radii, paper_pair.base_radii, rtol=1e-15)
 
 
-def test_numbers_keep_their_digits_while_64_bit_mode_is_off():
+def test_numbers_keep_their_digits_while_64_bit_mode_is_off(monkeypatch):
+    monkeypatch.delenv("JAX_ENABLE_X64", raising=False)  # the command line sets it
     code = """
 import jax, numpy as np
 from vttig_jax.pair.gear_pair import Eccentricities

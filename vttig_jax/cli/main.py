@@ -115,9 +115,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small, so pools of threads take more time than they save.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    os.environ["JAX_ENABLE_X64"] = (
-        "1"  # angles of thousands of degrees have no arcseconds in float32
-    )
+    # Angles of thousands of degrees have no arcseconds in float32.
+    os.environ["JAX_ENABLE_X64"] = "1"
+    if "jax" in sys.modules:  # it has read the variable already
+        sys.modules["jax"].config.update("jax_enable_x64", True)
     _tolerate_encodings()
     if instruction := os.environ.get(COMPLETION):
         from .completion import answer

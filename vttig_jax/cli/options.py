@@ -3,8 +3,8 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +110,21 @@ def refuse_existing(path: Path, *, overwrite: bool) -> None:
     """Raise `UsageError`, before any work, for a file that would be replaced unasked."""
     if path.exists() and not overwrite:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(path))
+
+
+@contextmanager
+def arguments_as_options(names: Mapping[str, str] = {}) -> Iterator[None]:
+    """Turn an error about the argument of a function into a usage error about its option.
+
+    `names`: options whose name is not that of the argument with dashes.
+    """
+    try:
+        yield
+    except ValueError as error:
+        if not str(error).startswith("Argument `"):
+            raise
+        name, _, rest = str(error).removeprefix("Argument `").partition("`")
+        raise UsageError(names.get(name, "--" + name.replace("_", "-")) + rest) from error
 
 
 def _with_shared_options(function: Callable[..., None], kept: str | None) -> Callable[..., None]:

@@ -3,7 +3,6 @@
 The table is written block by block, so that an interrupted computation can be continued.
 """
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -13,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from ..base.errors import InputError, LogError, UsageError, VttigError
-from ..base.files.json_io import dumps
 from ..base.files.limits import asked_bytes, free_bytes, kept_bytes, most_memory
 from ..base.files.run_folder import data_sha256
 from ..base.shown_text import name_of_file
@@ -31,7 +29,7 @@ from ..pair.schema import PairSpec
 from .cluster import run_blocks
 from .options import ReadingOptions
 from .processes import run_in_processes
-from .row_store import FolderNames, SweepFolder, read_table
+from .row_store import FolderNames, SweepFolder, is_complete, read_table
 from .stated_drive import spec_of_file
 
 if TYPE_CHECKING:
@@ -214,9 +212,9 @@ def fit_files(
     if out is None and not any(log.exists() or kept_bytes(log) for log in task.logs):
         _digests(task.logs)  # says why none can be read
     header = {} if out is None else task.header()  # for it every log is read once more
-    if resume and out is not None and (done := _finished(task, header, out)) is not None:
+    if resume and out is not None and is_complete(out, header, NAMES):
         progress(len(task.logs))
-        return done
+        return _table(task, read_table(out / NAMES.table), out / NAMES.table)
     store = Memory(header) if out is None else SweepFolder(out, header, resume, overwrite, NAMES)
     with store:
         todo = [number for number in range(task.blocks) if number not in store.done]
@@ -277,19 +275,3 @@ def _in_process(number: int, shared: _Shared) -> tuple[int, int, Columns]:
 
 def _table(task: ManyFits, columns: Columns, path: Path | None) -> FitTable:
     return FitTable(columns, task.pair.name, settings_table(task.settings), path)
-
-
-def _finished(task: ManyFits, header: dict[str, Any], out: Path) -> FitTable | None:
-    """Return the table in `out` if it is complete and belongs to this task, else None."""
-    try:
-        stored = json.loads((out / NAMES.header).read_text("utf-8"))
-    except (OSError, ValueError):
-        return None
-    asked = json.loads(dumps(header))
-    # The versions of packages may differ, because a complete table is not continued.
-    same = isinstance(stored, dict) and all(
-        stored.get(name) == asked[name] for name in asked if name != "versions"
-    )
-    if not same or not (out / NAMES.table).exists():
-        return None
-    return _table(task, read_table(out / NAMES.table), out / NAMES.table)

@@ -40,6 +40,23 @@ class FolderNames(NamedTuple):
     header: str = HEADER
 
 
+def is_complete(folder: Path, header: dict[str, Any], names: FolderNames = FolderNames()) -> bool:
+    """Return whether a folder holds the whole table of a header.
+
+    The versions of packages may differ, because a complete table is not continued.
+    """
+    try:
+        stored = json.loads((folder / names.header).read_text("utf-8"))
+    except (OSError, ValueError):
+        return False
+    asked = json.loads(dumps(header))
+    return (
+        (folder / names.table).exists()
+        and isinstance(stored, dict)
+        and all(stored.get(name) == asked[name] for name in asked if name != "versions")
+    )
+
+
 class SweepFolder:
     """Folder of a sweep, or of another table with blocks of rows, used as a context manager.
 
@@ -114,12 +131,14 @@ class SweepFolder:
 
     def write(self, number: int, rows: Rows) -> None:
         """Write a block."""
+        import pyarrow as pa
         import pyarrow.parquet as pq
 
         target = self._part(number)
         with _os_and_arrow_errors(target):
             buffer = BytesIO()
-            pq.write_table(as_arrow(rows), buffer)
+            table = {name: pa.array(values, from_pandas=True) for name, values in rows.items()}
+            pq.write_table(pa.table(table), buffer)  # NaN is null
             replace_file(target, buffer.getvalue())
 
     def finish(self, blocks: int) -> Rows:
@@ -239,21 +258,6 @@ class SweepFolder:
         for folder in self._made:
             with suppress(OSError):
                 folder.rmdir()  # succeeds only for an empty folder
-
-
-def as_arrow(rows: Rows) -> Any:
-    """Convert columns to an Arrow table; NaN becomes null."""
-    import pyarrow as pa
-
-    return pa.table(
-        {
-            name: pa.array(
-                values.tolist() if values.dtype.kind == "U" else values,
-                mask=np.isnan(values) if values.dtype.kind == "f" else None,
-            )
-            for name, values in rows.items()
-        }
-    )
 
 
 def read_table(path: Path) -> Rows:

@@ -16,7 +16,7 @@ from ..control.simulation.case import METRICS
 from ..control.sweeps.sweep import SweepCases, SweepWork, cases_of, sweep
 from ..control.sweeps.table import Rows, SweepTable
 from .cluster import run_blocks
-from .row_store import HEADER, TABLE, SweepFolder, read_table
+from .row_store import HEADER, TABLE, SweepFolder, is_complete, read_table
 
 
 def sweep_in_folder(
@@ -31,8 +31,9 @@ def sweep_in_folder(
     spec, pair, folder, controller, maps = inputs
     if (resume or overwrite) and out is None:
         raise ValueError("Argument `out` must name a folder for `resume` and `overwrite`.")
-    if resume and out is not None and (done := _finished(cases_of(*inputs), Path(out))):
-        return done
+    if resume and out is not None and is_complete(Path(out), (cases := cases_of(*inputs)).header):
+        known = {"pair": cases.pair.name, "closing": cases.closing}
+        return replace(read_sweep(out), run_s=0.0, compile_s=0.0, **known)
     if out is not None:
         path = Path(out)
         options["store"] = lambda header: SweepFolder(path, header, resume, overwrite)
@@ -102,24 +103,3 @@ def read_sweep(folder: str | Path) -> SweepTable:
         refusals=(),
         path=folder / TABLE,
     )
-
-
-def _finished(cases: SweepCases, folder: Path) -> SweepTable | None:
-    """Return the complete table of this sweep in a folder, or None if there is no complete table.
-
-    **Raises** `InputError` for the table of another sweep.
-    """
-    if not (folder / TABLE).exists():
-        return None
-    found = read_sweep(folder)
-    stored = json.loads((folder / HEADER).read_text("utf-8"))
-    asked = json.loads(dumps(cases.header))
-    # The versions of packages may differ, because a complete table is not continued.
-    differing = [k for k in asked if k != "versions" and stored.get(k) != asked[k]]
-    if differing:
-        raise InputError(
-            f"this folder holds another sweep: {', '.join(differing)} differ; run the sweep with"
-            " its first inputs, choose another folder, or replace it with --overwrite.",
-            where=str(folder / HEADER),
-        )
-    return replace(found, pair=cases.pair.name, run_s=0.0, compile_s=0.0, closing=cases.closing)

@@ -12,7 +12,7 @@ import vttig_jax
 from vttig_jax.base.errors import LogError
 from vttig_jax.identify import FitTable, fit_many
 from vttig_jax.identify.many.fit_many import Unread, batch_settings, fit_columns
-from vttig_jax.identify.many.table import joined, table_of
+from vttig_jax.identify.many.table import table_of
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.rig import PassMotion, paper_pair, paper_rig
 
@@ -146,7 +146,7 @@ def test_arguments_of_another_kind_are_named(logs, pair, words, unchecked):
 def test_the_table_is_written_as_csv_and_parquet(tmp_path):
     good = {"log": "a", "code": "ok", "samples_used": 7.0, "e_mm": 0.1 + 0.2, "e_mm_std": 1e-3}
     bad = {"log": "b,c", "code": "refused", "reason": "it has no samples"}
-    table = FitTable(joined([table_of([good], ["e_mm"]), table_of([bad], ["e_mm"])]), "rig")
+    table = FitTable(table_of([good, bad], ["e_mm"]), "rig")
     rows = list(csv.DictReader(StringIO(table.to_csv(tmp_path / "t.csv"))))
     assert float(rows[0]["e_mm"]) == 0.1 + 0.2 and rows[0]["samples_used"] == "7"
     assert rows[1]["log"] == "b,c" and rows[1]["e_mm"] == ""

@@ -1,6 +1,5 @@
 """`vttig plan`: predict the standard errors of a planned run before anything is measured."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -10,7 +9,7 @@ from ...base.errors import UsageError
 from ...logs.recognition.request import DriveRequest
 from ..drive_options import pair_option, ratio_options
 from ..fit_options import DelayParam
-from ..options import POSITIVE, Finite, verb
+from ..options import POSITIVE, Finite, arguments_as_options, verb
 from ..output import Output
 
 DirectionName = Literal["both", "forward", "backward"]
@@ -126,7 +125,8 @@ def command(
     if turns is None and not want:
         raise UsageError("--turns is missing; give it, or what to reach with --want.")
     wanted = _once("--want", want)
-    found = _checked(_planned, rig, turns, wanted, _keywords(rate_hz, **options))
+    with arguments_as_options(_OPTIONS):
+        found = _planned(rig, turns, wanted, _keywords(rate_hz, **options))
     output.emit(found.to_json(), found)
 
 
@@ -187,19 +187,3 @@ _OPTIONS = {
     "noise": "--noise-std-deg",
 }
 """Argument of a function → option, for options whose name is not the argument with dashes."""
-
-
-def _checked(function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function; in its error messages, replace the name of an argument by the option.
-
-    **Raises** `UsageError` with the changed message.
-    """
-    try:
-        return function(*arguments)
-    except ValueError as error:
-        sentence = str(error)
-        if not sentence.startswith("Argument `"):
-            raise
-        name, _, rest = sentence.removeprefix("Argument `").partition("`")
-        option = _OPTIONS.get(name, "--" + name.replace("_", "-"))
-        raise UsageError(option + rest) from error

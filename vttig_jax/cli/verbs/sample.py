@@ -21,7 +21,7 @@ from ...runs.run import open_run
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run
 from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
 from ..fit_options import model_options
-from ..options import POSITIVE, given, log_options, verb
+from ..options import POSITIVE, arguments_as_options, given, log_options, verb
 from ..output import Output, sampling_bar
 
 if TYPE_CHECKING:
@@ -133,7 +133,8 @@ def command(
     length = {"steps": steps, "until": _stop_rule(until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
     with _interrupts_in_words(out):
-        with sampling_bar(output) as follow, _walkers_in_words():
+        # The least number of walkers is known only after the fit.
+        with sampling_bar(output) as follow, arguments_as_options():
             posterior = sample(fit, **settings, **length, **files, progress=follow)
         _finish(output, out, posterior, figures=not no_figures)
 
@@ -197,20 +198,6 @@ def _settings(resumed: Path | None, asked: dict[str, Any]) -> dict[str, Any]:
 
     known = {} if resumed is None or not resumed.exists() else settings_of(resumed)
     return known | {name: value for name, value in asked.items() if value is not None}
-
-
-@contextmanager
-def _walkers_in_words() -> Iterator[None]:
-    """Convert an error of `sample` in its argument `walkers` to a usage error of `--walkers`.
-
-    The least number of walkers is known only after the fit.
-    """
-    try:
-        yield
-    except ValueError as error:
-        if "`walkers`" not in str(error):
-            raise
-        raise UsageError(str(error).replace("Argument `walkers`", "--walkers")) from None
 
 
 @contextmanager

@@ -93,16 +93,9 @@ class FitTable(TextResult):
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        table = pa.table(
-            {
-                name: values.tolist()
-                if values.dtype.kind == "U"
-                else pa.array(values, mask=np.isnan(values))
-                for name, values in self.columns.items()
-            }
-        )
+        table = {name: pa.array(one, from_pandas=True) for name, one in self.columns.items()}
         buffer = BytesIO()
-        pq.write_table(table, buffer)
+        pq.write_table(pa.table(table), buffer)
         _write(Path(path), buffer.getvalue())
 
     def to_json(self) -> dict[str, Any]:
@@ -180,11 +173,6 @@ def table_of(rows: Sequence[Mapping[str, Any]], parameters: Sequence[str]) -> Co
         name: np.array([_number(row.get(name)) for row in rows], np.float64) for name in numbers
     }
     return words | cells
-
-
-def joined(parts: Sequence[Columns]) -> Columns:
-    """Return one table with the rows of all tables `parts`, in this order."""
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _number(value: Any) -> float:
