@@ -81,6 +81,18 @@ def test_what_is_wrong_has_its_name(vttig, vttig_json, run, table, tmp_path, nam
         assert code == 0 and found["sentence"] in out and "predicted" in out
 
 
+@pytest.mark.parametrize("places", [30, 85, 128])
+def test_another_table_does_not_work_as_predicted(vttig_json, run, table, tmp_path, places):
+    """A table that was exported with another zero stands where the log has the right one."""
+    other = np.vstack([table[:1], np.roll(table[1:, :-1], places, axis=1)[:, [*range(255), 0]]])
+    log = commanded(tmp_path / "log.csv", other)
+    _, record = vttig_json("verify", run, log)
+    jsonschema.validate(record, load_schema("vttig.verify/1"))
+    (found,) = record["logs"]
+    forward = found["left_arcsec"]["forward"]
+    assert forward["low95"] > forward["predicted95"][1] and found["likely"] != "right"
+
+
 AXES = [
     (("--reversed", "--axis-zero-deg", "77.5"), {"gain": -0.5, "zero_deg": 77.5}),
     (("--axis", "driving", "--travel", "0", "360"), {"gain": 1.0}),

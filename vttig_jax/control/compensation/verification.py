@@ -33,6 +33,7 @@ FAULTS = {
     "another_turn": "the table is that of another turn: the axis is {:.0f} turns further",
     "zero_shifted": "the zero of the axis is shifted by {:.4g}°",
     "rate_limited": "the correction follows its table at {:.3g}°/s at most",
+    "unexplained": "no known fault explains what is left; is this the table of these options?",
 }
 """Slug → sentence on what is wrong."""
 
