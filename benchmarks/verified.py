@@ -16,7 +16,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.cli.main import main as vttig
 from vttig_jax.control.compensation.correction import CorrectionTable
 from vttig_jax.runs.axis_table import AxisSetting, axis_table
-from vttig_jax.runs.run import open_run
+from vttig_jax.runs.run import Run, open_run
 from vttig_jax.runs.verification import verify
 
 from .environment import write
@@ -130,6 +130,18 @@ def faults(rig: Rig, rng: np.random.Generator) -> Iterator[tuple[str, dict]]:
         yield "another_turn", {"turn": int(rng.integers(1, turns))}
 
 
+def other_tables(
+    rig: Rig, run: Run, axis: AxisSetting, rng: np.random.Generator
+) -> Iterator[CorrectionTable]:
+    """Yield other tables than that of the axis: of a zero 20° to 160° away, and of a drawn rig."""
+    zero_deg = rng.choice([-1, 1]) * rng.uniform(20, 160)
+    yield axis_table(run.fit, None, axis._replace(zero_deg=zero_deg)).table
+    other = replace(Rig.drawn(int(rng.integers(2**31))), ratio=rig.ratio)
+    with tempfile.TemporaryDirectory() as place:
+        fitted(other, Path(place), rng)
+        yield axis_table(open_run(Path(place) / "run").fit, None, axis).table
+
+
 def commanded(
     rig: Rig,
     table: CorrectionTable,
@@ -169,9 +181,11 @@ def answers(seed: int) -> Iterator[tuple[str, dict]]:
         fitted(rig, folder, rng)
         run, axis = open_run(folder / "run"), AxisSetting(travel_deg=(0.0, 360.0))
         table = axis_table(run.fit, None, axis).table
-        for name, change in faults(rig, rng):
+        axes = [(*one, table) for one in faults(rig, rng)]
+        axes += [("unexplained", {}, one) for one in other_tables(rig, run, axis, rng)]
+        for name, change, loaded in axes:
             log = folder / f"{name}.csv"
-            commanded(rig, table, log, rng, **change)
+            commanded(rig, loaded, log, rng, **change)
             try:
                 yield name, verify(run, [log], axis) | {"change": str(change)}
             except VttigError as error:

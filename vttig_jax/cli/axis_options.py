@@ -8,7 +8,7 @@ import click
 
 from .options import Finite, with_options
 
-AXIS = ("shaft", "zero_deg", "reversed", "travel_deg", "over_deg", "place_known")
+AXIS = ("shaft", "zero_deg", "reversed", "travel_deg", "place_known")
 """Fields of `AxisSetting`, which are the names of these parameters."""
 
 _OF_THE_AXIS = (
@@ -34,15 +34,6 @@ _OF_THE_AXIS = (
         type=Finite(),
         metavar="FROM TO",
         help="First and last position of the table, °; one turn of the axis by default.",
-    ),
-    click.option(
-        "--over",
-        "over_deg",
-        nargs=2,
-        type=Finite(),
-        metavar="FROM TO",
-        help="Travel of the axis, °, if it is not that of the table: what is left is predicted for"
-        " it. A control holds the ends of its table.",
     ),
     click.option(
         "--place-unknown",

@@ -335,6 +335,7 @@ def _require_covered(fit: Fit, error: AxisError, position: np.ndarray, *, every_
                 f"the log covers {math.floor(100 * seen.mean())} % of this travel {name}"
                 f" ({' … '.join(f'{end:.6g}°' for end in ends) or 'none'}) and no whole turn of the"
                 f" {' and the '.join(short)} shaft, so that nothing tells the rest; give a --travel"
-                " that it covers, or log more: what is run at changing speed does not count.",
+                " that it covers, with --axis-zero-deg if the log does not begin at 0, or log more:"
+                " what is run at changing speed does not count.",
                 where=fit.source,
             )

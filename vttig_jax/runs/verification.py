@@ -62,7 +62,8 @@ def verify(
     checks = [_checked(run, log, curves, table) for log in read]
     names = [name for name in checks[0]["left_arcsec"] if name in checks[-1]["left_arcsec"]]
     change = {name: _change(name, *checks) for name in names if len(checks) > 1}
-    return {"schema": "vttig.verify/1", "logs": checks, "change": change}
+    ends = np.degrees(table.positions[[0, -1]]).tolist()
+    return {"schema": "vttig.verify/1", "table_deg": ends, "logs": checks, "change": change}
 
 
 def _change(name: str, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
@@ -133,7 +134,7 @@ def _checked(
     names: dict[Flank, str] = {
         one: name for name, one in error.directions.items() if np.any(flank == one)
     }
-    few = np.linspace(0, rows.samples.shape[1] - 1, _SAMPLES).astype(int)
+    few = ((np.arange(_SAMPLES) + 0.5) * rows.samples.shape[1] / _SAMPLES).astype(int)
     command, picked = error.gain * shafts.driving, rows.samples[:, few]
 
     def predicted(turn: int) -> np.ndarray:
@@ -153,8 +154,15 @@ def _checked(
         : LAGS + 1
     ]
     taps = weight / np.sqrt(weight[0]) / (problem.unit * abs(unit))
-    open_ = np.column_stack([off / np.sqrt(off.shape[1]), *zeros])
-    measured = AxisRows(rows, shafts.time, command, picked, flank, unit * shown, taps, open_)
+    links = [embedding(problem.columns, rows.names, 0, side)[:, :-1] for side in (1, -1)]
+    columns = np.where((flank == "A")[:, None], *(rows.table @ link for link in links))
+    # The log has no drift but for its noise, if a curve explains what the fit took for one.
+    loose = columns[:, nuisance] / np.maximum(np.max(np.abs(columns[:, nuisance]), axis=0), 1e-300)
+    open_ = np.column_stack([off / np.sqrt(off.shape[1]), *zeros, loose])
+    orders = columns[:, ~nuisance]
+    measured = AxisRows(
+        rows, shafts.time, command, picked, flank, unit * shown, taps, open_, orders
+    )
     # Curves are looked up: a search takes them at a thousand places for each row.
     period = run.pair.hunting_turns * REV
     count = min(64 * run.pair.hunting_turns * math.ceil(run.fit.model.highest_order), 2**18)
@@ -175,9 +183,7 @@ def _checked(
             levels = dict.fromkeys(on, np.mean(list(levels.values()), axis=0))
         return values - np.where(ahead, levels.get("A", 0.0), levels.get("B", 0.0))
 
-    links = [embedding(problem.columns, rows.names, 0, side)[:, :-1] for side in (1, -1)]
-    design = [np.where(nuisance, 0.0, rows.table[thin] @ link) for link in links]
-    design = unit * centred(np.where(ahead, *design))
+    design = unit * centred(np.where(nuisance, 0.0, columns[thin]))
     mean, covariance, _ = core.posterior.told(design)
     # What the table leaves is seen at the orders of the fit, as what is measured.
     seen = [np.linalg.lstsq(design, centred(turn[thin]), rcond=1e-9)[0] for turn in left]
@@ -197,10 +203,12 @@ def _checked(
         low <= most and least <= high for low, high, least, most in ends
     ):
         first, others = "unexplained", []
-    said = FAULTS.get(first, "the table works as predicted").format(value)
+    said = FAULTS.get(first, "the table works as predicted")
+    said = said.format(value, zero_deg=np.degrees(error.zero) + (value or 0.0))
     return {
         "source": log.source,
         "span_s": float(np.ptp(log.time)),
+        "travel_deg": np.degrees([command[picked].min(), command[picked].max()]).tolist(),
         "left_arcsec": record,
         "likely": first,
         "value": value,

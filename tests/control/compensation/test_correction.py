@@ -159,6 +159,8 @@ FOREIGN = {
     "the same in single precision": (3, "30.0000001 0 0", 6, "not-increasing", 4),
     "no number": (3, "35 nan 0", 6, "not-finite", 4),
     "no end": (6, "inf 0 0", 6, "not-finite", 7),
+    "byte order mark": (0, "\ufeff5 0.01 0.02", 0, "byte-order-mark", 1),
+    "carriage returns": (6, "70 0.01 0.02\r80 0.01 0.02\r", 7, "carriage-return", 7),
 }
 
 

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 CONTROLS = ("linuxcnc", "twincat", "beckhoff", "csv", "json", "c")
 """Formats of error tables; beckhoff is another name of twincat."""
 
-_AXIS = (*AXIS, "step_deg", "quantity")
+_PLACE = (*AXIS, "over_deg")
+_AXIS = (*_PLACE, "step_deg", "quantity")
 _HARMONICS = ("tolerance_arcsec", "accuracy_arcsec", "gap", "constant_backlash_deg", "quantity")
 _OPTIONS = {
     "a .csv file": ("step_deg", "constant_backlash_deg", "quantity"),
@@ -56,7 +57,7 @@ vttig export run --out compensation.csv --step-deg 0.5
 vttig export run --quantity error --out error.csv
 vttig export run --for linuxcnc --out axis.comp
 """,
-    groups={"The axis, with --for": AXIS},
+    groups={"The axis, with --for": _PLACE},
 )
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option(
@@ -76,6 +77,15 @@ vttig export run --for linuxcnc --out axis.comp
     " direction.",
 )
 @axis_options
+@click.option(
+    "--over",
+    "over_deg",
+    nargs=2,
+    type=Finite(),
+    metavar="FROM TO",
+    help="Travel of the axis, °, if it is not that of the table: what is left is predicted for it."
+    " A control holds the ends of its table.",
+)
 @click.option(
     "--acceleration-deg-s2",
     type=POSITIVE,
@@ -129,6 +139,7 @@ def command(
     out: Path,
     control: str | None,
     axis: dict[str, Any],
+    over_deg: tuple[float, float] | None,
     acceleration_deg_s2: float | None,
     servo_period_ms: float,
     name: str | None,
@@ -165,6 +176,7 @@ def command(
     step, fit = step_deg or 1.0, opened.fit
     if control is not None:
         rate = acceleration_deg_s2, servo_period_ms
+        axis |= {"over_deg": over_deg}
         text, record, shown = _axis_table(opened, out, control, axis, step_deg, rate, name)
     elif quantity == "error":
         text, record, shown = _error(opened, out, step)
@@ -263,7 +275,7 @@ def _check_options(
         kind = "--quantity error"
     others = {option for options in _OPTIONS.values() for option in options}
     if wrong := given(sorted(others.difference(_OPTIONS[kind]))):
-        only = ", which need --for," * bool(given(AXIS) and control is None)
+        only = ", which need --for," * bool(given(_PLACE) and control is None)
         raise UsageError(f"{kind} takes no {' and no '.join(wrong)}{only}; leave it out.")
     if given({"servo_period_ms"}) and not given({"acceleration_deg_s2"}):
         raise UsageError("--servo-period-ms needs --acceleration-deg-s2; give both.")

@@ -39,10 +39,11 @@ def command(
 
     The log holds the commanded position of the axis (role `command`) and the encoder of the driven
     shaft; two encoders alone show the same with a table and without. The options of the axis are
-    those that `vttig export` was called with. What is left by direction stands beside the
-    prediction, with 95 % intervals. By likelihood the command names what is wrong: the sign, the
-    zero, the directions, the turn, a correction that is too slow, or nothing loaded. With two logs,
-    before and after, it says whether the axis became better, or how long to record to tell.
+    those that `vttig export` was called with. What is left by direction, without the noise of the
+    log, stands beside the prediction for the same places, with 95 % intervals. By likelihood the
+    command names what is wrong: the sign, the zero, the directions, the turn, a correction that is
+    too slow, nothing loaded, or another table than these options give. With two logs, before and
+    after, it says whether the axis became better, or how long to record to tell.
     """
     if len(logs) > 2:
         raise UsageError("verify takes one log, or one before and one after.")
@@ -60,7 +61,11 @@ def _text(record: dict[str, Any]) -> str:
 
     rows = []
     for one in record["logs"]:
-        rows.append(("log", f"{one['source']}, {duration_text(one['span_s'])}"))
+        span, (low, high) = duration_text(one["span_s"]), one["travel_deg"]
+        rows.append(("log", f"{one['source']}, {span}, {low:.6g}° … {high:.6g}°"))
+        first, last = record["table_deg"]
+        if low < first - 0.01 or high > last + 0.01:  # a table is written in single precision
+            rows.append(("beyond the table", f"{first:.6g}° … {last:.6g}°; its ends are held"))
         for name, left in one["left_arcsec"].items():
             text = f"{left['rms']:.3g}″ rms left ({left['low95']:.3g}″ … {left['high95']:.3g}″)"
             low, high = left["predicted95"]

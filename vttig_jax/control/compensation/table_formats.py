@@ -89,6 +89,10 @@ FAULTS = {
     " decimals with a point",
     "blank-line": "is blank: LinuxCNC ends its table there; remove it",
     "long-line": f"is longer than {_LINE} characters: LinuxCNC ends its table behind it; cut it",
+    "byte-order-mark": "begins with a byte order mark, which is no number: LinuxCNC ends its table"
+    " there; save the file as UTF-8 without one",
+    "carriage-return": "holds several lines that only a carriage return parts, of which LinuxCNC"
+    " takes the first; save the file with the line ends of Unix",
     "no-numbers": "does not begin with three numbers: LinuxCNC ends its table there; move it behind"
     " the last row",
     "no-rows": "and all others do not begin with three numbers; give position, forward and reverse",
@@ -152,15 +156,22 @@ def read_linuxcnc(text: str) -> CompFile:
                 slug = "not-increasing"
             elif len(rows) == LINUXCNC_ROWS:
                 slug = "too-many-rows"
-            if slug is None:
+            elif "\r" in line.rstrip():
+                slug = "carriage-return"
+            if slug in (None, "carriage-return"):
                 rows.append(row)
-            else:
+            if slug is not None:
                 faults.setdefault(slug, []).append(number)
         if found is None or len(line) > _LINE:
             if any(map(_LIKE_A_ROW.match, lines[number - (found is None) :])):
-                seen = (found is not None, not line.strip(), "," in line, True)
-                slug = ("long-line", "blank-line", "comma", "no-numbers")[seen.index(True)]
-                faults[slug] = [number]
+                seen = {
+                    "long-line": found is not None,
+                    "blank-line": not line.strip(),
+                    "byte-order-mark": line.startswith("\ufeff"),
+                    "comma": "," in line,
+                    "no-numbers": True,
+                }
+                faults[next(slug for slug, is_so in seen.items() if is_so)] = [number]
             break
     held = np.array(rows, float).reshape(-1, 3)
     added, off = np.abs([held[:, 1:], held[:, 1:] - held[:, :1]]).sum(axis=(1, 2))

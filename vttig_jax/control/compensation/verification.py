@@ -3,13 +3,15 @@
 An axis that is told to stand at p shows left(p) = c(p) + E(p + c(p)) (`correction`). Each fault
 changes this curve: −c for a reversed sign, 0 for nothing loaded, the other direction's c, E of
 another turn or of a zero that is shifted, and a c that follows its table at a limited speed. With
-the rows y of the log, whose noise has the covariance Σ that the fit of this log found,
+the rows y of the log, whose noise has the covariance κ² Σ that the fit of this log found,
 
-    −2 ln L = rᵀ (Σ + D Dᵀ)⁻¹ r / κ²,    r = y − left,
+    −2 ln L = rᵀ (Σ + D Dᵀ + ε² X Xᵀ)⁻¹ r / κ² + ln |…|,    r = y − left,
 
 where the columns of D are what the run leaves open about its curves (its draws) and the unknown
-zeros of both encoders, and κ² ≥ 1 is the misfit of the best curve: no curve explains the axis
-better than its own model error allows. All curves share D: a fault turns phases, not sizes.
+zeros of both encoders, and X are the orders of the fit, together as large as the table. No axis is
+quite its model, so each curve has the share ε ≤ 0.1 of the table that makes it likeliest, and pays
+for it in the determinant. With ε = 1 and left = 0 the curve is any other table: a fault that
+explains less than this one is not told. All curves share D: a fault turns phases, not sizes.
 """
 
 from collections.abc import Callable, Iterator
@@ -31,7 +33,8 @@ FAULTS = {
     "sign_reversed": "the sign is reversed, which doubles the error",
     "directions_exchanged": "the columns of the two directions are exchanged",
     "another_turn": "the table is that of another turn: the axis is {:.0f} turns further",
-    "zero_shifted": "the zero of the axis is shifted by {:.4g}°",
+    "zero_shifted": "the zero of the axis is shifted by {:.4g}°; export again with"
+    " --axis-zero-deg {zero_deg:.4f}",
     "rate_limited": "the correction follows its table at {:.3g}°/s at most",
     "unexplained": "no known fault explains what is left; is this the table of these options?",
 }
@@ -39,6 +42,9 @@ FAULTS = {
 
 _CLEAR = 6.9
 """Log likelihood ratio from which on one curve excludes another: 1 : 1000."""
+
+_SHARES = (0.0, 0.001, 0.003, 0.01, 0.03, 0.1)
+"""Shares ε of the table that a curve may miss (chosen): a tenth may be another load or warmth."""
 
 _SEARCHED = 5.0
 """What a curve that is searched for among many pays in log likelihood (chosen)."""
@@ -60,7 +66,8 @@ class AxisRows:
     - `picked`: some samples of each row, at which curves are averaged.
     - `flank`: flank that carries. - `left`: actual less commanded position, rad, but for constants.
     - `taps`: filter that makes the noise of a run white, with variance 1.
-    - `open`: D, what is not known of the curves beside noise, rad.
+    - `open`: D, what is not known of the curves beside noise, rad. - `series`: orders of the fit of
+      this log, of any size.
     """
 
     rows: Rows
@@ -71,6 +78,7 @@ class AxisRows:
     left: Float[np.ndarray, " n"]
     taps: Float[np.ndarray, " taps"]
     open: Float[np.ndarray, "n d"]
+    series: Float[np.ndarray, "n p"]
 
     def white(self, values: np.ndarray) -> np.ndarray:
         """Return values of the rows filtered so that their noise is white, with variance 1."""
@@ -99,17 +107,29 @@ def judged(error: AxisError, table: CorrectionTable, rows: AxisRows, turns: int)
     - `error`: E of the run. - `table`: what the control should add. - `turns`: turns of the axis
       after which E repeats.
     """
-    open_ = rows.white(rows.open)
-    factor = cho_factor(np.eye(open_.shape[1]) + open_.T @ open_)
+    whole = np.std(list(table.values.values()), axis=1).max() * np.sqrt(len(rows.series))
+    series = rows.series * whole / np.linalg.norm(rows.series)
+    design = rows.white(np.column_stack([rows.open, series]))
+    sizes = [np.repeat([1.0, e], [rows.open.shape[1], series.shape[1]]) for e in (*_SHARES, 1.0)]
+    grams = [np.eye(len(size)) + design.T @ design * np.outer(size, size) for size in sizes]
+    solvers = [(size, cho_factor(gram)) for size, gram in zip(sizes, grams, strict=True)]
+    paid = np.array([np.linalg.slogdet(gram)[1] for gram in grams])
+
+    def misfits(left: np.ndarray | float) -> np.ndarray:
+        white = rows.white(rows.left - left)
+        inside = design.T @ white
+        open_ = [(size * inside) @ cho_solve(factor, size * inside) for size, factor in solvers]
+        return white @ white - np.array(open_)
+
+    *_, free = misfits(0.0)
+    noise = max(free / len(design), 1.0)
 
     def misfit(left: np.ndarray) -> float:
-        white = rows.white(rows.left - left)
-        inside = open_.T @ white
-        return float(white @ white - inside @ cho_solve(factor, inside))
+        return float(np.min((misfits(left) / noise + paid)[:-1]))
 
     found = {one[0]: one[1:] for one in _curves(error, table, rows, turns, misfit)}
-    scale = max(min(size for size, _, _ in found.values()) / len(open_), 1.0)
-    score = {name: -0.5 * size / scale - paid for name, (size, _, paid) in found.items()}
+    found["unexplained"] = (free / noise + paid[-1], None, 0.0)
+    score = {name: -0.5 * size - searched for name, (size, _, searched) in found.items()}
     names = sorted(score, key=lambda name: -score[name])
     names = [name for name in names if score[name] > score[names[0]] - _CLEAR]
     if "right" in names:  # a small shift or a high limit is no fault
@@ -126,6 +146,7 @@ def _curves(
 ) -> Iterator[tuple[str, float, float | None, float]]:
     """Yield the name of each curve, its misfit, its value, and what it pays for being searched."""
     step = np.sign(np.diff(rows.command, prepend=rows.command[:1]))
+    step[0] = step[np.argmax(step != 0)]  # an axis that waits at first came to stand as it leaves
     ahead = step[np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))] > 0
     held = [table.values.get(n, next(iter(table.values.values()))) for n in DIRECTIONS]
     both = [np.interp(rows.command, table.positions, one) for one in held]
