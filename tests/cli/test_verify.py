@@ -103,6 +103,14 @@ def test_an_error_that_is_larger_today_hides_no_fault(vttig_json, run, table, tm
     assert record["logs"][0]["likely"] == name
 
 
+def test_an_axis_that_has_changed_since_its_log(vttig_json, run, table, tmp_path):
+    log = commanded(tmp_path / "log.csv", table, size=1.05)
+    _, record = vttig_json("verify", run, log)
+    jsonschema.validate(record, load_schema("vttig.verify/1"))
+    (found,) = record["logs"]
+    assert found["likely"] == "changed" and found["left_arcsec"]["forward"]["rms"] < 3
+
+
 def test_a_log_that_goes_beyond_the_table(vttig, vttig_json, run, tmp_path):
     """The control holds the ends of the table, and verify predicts what is left there."""
     travel = ("--travel", "60", "300")

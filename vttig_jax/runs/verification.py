@@ -197,12 +197,12 @@ def _checked(
             "predicted95": (ends / ARCSEC).tolist(),
         }
     (first, *others), value, ratio = verdict
-    # The best of these curves may be a bad one, which leaves what no table of these options leaves.
+    # The likeliest table may leave more than its prediction, as after a change of the load.
     ends = [(one["low95"], one["high95"], *one["predicted95"]) for one in record.values()]
     if first == "right" and not all(
         low <= most and least <= high for low, high, least, most in ends
     ):
-        first, others = "unexplained", []
+        first, others = "changed", []
     said = FAULTS.get(first, "the table works as predicted")
     said = said.format(value, zero_deg=np.degrees(error.zero) + (value or 0.0))
     return {

@@ -36,6 +36,7 @@ FAULTS = {
     "zero_shifted": "the zero of the axis is shifted by {:.4g}°; export again with"
     " --axis-zero-deg {zero_deg:.4f}",
     "rate_limited": "the correction follows its table at {:.3g}°/s at most",
+    "changed": "the table is the right one, but the axis has changed since its log; record again",
     "unexplained": "no known fault explains what is left; is this the table of these options?",
 }
 """Slug → sentence on what is wrong."""
