@@ -335,7 +335,11 @@ def _times_of_edges(table: Table) -> np.ndarray | None:
 
 
 def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n"]:
-    """Return the level of each sample, 0 or 1; between both thresholds it is that before."""
+    """Return the level of each sample, 0 or 1.
+
+    A level changes where it passes the middle for the last time before it reaches the other
+    threshold: so an edge is at one place in both directions, also of sines.
+    """
     low, span = float(values.min()), float(np.ptp(values))
     if not 0 < span < np.inf:
         raise LogError(
@@ -344,8 +348,13 @@ def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n
         )
     share = (values - low) / span
     clear = (share < _LOW) | (share > _HIGH)
-    known = np.maximum.accumulate(np.where(clear, np.arange(len(values)), 0))
-    return (share[known] > _HIGH).astype(np.int64)
+    place = np.arange(len(values))
+    level = share[np.maximum.accumulate(np.where(clear, place, 0))] > _HIGH
+    passed = np.maximum.accumulate(np.where(np.diff(share > 0.5, prepend=False), place, 0))
+    begins = np.zeros(len(values), int)
+    reached = np.flatnonzero(np.diff(level)) + 1
+    begins[passed[reached]] = reached
+    return level[np.maximum.accumulate(begins)].astype(np.int64)
 
 
 def _quadrature(
