@@ -153,6 +153,7 @@ NO_NUMBERS = frozenset(
 )
 """Fields without a number that the option `--missing skip` accepts."""
 
+_APART = re.compile(r"\s{2,}")
 _LONGEST = 10_000  # most characters of the name of a column (chosen)
 _FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
 _SHOWN = 40
@@ -550,7 +551,7 @@ def find_table(
     for mark, start in starts.items():
         header = None if start is None else _header_before(lines, start, mark)
         if start is not None and header is not None:
-            names = _names_with_units(lines, header, mark)
+            names = _names_with_units(lines, header, mark, len(split(lines[start], mark)))
             _check_width(lines, start, names, mark, source)
             return TextTable(names, lines, header, mark, **marks)
     if highest:
@@ -560,21 +561,24 @@ def find_table(
     raise _no_table(lines, source)
 
 
-def _names(line: str, delimiter: str | None) -> list[str]:
+def _names(line: str, delimiter: str | None, width: int) -> list[str]:
+    """Return the names in a line above rows of `width` fields."""
     text = line.strip()
     for mark in COMMENTS:
         text = text.removeprefix(mark)
-    if delimiter is None:  # keeps "time [s]" as one name
-        text = text.replace(" [", "[").replace(" (", "(")
-    return split(text, delimiter)
+    if delimiter is not None:
+        return split(text, delimiter)
+    # Names with a bracket or with single blanks, such as "time [s]   motor angle [deg]".
+    names, apart = text.replace(" [", "[").replace(" (", "(").split(), _APART.split(text.strip())
+    return apart if len(names) != width == len(apart) else names
 
 
-def _names_with_units(lines: Lines, header: int, delimiter: str | None) -> list[str]:
+def _names_with_units(lines: Lines, header: int, delimiter: str | None, width: int) -> list[str]:
     """Return the column names; a row of units as header line is added to the names above it."""
-    names = _names(lines[header], delimiter)
+    names = _names(lines[header], delimiter, width)
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
         return names
-    above = _names(lines[header - 1], delimiter)
+    above = _names(lines[header - 1], delimiter, width)
     if len(above) < len(names) or all(map(looks_like_number, above)):
         return names
     return with_units(above, split(lines[header], delimiter, trim=False))
@@ -639,7 +643,7 @@ def _header_before(lines: Lines, start: int, delimiter: str | None) -> int | Non
     width = len(split(lines[start], delimiter))
     fallback = None
     for k in range(start - 1, -1, -1):
-        names = _names(lines[k], delimiter)
+        names = _names(lines[k], delimiter, width)
         if len(names) != width and _width_of_numbers(lines[k], delimiter):
             continue
         if len(names) == width:
@@ -748,7 +752,7 @@ def _single_column(
             if (delimiter is not None and delimiter not in line) or len(fields) != 1:
                 continue
             if looks_like_number(fields[0]):
-                above = _names(lines[k - 1], delimiter) if k else []
+                above = _names(lines[k - 1], delimiter, 1) if k else []
                 names = above if len(above) == 1 else ["#1"]
                 return TextTable(names, lines, k - 1, delimiter, **marks)
     return None
