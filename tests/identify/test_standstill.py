@@ -62,6 +62,27 @@ def test_the_reversal_value(tmp_path):
     assert abs(gap.value / ARCSEC - 20.0) < 4 * gap.std / ARCSEC
 
 
+@pytest.mark.parametrize(("step", "told"), [(3.25, True), (2.25, True), (2.5, False)])
+def test_orders_that_look_alike_at_the_places(tmp_path, step, told):
+    """The worm's first order is told before high orders of the table that look like it.
+
+    In 2.5 turns from place to place it only changes its sign, which tells one of its two parts.
+    """
+    turns = step * np.arange(round(72 / step) + 1)
+    places = 360 * np.tile(np.append(turns, turns[::-1]), 2)
+    true = {("driving", 1): (18.0, 1.0), ("driven", 1): (25.0, 1 / 72)}
+    error = sum(size * np.sin(np.radians(k * places + 45.0)) for size, k in true.values())
+    noise = np.random.default_rng(3).normal(0.0, 1.0, len(places))
+    path = tmp_path / "table.csv"
+    values = np.column_stack([places, places / 72 + (error + noise) * ARCSEC])
+    np.savetxt(path, values, delimiter=",", header="reference_deg,encoder_deg", comments="")
+    result = fitted(path, "72:1")
+    found = {(one.shaft, one.order): one for one in result.orders if one.flank == "A"}
+    assert (("driving", 1) in found) == told
+    for name in [*true][0 if told else 1 :]:
+        assert abs(found[name].amplitude_arcsec - true[name][0]) < 4 * found[name].std_arcsec < 3
+
+
 POSITION = {"driving": "position_deg", "driven": "measured_deg"}
 
 

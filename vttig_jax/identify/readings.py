@@ -17,9 +17,8 @@ from ..base.files.text_tables import key_values, text_table
 from ..base.numerics.polar_spread import polar_spread
 from ..base.units import DEG, REV
 from ..logs.channel.unwrap import step_of
-from ..logs.motion.segments import told_orders
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.mixed_fit import CLEAR, MixedFit, waves_of
+from ..model.mixed_fit import CLEAR, MixedFit, told_waves, waves_of
 from ..model.parameters import FULL_TURN, gap_row
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
@@ -178,8 +177,7 @@ def fit_readings(
     turns = np.ptp(angle) / REV * steps / max(steps - 1, 1)
     whole = {"driving": turns >= FULL_TURN, "driven": turns * abs(ratio) >= FULL_TURN}
     waves = [w for w in waves_of(pair, orders or pair.fit) if whole.get(w.shaft)]
-    told = told_orders(angle, [wave.cycles(ratio) for wave in waves])
-    kept = [wave for wave, one in zip(waves, told, strict=True) if one]
+    kept = told_waves(angle, waves, ratio)
 
     def design(at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n p"]:
         phase = np.outer(at, [wave.cycles(ratio) for wave in kept])

@@ -185,7 +185,8 @@ def design_of(
     ratio = float(pair.ratio)
     waves = waves_of(pair, orders, lines)
     if all(one.still for one in shafts):
-        waves = told_waves(shafts, waves, ratio)
+        angles = [one.driving[a:b] for one in shafts for a, b, _ in one.runs]
+        waves = told_waves(np.concatenate(angles), waves, ratio)
     shape = Shape(
         starts=tuple(one.start for one in shafts),
         both=len({run[2] for one in shafts for run in one.runs}) == 2,
@@ -328,11 +329,19 @@ def _once(table: Shafts) -> bool:
     return _TWICE * most > len(table.time)
 
 
-def told_waves(shafts: Sequence[Shafts], waves: Sequence[Wave], ratio: float) -> tuple[Wave, ...]:
-    """Return the harmonics that the places of tables tell."""
-    angles = [one.driving[a:b] for one in shafts for a, b, _ in one.runs]
-    told = told_orders(np.concatenate(angles), [wave.cycles(ratio) for wave in waves])
-    return tuple(wave for wave, one in zip(waves, told, strict=True) if one)
+def told_waves(
+    angle: Float[np.ndarray, " n"], waves: Sequence[Wave], ratio: float
+) -> tuple[Wave, ...]:
+    """Return the harmonics that readings at driving angles, rad, tell from one another.
+
+    Of harmonics that look alike there the lower one of its own shaft is kept: a first order of the
+    driving shaft is likelier than a fifth one of the driven shaft.
+    """
+    own = lambda wave: max(abs(wave.driving), abs(wave.driven)) + (wave.shaft == "both")  # noqa: E731
+    likely = sorted(waves, key=own)
+    told = told_orders(angle, [wave.cycles(ratio) for wave in likely])
+    kept = {wave for wave, one in zip(likely, told, strict=True) if one}
+    return tuple(wave for wave in waves if wave in kept)
 
 
 def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:

@@ -531,13 +531,13 @@ variance would be ten times as large (chosen)."""
 
 
 def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list[bool]:
-    """Return which orders the places of a table tell from a level and from lower orders.
+    """Return which orders the places of a table tell from a level and from the orders before them.
 
-    At n places 360°/n apart the orders k and n − k have the same values. Half of the readings are
-    left for the noise.
+    At n places 360°/n apart the orders k and n − k have the same values, and of n/2 one part is
+    seen only. Half of the readings are left for the noise.
 
     **Arguments**
-    - `angle`: angles in rad. - `orders`: in cycles per turn, in any order.
+    - `angle`: angles in rad. - `orders`: in cycles per turn, the likelier ones first.
 
     **Example**
     ```python
@@ -546,16 +546,18 @@ def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list
     >>> places = np.radians(np.arange(0.0, 360.0, 60.0))
     >>> [told_orders(np.tile(places, times), [1, 2, 3, 4]) for times in (1, 4)]
     [[True, False, False, False], [True, True, False, False]]
+    >>> told_orders(np.tile(places, 4), [5, 1])  # 5 looks like 1
+    [True, False]
 
     ```
     """
     basis, told = np.full((1, len(angle)), len(angle) ** -0.5), [False] * len(orders)
-    for place in np.argsort(orders, kind="stable").tolist():
-        own = np.stack([np.cos(orders[place] * angle), np.sin(orders[place] * angle)])
+    for place, order in enumerate(orders):
+        own = np.stack([np.cos(order * angle), np.sin(order * angle)])
         rest = own - own @ basis.T @ basis
         # The last factor is the part of the second column that the first one does not have.
         factor = np.linalg.qr(rest.T)
-        clear = np.diag(factor[1]) ** 2 >= CLEAR * np.sum(own**2, axis=1)
+        clear = np.diag(factor[1]) ** 2 >= CLEAR * len(angle) / 2
         if len(basis) + 2 <= len(angle) / 2 and np.all(clear):
             told[place] = True
             basis = np.concatenate([basis, factor[0].T])

@@ -150,7 +150,7 @@ def bracket_of(name: str) -> str:
 
 def unit_spelt(text: str) -> str:
     """Return a unit in the spelling of this package, `deg` for `°`; unknown units in lower case."""
-    text = text.strip().lower()
+    text = text.strip().lower().rstrip(".")
     return _SPELLINGS.get(text, text)
 
 

@@ -327,6 +327,9 @@ class Search:
         free, ratio = self.free(), self.statement.ratio
         if "transmission_error" in self.roles:
             seen = f"; there are {listed_facts(free)}" if free else ""
+            if ratio is not None:
+                scale = abs(1 / ratio)
+                seen += f"; to positions of the driven shaft add --driving-scale {scale}"
             raise self._ask("driving-open", role="driving", columns=free, seen=seen)
         if ratio is None or (missing == ["driven"] and self.clocked):
             angles = [one for one in free if one.reading.is_angle]
