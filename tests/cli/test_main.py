@@ -20,7 +20,7 @@ from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module
 from vttig_jax.cli.main import GROUPS, VERBS, main
 from vttig_jax.cli.options import verb
-from vttig_jax.cli.output import Output, progress
+from vttig_jax.cli.output import Output
 
 pytestmark = pytest.mark.smoke
 
@@ -305,7 +305,7 @@ def test_progress_shows_on_a_terminal_unless_quiet(monkeypatch, quiet):
 
 
 def test_progress_shows_nothing_off_a_terminal(capsys):
-    with progress(3, "fitting", False) as bar:
+    with Output().progress(3, "fitting") as bar:
         bar.update(3)
     assert capsys.readouterr().err == ""
 

@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,43 @@ class Finite(click.FloatRange):
     def _describe_range(self) -> str:
         """Return "" if there are no bounds, for which click would print `x<=None`."""
         return "" if self.min is None and self.max is None else super()._describe_range()
+
+
+class KeyValue(click.ParamType):
+    """Option type KEY=VALUE, or KEY alone where a value is `optional` and then None.
+
+    `parse` returns the value of a text, and raises `ValueError` for a wrong text; it gets the key
+    too, for its message.
+    """
+
+    def __init__(self, name: str, parse: Callable[[str, str], Any], *, optional: bool = False):
+        self.name, self.parse, self.optional = name, parse, optional
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, Any]:
+        """Return the key and the value, or report a usage error."""
+        if isinstance(value, tuple):
+            return value
+        key, equals, text = (part.strip() for part in value.partition("="))
+        if self.optional and not equals:
+            return key, None
+        if not (key and equals and text):
+            self.fail(f"{value!r} is not of the form {self.name}.", param, ctx)
+        try:
+            return key, self.parse(key, text)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+def once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the pairs of a repeatable option KEY=VALUE, each key of which may be given once."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise UsageError(f"{option} {key} is given twice; give it once.")
+        found[key] = value
+    return found
 
 
 POSITIVE = Finite(min=0, min_open=True)
@@ -104,6 +141,18 @@ def given(names: Collection[str]) -> list[str]:
         and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
         and context.params[parameter.name] != ()  # click 8.2 reports an empty LOG as given
     ]
+
+
+def exclude_each_other(*names: str) -> None:
+    """Raise `UsageError` if the user gave more than one of the parameters `names`."""
+    if len(asked := given(names)) > 1:
+        raise UsageError(f"{' and '.join(asked)} exclude each other; give one of them.")
+
+
+def need(name: str, *needing: str) -> None:
+    """Raise `UsageError` if the user gave one of the parameters `needing` without `name`."""
+    if (asked := given(needing)) and not given([name]):
+        raise UsageError(f"{' and '.join(asked)} without --{name}; give it too, or leave it out.")
 
 
 def refuse_existing(path: Path, *, overwrite: bool) -> None:

@@ -4,26 +4,28 @@ The files are `run.toml`, `fit.json`, `summary.npz` and the pictures.
 """
 
 import hashlib
-import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
+from filelock import FileLock, Timeout
 
 from ..base.errors import UsageError, VttigError
+from ..base.files.json_io import dumps
 from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
+from ..base.files.run_folder import RunFolder
+from ..base.logger import LOGGER
+from ..logs.read import read_log
 from ..logs.recognition.request import DriveRequest
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import spec_of_file, stated_spec
 
 if TYPE_CHECKING:
-    from ..base.files.run_folder import RunFolder
     from ..identify.readings import ReadingsFit
     from ..identify.result import Fit
-
-logger = logging.getLogger("vttig_jax")
 
 _FOLLOWING = (
     *("map.csv", "map.json", "report.html", CHECKPOINT, "posterior.json"),
@@ -81,7 +83,6 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     """
     from ..base.runtime import enable_x64
     from ..identify.identification import fit
-    from ..logs.read import read_log
     from ..logs.readers.backlash_readings import read_backlash_readings
     from ..pair.gear_pair import pair_from_spec
 
@@ -150,13 +151,11 @@ def save_fit(
     if another process writes to the folder; `InputError` for a full disk, missing permission and a
     path that is not a folder.
     """
-    from ..base.files.run_folder import RunFolder
-
     record, folder = record or record_of(fit), Path(folder)
     refuse_while_sampled(folder)
     with RunFolder(folder, overwrite=overwrite, results=("fit.json",)) as writer:
         if (folder / CHECKPOINT).exists():
-            logger.warning("the draws in %s were those of the fit it replaces, and go", folder)
+            LOGGER.warning("the draws in %s were those of the fit it replaces, and go", folder)
         write_fit(writer, fit, record, figures=figures)
 
 
@@ -165,8 +164,6 @@ def refuse_while_sampled(folder: Path) -> None:
     lock = folder / f".{CHECKPOINT}.lock"
     if not lock.exists():
         return
-    from filelock import FileLock, Timeout
-
     try:
         with FileLock(lock).acquire(timeout=0):
             pass
@@ -177,14 +174,11 @@ def refuse_while_sampled(folder: Path) -> None:
         ) from None
 
 
-def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
+def write_fit(writer: RunFolder, fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
     """Write a fit into an open run folder, and remove the files that depend on an older fit.
 
     Logs that came from standard input are stored in the folder.
     """
-    import numpy as np
-
-    from ..base.files.json_io import dumps
     from ..identify.archive import arrays_digest, fit_arrays
 
     for name in (*_FOLLOWING, *_unused_kept_logs(writer.path, record)):
@@ -229,8 +223,6 @@ def _run_digest(table: dict[str, Any], arrays: str, content: Any) -> str:
     `content` the content of `fit.json`. The paths of the logs are left out, so that the same run in
     another folder has the same digest.
     """
-    from ..base.files.json_io import dumps
-
     data = {name: table["data"].get(name) for name in ("sha256", "readings_sha256")}
     return hashlib.sha256(dumps([table | {"data": data}, content, arrays]).encode()).hexdigest()
 

@@ -12,6 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from filelock import FileLock, Timeout
 
 from ..base.errors import InputError, UsageError
 from ..base.files.atomic_write import (
@@ -22,7 +25,7 @@ from ..base.files.atomic_write import (
     replace_file,
     temporary_path,
 )
-from ..base.files.json_io import dumps
+from ..base.files.json_io import dumps, read_json
 from ..base.logger import LOGGER
 from ..control.sweeps.table import Rows
 
@@ -45,10 +48,7 @@ def is_complete(folder: Path, header: dict[str, Any], names: FolderNames = Folde
 
     The versions of packages may differ, because a complete table is not continued.
     """
-    try:
-        stored = json.loads((folder / names.header).read_text("utf-8"))
-    except (OSError, ValueError):
-        return False
+    stored = read_json(folder / names.header)
     asked = json.loads(dumps(header))
     return (
         (folder / names.table).exists()
@@ -85,8 +85,6 @@ class SweepFolder:
         self._made: list[Path] = []
 
     def __enter__(self) -> "SweepFolder":
-        from filelock import FileLock, Timeout
-
         with os_errors_as_input_errors(self.path):
             self._made = [path for path in (self.path, *self.path.parents) if not path.exists()]
             self.path.mkdir(parents=True, exist_ok=True)
@@ -131,9 +129,6 @@ class SweepFolder:
 
     def write(self, number: int, rows: Rows) -> None:
         """Write a block."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         target = self._part(number)
         with _os_and_arrow_errors(target):
             buffer = BytesIO()
@@ -143,8 +138,6 @@ class SweepFolder:
 
     def finish(self, blocks: int) -> Rows:
         """Join all blocks in one file, remove the files of the blocks, and return the columns."""
-        import pyarrow.parquet as pq
-
         first = self._read(0)
         temporary = temporary_path(self.table)
         with _os_and_arrow_errors(self.table):
@@ -183,10 +176,7 @@ class SweepFolder:
 
     def _compare(self, header: Path) -> None:
         """Raise `InputError` if the header in the folder belongs to a different sweep."""
-        try:
-            stored = json.loads(header.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            stored = None
+        stored = read_json(header)
         if not isinstance(stored, dict):
             raise InputError(
                 f"the header of this {self.names.noun} is damaged; make it again with --overwrite.",
@@ -218,9 +208,6 @@ class SweepFolder:
 
     def _is_whole(self, number: int) -> bool:
         """Return whether the file of a block can be read."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
             pq.read_table(self._part(number))
         except (OSError, pa.ArrowException):
@@ -228,9 +215,6 @@ class SweepFolder:
         return True
 
     def _read(self, number: int) -> Any:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
             return pq.read_table(self._part(number))
         except (OSError, pa.ArrowException) as error:
@@ -262,8 +246,6 @@ class SweepFolder:
 
 def read_table(path: Path) -> Rows:
     """Read the columns of a sweep; null becomes NaN."""
-    import pyarrow.parquet as pq
-
     with os_errors_as_input_errors(path):
         table = pq.read_table(path)
     rows: Rows = {}

@@ -8,7 +8,7 @@ sentence.
 import errno
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path, PurePosixPath
@@ -178,6 +178,17 @@ class RunFolder:
             with suppress(OSError):
                 folder.rmdir()  # fails, as wanted, for a folder that is not empty
         self._created_folders.clear()
+
+
+def write_files(files: Mapping[Path, str | bytes], *, overwrite: bool) -> None:
+    """Write files of one folder together; the last one is the result that was asked for.
+
+    **Raises** the errors of `RunFolder`.
+    """
+    *_, asked = files
+    with RunFolder(asked.parent, overwrite=overwrite, results=(asked.name,)) as folder:
+        for path, content in files.items():
+            folder.write_bytes(path.name, content.encode() if isinstance(content, str) else content)
 
 
 def data_sha256(paths: Iterable[str | Path]) -> list[str]:

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from ...base.errors import PairError, UsageError
+from ...base.files.run_folder import write_files
 from ...base.files.text_tables import key_values
 from ..drive_options import gears_of
 from ..options import POSITIVE, Finite, given, refuse_existing, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from ...geometry.tooth import Shaft, Tooth
 
 _MESHES, _SOLIDS, _DRAWINGS = (".stl",), (".step", ".stp"), (".svg", ".dxf")
@@ -39,7 +38,7 @@ class _Wanted(NamedTuple):
     suffix: str
     section_mm: float
     build: dict[str, Any]
-    bar: "tqdm[Any]"
+    bar: Any
 
 
 @verb(
@@ -112,7 +111,6 @@ def command(
     """
     suffix = out.suffix.lower()
     _check_out(out, suffix, overwrite)
-    from ...base.files.run_folder import RunFolder
     from ...geometry.tooth import tooth_of
     from ...pair.pair_file import load_pair_spec
 
@@ -128,8 +126,7 @@ def command(
             data, found, notes = _builder(suffix)(wanted)
         except PairError as error:
             raise PairError(error.message, where=f"{pair}: {gear}: {error.where}") from None
-        with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
-            folder.write_bytes(out.name, data)
+        write_files({out: data}, overwrite=overwrite)
         bar.update(bar.total - bar.n)
     record = {
         "schema": "vttig.surface/1",
