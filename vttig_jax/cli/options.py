@@ -15,6 +15,7 @@ from ..base.errors import UsageError
 from ..base.files.limits import most_memory
 from ..logs.readers.column_names import ROLES
 from ..logs.recognition.request import roles_of
+from .completion import columns_of_log
 from .output import Narrator, Output
 from .program_cache import kept_programs
 
@@ -230,14 +231,6 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
     return wrapper
 
 
-def _columns_of_log(
-    context: click.Context, parameter: click.Parameter, incomplete: str
-) -> list[str]:
-    from .completion import columns_of_log
-
-    return columns_of_log(context, parameter, incomplete)
-
-
 def _checked(
     context: click.Context, parameter: click.Parameter, columns: tuple[str, ...]
 ) -> tuple[str, ...]:
@@ -252,7 +245,7 @@ _OF_READING = (
         multiple=True,
         metavar="ROLE=NAME",
         callback=_checked,
-        shell_complete=_columns_of_log,
+        shell_complete=columns_of_log,
         help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
         " first column of a text file, #row the number 0, 1, 2, … of the row, and 0.5*(a+b)"
         " is computed from two columns.",
@@ -306,6 +299,26 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
         function(*arguments, **{**options, "columns": (*options["columns"], *columns)})
 
     return with_options(wrapper, _OF_READING)
+
+
+def gathered(
+    function: Callable[..., None],
+    options: Sequence[Callable[..., Any]],
+    name: str,
+    names: Collection[str],
+    make: Callable[..., Any],
+) -> Callable[..., None]:
+    """Add options to a verb, which receives them as one argument `name`.
+
+    The argument is what `make` returns for the parameters `names` of the options.
+    """
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, **given: Any) -> None:
+        made = make(**{one: given.pop(one) for one in names})
+        function(*arguments, **{name: made}, **given)
+
+    return with_options(wrapper, options)
 
 
 def with_options(

@@ -118,7 +118,7 @@ def command(
     exclude_each_other("steps", "until")
     if not drive.explain_columns:
         refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
-    from ...posterior.sampler import sample
+    from ...posterior.sampler import sample, settings_of
 
     if logs:
         logs = with_standard_input(logs)
@@ -127,9 +127,15 @@ def command(
             return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
-        fit = _fit_in(out, [*options, *NAMES, "pair", "readings"])
-    asked = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
-    settings = _settings(out / CHECKPOINT if resume else None, asked)
+        if asked := given([*options, *NAMES, "pair", "readings"]):
+            raise UsageError(
+                f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is"
+                " sampled; give LOG too, or leave it out."
+            )
+        fit = open_run(out).fit
+    settings = settings_of(out / CHECKPOINT) if resume and (out / CHECKPOINT).exists() else {}
+    chosen = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
+    settings |= {name: value for name, value in chosen.items() if value is not None}
     length = {"steps": steps, "until": None if until is None else Until(effective=until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
     with _interrupts_in_words(out):
@@ -173,18 +179,6 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
         raise NotConvergedError(
             f"the sampler has not converged: {text}.", where=str(out / CHECKPOINT)
         )
-
-
-def _settings(resumed: Path | None, asked: dict[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of `sample`.
-
-    The options `asked` have priority over the settings of the checkpoint `resumed`. An option that
-    is None was not given.
-    """
-    from ...posterior.sampler import settings_of
-
-    known = {} if resumed is None or not resumed.exists() else settings_of(resumed)
-    return known | {name: value for name, value in asked.items() if value is not None}
 
 
 @contextmanager
@@ -261,16 +255,3 @@ def _require_same_request(record: RunRecord, out: Path) -> None:
             " --overwrite.",
             where=str(out),
         )
-
-
-def _fit_in(out: Path, names: list[str]) -> "Fit":
-    """Return the fit of a run folder.
-
-    The stored fit has its own options. `names` are options of a fit that must not be given.
-    """
-    if asked := given(names):
-        raise UsageError(
-            f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is sampled;"
-            " give LOG too, or leave it out."
-        )
-    return open_run(out).fit
