@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
-from filelock import FileLock, Timeout
 
 from ..base.errors import UsageError, VttigError
 from ..base.files.json_io import dumps
@@ -164,6 +163,8 @@ def refuse_while_sampled(folder: Path) -> None:
     lock = folder / f".{CHECKPOINT}.lock"
     if not lock.exists():
         return
+    from filelock import FileLock, Timeout
+
     try:
         with FileLock(lock).acquire(timeout=0):
             pass

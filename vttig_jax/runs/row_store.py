@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from filelock import FileLock, Timeout
 
 from ..base.errors import InputError, UsageError
 from ..base.files.atomic_write import (
+    LOCK,
+    locked,
     move,
     open_new,
     os_errors_as_input_errors,
@@ -30,7 +31,6 @@ from ..base.logger import LOGGER
 from ..control.sweeps.table import Rows
 
 TABLE, PARTS, HEADER = "sweep.parquet", "parts", "sweep.json"
-_LOCK = ".lock"
 _ROW_GROUP = 1 << 20
 _PART = re.compile(r"\d{8}\.parquet")  # name of the file of a block
 
@@ -80,28 +80,16 @@ class SweepFolder:
         self.header = json.loads(dumps(header))
         self.resume = resume
         self.overwrite = overwrite
-        self._lock: Any = None
+        self._opened = ExitStack()
         self._began = False
-        self._made: list[Path] = []
 
     def __enter__(self) -> "SweepFolder":
-        with os_errors_as_input_errors(self.path):
-            self._made = [path for path in (self.path, *self.path.parents) if not path.exists()]
-            self.path.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(self.path / _LOCK)
-            try:
-                lock.acquire(timeout=0)
-            except Timeout:
-                raise UsageError(
-                    "another vttig is writing to this folder; wait for it or choose another one.",
-                    where=str(self.path),
-                ) from None
-        self._lock = lock
-        try:
+        with ExitStack() as stack:
+            stack.enter_context(locked(self.path / LOCK, "this folder"))
+            for target in (self.table, self.path / self.names.header):
+                stack.callback(remove_abandoned, target)
             self._begin()
-        except BaseException:
-            self._leave()
-            raise
+            self._opened = stack.pop_all()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -112,8 +100,10 @@ class SweepFolder:
             if not issubclass(kind, Exception):  # such as Ctrl-C
                 LOGGER.warning("%s keeps nothing: no block of rows was finished yet", self.path)
             if self._began:
-                self._undo()
-        self._leave()
+                shutil.rmtree(self.path / PARTS, ignore_errors=True)
+                with suppress(OSError):
+                    (self.path / self.names.header).unlink()
+        self._opened.close()
 
     @property
     def table(self) -> Path:
@@ -225,23 +215,6 @@ class SweepFolder:
                 " removed; run it again with --resume.",
                 where=str(self._part(number)),
             ) from None
-
-    def _undo(self) -> None:
-        """Remove a sweep that ended before its first block."""
-        shutil.rmtree(self.path / PARTS, ignore_errors=True)
-        with suppress(OSError):
-            (self.path / self.names.header).unlink()
-
-    def _leave(self) -> None:
-        for target in (self.table, self.path / self.names.header):
-            remove_abandoned(target)
-        # The file is removed while the lock is held: `filelock` detects that a lock lost its file.
-        with suppress(OSError):
-            (self.path / _LOCK).unlink()
-        self._lock.release()
-        for folder in self._made:
-            with suppress(OSError):
-                folder.rmdir()  # succeeds only for an empty folder
 
 
 def read_table(path: Path) -> Rows:
