@@ -6,7 +6,7 @@ The files are `run.toml`, `fit.json`, `summary.npz` and the pictures.
 import hashlib
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -181,6 +181,8 @@ def write_fit(writer: RunFolder, fit: "Fit", record: RunRecord, *, figures: bool
     Logs that came from standard input are stored in the folder.
     """
     from ..identify.archive import arrays_digest, fit_arrays
+    from ..identify.backlash import backlash_map
+    from ..plotting.save import figures as pictures
 
     for name in (*_FOLLOWING, *_unused_kept_logs(writer.path, record)):
         writer.discard(name)
@@ -189,12 +191,17 @@ def write_fit(writer: RunFolder, fit: "Fit", record: RunRecord, *, figures: bool
             writer.write_bytes(kept_name(log), data)
     table, arrays, content = record.table(writer.path), fit_arrays(fit), fit.to_json()
     held = arrays_digest(arrays)
-    digest = _run_digest(table, held, content)
+    # The paths of the logs are left out, so that the same run elsewhere has the same digest.
+    data = {name: table["data"].get(name) for name in ("sha256", "readings_sha256")}
+    identified = dumps([table | {"data": data}, content, held])
+    digest = hashlib.sha256(identified.encode()).hexdigest()
     writer.write_toml("run.toml", {"schema": table["schema"], "run": digest} | table)
     writer.write_npz("summary.npz", **arrays, run=np.array(digest))
     if figures:
-        for name, data in _figures(fit, digest).items():
-            writer.write_bytes(f"figures/{name}", data)
+        known = fit.parameters["constant_backlash_deg"].determined
+        drawn = pictures(fit, backlash_map(fit) if known else None, run=digest)
+        for name, picture in drawn.items():
+            writer.write_bytes(f"figures/{name}", picture)
     content = {"schema": content["schema"], "run": digest, "arrays": held} | content
     writer.write_text("fit.json", dumps(content) + "\n")
 
@@ -215,26 +222,3 @@ def _unused_kept_logs(folder: Path, record: RunRecord) -> list[str]:
         for log in kept
         if log.resolve().parent == folder.resolve() and log.resolve() not in used
     ]
-
-
-def _run_digest(table: dict[str, Any], arrays: str, content: Any) -> str:
-    """Return the SHA-256 that identifies a run and is stored in all files of its fit.
-
-    `table` is the content of `run.toml`, `arrays` the digest of the arrays in `summary.npz`, and
-    `content` the content of `fit.json`. The paths of the logs are left out, so that the same run in
-    another folder has the same digest.
-    """
-    data = {name: table["data"].get(name) for name in ("sha256", "readings_sha256")}
-    return hashlib.sha256(dumps([table | {"data": data}, content, arrays]).encode()).hexdigest()
-
-
-def _figures(fit: "Fit", digest: str) -> dict[str, bytes]:
-    """Return the pictures of a fit: file name → content of the PNG file.
-
-    The backlash map is drawn if the log determines the constant backlash.
-    """
-    from ..identify.backlash import backlash_map
-    from ..plotting.save import figures
-
-    grid = backlash_map(fit) if fit.parameters["constant_backlash_deg"].determined else None
-    return figures(fit, grid, run=digest)
