@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import types
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -263,8 +262,9 @@ def test_a_verb_works_without_main(capsys):
 def test_help_lists_verbs_and_shows_examples(capsys):
     assert main(["--help"]) == 0
     help_ = capsys.readouterr().out
-    for name, text in chain.from_iterable(verbs.items() for verbs in GROUPS.values()):
-        assert f"  {name} " in help_ and text in help_
+    for title, verbs in GROUPS.items():
+        assert f"{title}:" in help_
+        assert all(f"  {name} " in help_ and text in help_ for name, text in verbs.items())
     assert main(["toy", "-h"]) == 0
     help_ = capsys.readouterr().out
     assert "Example:\n    vttig toy 3 --kind log\n    vttig toy 4\n" in help_
