@@ -156,6 +156,7 @@ def command(
     predicted and printed, and a table that leaves more than none is refused.
     """
     from ...control.compensation.map_harmonics import compensation_of
+    from ...runs.error_table import origin
     from ...runs.maps import lowered_map
 
     suffix = out.suffix.lower()
@@ -184,8 +185,19 @@ def command(
             compensation = compensation_of(
                 grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
             )
-            interval = _interval(fit) if constant_backlash_deg is None else None
-            record, shown = _record(fit, compensation, out, interval), str(compensation)
+            fitted, interval = fit.parameters["constant_backlash_deg"], None
+            low, high = fitted.low95, fitted.high95
+            if constant_backlash_deg is None and low is not None and high is not None:
+                interval = low, high
+            record: dict[str, Any] = {
+                "schema": "vttig.compensation/1",
+                **origin(fit),
+                "file": out.name,
+                "constant_backlash_deg": interval
+                and dict(zip(("low95", "high95"), interval, strict=True)),
+                **compensation.to_json(),
+            }
+            shown = str(compensation)
             if lowered is not None:
                 record |= {"gap": gap, "lowered_deg": lowered[1]}
             text = dumps(record) + "\n"
@@ -373,22 +385,6 @@ def _whole_period(hunting_turns: int, step_deg: float) -> float:
     return float(hunting_turns)
 
 
-def _record(
-    fit: "Fit", compensation: "Compensation", out: Path, interval: tuple[float, float] | None
-) -> dict[str, Any]:
-    """Return the object of schema `vttig.compensation/1`; `interval` as `_interval` returns it."""
-    from ...runs.error_table import origin
-
-    ends = None if interval is None else dict(zip(("low95", "high95"), interval, strict=True))
-    return {
-        "schema": "vttig.compensation/1",
-        **origin(fit),
-        "file": out.name,
-        "constant_backlash_deg": ends,
-        **compensation.to_json(),
-    }
-
-
 def _header(
     run: Run,
     compensation: "Compensation",
@@ -414,11 +410,3 @@ def _header(
         lowered_deg=lowered,
     )
     return c_header(compensation, origin, name=name, quantity="shift" if shift else "backlash")
-
-
-def _interval(fit: "Fit") -> tuple[float, float] | None:
-    """Return the ends of the 95 % interval of the fitted constant backlash in degrees, or None."""
-    found = fit.parameters["constant_backlash_deg"]
-    if found.low95 is None or found.high95 is None:
-        return None
-    return found.low95, found.high95
