@@ -19,6 +19,8 @@ pytestmark = pytest.mark.smoke
 
 PACKAGE = Path(vttig_jax.__file__).parent
 
+VERBS = [path for path in PACKAGE.glob("cli/verbs/*.py") if path.stem != "__init__"]
+
 FLOORS = (
     "base",
     "pair",
@@ -205,6 +207,13 @@ def test_what_inspect_needs_imports_no_jax():
         "cli.verbs.inspect",
     ):
         assert imported(f"import vttig_jax.{module}") & {"jax", "equinox"} == set()
+
+
+def test_no_verb_imports_jax_before_it_begins():
+    """Compiled programs are kept only where JAX is imported after the command has begun."""
+    verbs = ", ".join(f"vttig_jax.cli.verbs.{path.stem}" for path in VERBS)
+    assert imported(f"import {verbs}") & {"jax", "equinox", "scipy"} == set()
+    assert len(VERBS) > 20
 
 
 def public_names(package: str = "") -> dict[str, str]:

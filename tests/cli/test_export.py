@@ -150,9 +150,10 @@ def test_bad_calls_end_in_one_sentence(vttig, run_folder, monkeypatch):
 
 
 @pytest.mark.parametrize("verb", ["map", "export"])
-@pytest.mark.parametrize("name", ["fit.json", "summary.npz", "run.toml"])
+@pytest.mark.parametrize("name", ["fit.json", "summary.npz", "run.toml", "pair.toml"])
 def test_no_file_of_the_run_is_written_over(vttig, run_folder, tmp_path, monkeypatch, verb, name):
     run = shutil.copytree(run_folder, tmp_path / "run")
+    (run / "pair.toml").touch()  # as `vttig demo --out` keeps it in its run folder
     monkeypatch.chdir(run)
     before = (run / name).read_bytes()
     options = () if name.endswith(".json") else ("--for", "csv", "--travel", "0", "360")

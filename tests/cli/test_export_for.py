@@ -190,13 +190,3 @@ def test_beckhoff_is_twincat_and_c_is_a_header(export, both):
     assert texts[0] == texts[1] and "axis_2_forward_deg(double position_deg)" in texts[2]
     code, _, _ = export(both, "c", "--name", "2 x", "--overwrite")
     assert code == 2
-
-
-@pytest.mark.parametrize("name", ["run.toml", "fit.json", "summary.npz", "pair.toml", "../log.csv"])
-def test_a_file_of_the_run_itself_is_never_replaced(vttig, both, name):
-    path = both / name
-    if name == "pair.toml":  # as `vttig demo --out` keeps it in its run folder
-        path.write_bytes((both.parent / name).read_bytes())
-    kept = path.read_bytes()
-    code, _, _ = vttig("export", both, "--for", "csv", "--out", path, "--overwrite")
-    assert code == 3 and path.read_bytes() == kept

@@ -103,7 +103,7 @@ def test_no_fitted_log_is_no_answer(vttig, rigs, tmp_path):
 
 def test_refusals(vttig, command):
     for options, code, words in (
-        (["--resume"], 2, "for the folder of --out"),
+        (["--resume"], 2, "--resume without --out"),
         (["--out", "x", "--resume", "--overwrite"], 2, "exclude each other"),
         (["--delay", "free"], 2, "--delay"),
         (["--dask", "tcp://127.0.0.1:1"], 2, "--jobs and --dask exclude each other"),

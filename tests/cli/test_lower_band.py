@@ -54,7 +54,6 @@ def test_the_controller_leaves_the_half_width_of_the_band(sampled_folder, rows, 
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_a_sweep_has_it_as_an_axis(sampled_folder, rows):
     """In every draw of the rig the edge leaves more than the mean, by the half width."""
     columns = vttig_jax.sweep(

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import types
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module
 from vttig_jax.cli.main import GROUPS, VERBS, main
 from vttig_jax.cli.options import verb
-from vttig_jax.cli.output import Output, progress
+from vttig_jax.cli.output import Output
 
 pytestmark = pytest.mark.smoke
 
@@ -263,8 +262,9 @@ def test_a_verb_works_without_main(capsys):
 def test_help_lists_verbs_and_shows_examples(capsys):
     assert main(["--help"]) == 0
     help_ = capsys.readouterr().out
-    for name, text in chain.from_iterable(verbs.items() for verbs in GROUPS.values()):
-        assert f"  {name} " in help_ and text in help_
+    for title, verbs in GROUPS.items():
+        assert f"{title}:" in help_
+        assert all(f"  {name} " in help_ and text in help_ for name, text in verbs.items())
     assert main(["toy", "-h"]) == 0
     help_ = capsys.readouterr().out
     assert "Example:\n    vttig toy 3 --kind log\n    vttig toy 4\n" in help_
@@ -305,7 +305,7 @@ def test_progress_shows_on_a_terminal_unless_quiet(monkeypatch, quiet):
 
 
 def test_progress_shows_nothing_off_a_terminal(capsys):
-    with progress(3, "fitting", False) as bar:
+    with Output().progress(3, "fitting") as bar:
         bar.update(3)
     assert capsys.readouterr().err == ""
 

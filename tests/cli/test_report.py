@@ -86,7 +86,7 @@ def test_one_direction(vttig_json, one_flank_folder, tmp_path):
 def test_fit_and_demo_end_with_a_report(vttig, rig_folder, tmp_path):
     log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
     code, _, err = vttig("fit", log, "--pair", pair, "--report")
-    assert code == 2 and "--report says how to write a run folder" in err
+    assert code == 2 and "--report without --out" in err
     made = ("fit", log, "--pair", pair, "--out", tmp_path / "run", "--no-figures", "--report")
     code, out, _ = vttig(*made)
     report = tmp_path / "run" / "report.html"

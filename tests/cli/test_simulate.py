@@ -293,7 +293,7 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch):
         ("S --set motion.kind=recorded --set motion.file=no.csv", 3, "no.csv: no such file"),
         ("S --set motion.kind=recorded --set motion.file=gears", 3, "gears: this is a folder"),
         ("S --set motion.speed_rpm=1e-300", 2, "periods, but at most 1e+12 are simulated"),
-        ("S --every 3", 2, "--every thins out the rows of --trace"),
+        ("S --every 3", 2, "--every without --trace"),
         ("S --trace gears", 2, "gears: --trace is a folder"),
         ("S --trace trace.txt", 2, "choose a name that ends with .csv"),
         ("S --figure run.pdf", 2, "choose a name that ends with .png"),

@@ -74,7 +74,7 @@ def test_wrong_options_are_usage_errors(vttig, sweep, monkeypatch):
         (["--free", f"{MARGIN}=nan:1"], "must be a range around its value 0.01"),
         (["--interference-weight", "-1"], "interference-weight"),
         (["--objective", "best"], "objective"),
-        (["--overwrite"], "--overwrite is for the file of --out"),
+        (["--overwrite"], "--overwrite without --out"),
         (["--out", "tuned.txt"], "ends with .toml"),
         (["--out", "elsewhere/tuned.toml"], "relative to its folder"),
         (["--out", "sweep.toml"], "already exists"),

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from hypothesis import strategies as st
@@ -54,6 +55,14 @@ def any_tooth(draw: st.DrawFn) -> Tooth:
         profile_shift_mm=module * draw(st.floats(-0.5, 0.8)),
         face_width_mm=20.0,
     )
+
+
+def tangents(gear: Tooth, roll: Any, z: Any, side: Side, part: Any) -> np.ndarray:
+    """Unit tangents x, y of sections of the surface, in the sense of the roll angle."""
+    roll, z = jnp.broadcast_arrays(jnp.asarray(roll, float), jnp.asarray(z, float))
+    section = lambda roll: tooth_surface(gear, roll, z, side=side, part=part)  # noqa: E731
+    along = np.asarray(jax.jvp(section, (roll,), (jnp.ones_like(roll),))[1])[..., :2]
+    return along / np.linalg.norm(along, axis=-1, keepdims=True)
 
 
 def cutter(gear: Tooth, side: Side, z: float) -> Cutter:

@@ -21,16 +21,8 @@ def test_text_names_flank_turns_and_range(curve):
     assert "720.000° … 0.000°" in text and f"{np.degrees(2e-4):.5f}°" in text
 
 
-def test_mean_speed_is_the_whole_angle_over_the_whole_time():
-    """The time starts late, and the samples are far from equally spaced."""
-    angle, time = np.array([4.0, 3.5, -2.0]), np.array([10.0, 12.5, 13.0])
-    found = TECurve("B", angle, 0 * angle, time)
-    assert found.mean_speed == pytest.approx(2.0, rel=1e-12)
-    assert found.part(slice(0, 1)).mean_speed == 0.0
-
-
 def test_a_part_without_points_says_so(curve):
     empty = curve.part(slice(0, 0))
-    assert (len(empty), empty.mean_speed, empty.peak_to_peak) == (0, 0.0, 0.0)
+    assert (len(empty), empty.peak_to_peak) == (0, 0.0)
     text = str(empty)
     assert "flank B" in text and "points" in text and "driving angle" not in text

@@ -15,7 +15,6 @@ from vttig_jax.geometry.surface import (
     fillet_span,
     flank_roll,
     flank_span,
-    surface_normal,
     tooth_surface,
 )
 from vttig_jax.geometry.tooth import SIDES, Side, Taper, Tooth
@@ -70,10 +69,6 @@ def _point_at_height(z, roll, tooth, side: Side = "left", part: Part = "flank"):
     return tooth_surface(tooth, roll.rad, z, side=side, part=part) @ SOMEWHERE
 
 
-def _normal(roll, height, tooth, side: Side = "left", part: Part = "flank"):
-    return surface_normal(tooth, roll, height.z_mm, side=side, part=part) @ SOMEWHERE
-
-
 @compiled
 def _roll_of_radius(radius, tooth):
     return flank_roll(tooth, radius, "left")
@@ -121,7 +116,6 @@ SURFACES = (
     *_of_surface("tooth_surface", _point, "mm"),
     *_of_surface("tooth_surface", _point, "mm", "fillet"),
     _of_length("tooth_surface", _point_at_height, HEIGHTS, "mm", Roll(np.array(0.02))),
-    *_of_surface("surface_normal", _normal, "1"),
     _of_length("flank_roll", _roll_of_radius, np.array([43.8, 45.1, 46.9]), "rad"),
     _of_length("flank_span", _flank_limits, np.array([1.8, 2.0, 2.1]), "rad"),
     _of_length("fillet_span", _fillet_limits, np.array([0.1, 0.4, 0.6]), "rad"),

@@ -130,7 +130,7 @@ def test_a_second_writer_is_refused(path):
             [sys.executable, "-c", code, str(path)], capture_output=True, text=True, cwd=REPOSITORY
         )
         said.append(done.stdout + done.stderr)
-        with pytest.raises(UsageError, match="another vttig is writing this checkpoint"):
+        with pytest.raises(UsageError, match="another vttig is writing to this checkpoint"):
             sample(path, overwrite=True)
 
     chains = sample(path, progress=progress)

@@ -1,12 +1,10 @@
 """Options that say what the axis of a control is."""
 
-import functools
 from collections.abc import Callable
-from typing import Any
 
 import click
 
-from .options import Finite, with_options
+from .options import Finite, gathered
 
 AXIS = ("shaft", "zero_deg", "reversed", "travel_deg", "place_known")
 """Fields of `AxisSetting`, which are the names of these parameters."""
@@ -50,8 +48,4 @@ _OF_THE_AXIS = (
 def axis_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options of an axis; the verb receives `axis`, the keywords of `AxisSetting`."""
 
-    @functools.wraps(function)
-    def wrapper(*arguments: Any, **options: Any) -> None:
-        function(*arguments, axis={name: options.pop(name) for name in AXIS}, **options)
-
-    return with_options(wrapper, _OF_THE_AXIS)
+    return gathered(function, _OF_THE_AXIS, "axis", AXIS, dict)

@@ -4,7 +4,6 @@ Every command (verb) that reads logs has all of these options. A command without
 options of the drive: ratio, teeth and counts.
 """
 
-import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +22,7 @@ from ..logs.recognition.request import (
     units_of_options,
 )
 from ..runs.stated_drive import write_pair
-from .options import with_options
+from .options import gathered
 from .output import Output
 
 if TYPE_CHECKING:
@@ -134,24 +133,17 @@ def pair_option(function: Callable[..., None]) -> Callable[..., None]:
 def drive_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options that replace a pair file; the verb receives `drive`, a `DriveOptions`."""
 
-    @functools.wraps(function)
-    def wrapper(*arguments: Any, **options: Any) -> None:
-        request = DriveRequest(**{name: options.pop(name) for name in STATED})
-        drive = DriveOptions(request, options.pop("write_pair"), options.pop("explain_columns"))
-        function(*arguments, drive=drive, **options)
+    def drive(write_pair: Path | None, explain_columns: bool, **stated: Any) -> DriveOptions:
+        return DriveOptions(DriveRequest(**stated), write_pair, explain_columns)
 
-    return with_options(wrapper, (*_OF_THE_DRIVE, *_OF_THE_LOG))
+    return gathered(function, (*_OF_THE_DRIVE, *_OF_THE_LOG), "drive", NAMES, drive)
 
 
 def ratio_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options of a drive without a log; the verb receives `drive`, a `DriveRequest`."""
 
-    @functools.wraps(function)
-    def wrapper(*arguments: Any, **options: Any) -> None:
-        request = DriveRequest(**{name: options.pop(name) for name in ("ratio", "teeth", "counts")})
-        function(*arguments, drive=request, **options)
-
-    return with_options(wrapper, _OF_THE_DRIVE)
+    names = ("ratio", "teeth", "counts")
+    return gathered(function, _OF_THE_DRIVE, "drive", names, DriveRequest)
 
 
 @dataclass(frozen=True)

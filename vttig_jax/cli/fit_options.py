@@ -15,58 +15,38 @@ _UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(s|ms|us|µs)?")
 
 
-def _time_s(value: Any, unit: str) -> float:
-    """Return the time in s that a text such as `0.5ms` states, or NaN if the text is no time.
+class TimeParam(click.ParamType):
+    """Option type for a time: a number with a unit, a plain number of `unit`, or one of `words`.
 
-    `unit` is the unit of a plain number.
+    With words it is a delay of either sign; without them it must be positive.
     """
-    match = _NUMBER.fullmatch(str(value).strip())
-    return float(match[1]) * _UNITS_S[match[2] or unit] if match else math.nan
 
-
-class MillisecondsParam(click.ParamType):
-    """Option type for a positive time: a number with a unit, or a plain number of milliseconds."""
-
-    name = "milliseconds"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return the time in ms, or report a usage error."""
-        time_ms = 1e3 * _time_s(value, "ms")
-        if not 0 < time_ms < math.inf:
-            self.fail(
-                f"{value!r} is no positive time; give milliseconds, or a number with its unit, such"
-                " as 0.5ms or 0.0005s.",
-                param,
-                ctx,
-            )
-        return float(f"{time_ms:.15g}")  # 0.0005 s is 0.5 ms
-
-
-class DelayParam(click.ParamType):
-    """Option type for one of `words`, or a time: a number with a unit, or a number of seconds."""
-
-    name = "delay"
-
-    def __init__(self, words: tuple[str, ...]):
-        self.words = words
+    def __init__(self, name: str, unit: str, words: tuple[str, ...] = ()):
+        self.name, self.unit, self.words = name, unit, words
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> str | float:
-        """Return the word or the time in s, or report a usage error."""
+        """Return the word or the time in `unit`, or report a usage error."""
         if value in self.words:
             return value
-        seconds = _time_s(value, "s")
-        if not abs(seconds) <= LONGEST_DELAY_S:
+        match = _NUMBER.fullmatch(str(value).strip())
+        seconds = float(match[1]) * _UNITS_S[match[2] or self.unit] if match else math.nan
+        if self.words and not abs(seconds) <= LONGEST_DELAY_S:
             self.fail(
                 f"{value!r} is neither {', '.join(self.words)} nor a number of seconds, or"
                 f" one with its unit, such as 0.5ms, within ±{LONGEST_DELAY_S:g} s.",
                 param,
                 ctx,
             )
-        return float(f"{seconds:.15g}")
+        if not self.words and not 0 < seconds < math.inf:
+            self.fail(
+                f"{value!r} is no positive time; give milliseconds, or a number with its unit, such"
+                " as 0.5ms or 0.0005s.",
+                param,
+                ctx,
+            )
+        return float(f"{seconds / _UNITS_S[self.unit]:.15g}")  # 0.0005 s is 0.5 ms
 
 
 def model_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -112,11 +92,11 @@ def _kind(field: Field) -> dict[str, Any]:
     words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
     numbers = [kind for kind in kinds if get_origin(kind) is Annotated]
     if words and numbers:
-        return {"type": DelayParam(words)}
+        return {"type": TimeParam("delay", "s", words)}
     if words:
         return {"type": click.Choice(words)}
     if field.name.endswith("_ms"):
-        return {"type": MillisecondsParam()}
+        return {"type": TimeParam("milliseconds", "ms")}
     if numbers:
         bounds = get_args(numbers[0])[1]
         limits = bounds.gt is None

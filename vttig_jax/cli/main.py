@@ -124,7 +124,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         from .completion import answer
 
         return answer(vttig, "vttig", COMPLETION, instruction)
-    with _seldom_collected(), Narrator() as narrator, library_messages_in_log(), _sigterm_raises():
+    # Imports make many objects and no cycles; with the threshold of Python, 700 new objects, the
+    # search for unused cycles takes an eighth of their time.
+    gc.set_threshold(_OBJECTS, *gc.get_threshold()[1:])
+    with Narrator() as narrator, library_messages_in_log(), _sigterm_raises():
         try:
             code = _invoke(arguments, narrator)
             sys.stdout.flush()
@@ -224,20 +227,6 @@ def _silence_stdout() -> None:
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, sys.stdout.fileno())
         os.close(nothing)
-
-
-@contextmanager
-def _seldom_collected() -> Iterator[None]:
-    """Let Python search for unused cycles less often: imports make many objects and no cycles.
-
-    With the threshold of Python, 700 new objects, the search takes an eighth of the import time.
-    """
-    before = gc.get_threshold()
-    gc.set_threshold(_OBJECTS, *before[1:])
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
 
 
 @contextmanager

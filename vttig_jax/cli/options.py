@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from ..base.errors import UsageError
 from ..base.files.limits import most_memory
 from ..logs.readers.column_names import ROLES
 from ..logs.recognition.request import roles_of
+from .completion import columns_of_log
 from .output import Narrator, Output
 from .program_cache import kept_programs
 
@@ -34,6 +35,43 @@ class Finite(click.FloatRange):
     def _describe_range(self) -> str:
         """Return "" if there are no bounds, for which click would print `x<=None`."""
         return "" if self.min is None and self.max is None else super()._describe_range()
+
+
+class KeyValue(click.ParamType):
+    """Option type KEY=VALUE, or KEY alone where a value is `optional` and then None.
+
+    `parse` returns the value of a text, and raises `ValueError` for a wrong text; it gets the key
+    too, for its message.
+    """
+
+    def __init__(self, name: str, parse: Callable[[str, str], Any], *, optional: bool = False):
+        self.name, self.parse, self.optional = name, parse, optional
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, Any]:
+        """Return the key and the value, or report a usage error."""
+        if isinstance(value, tuple):
+            return value
+        key, equals, text = (part.strip() for part in value.partition("="))
+        if self.optional and not equals:
+            return key, None
+        if not (key and equals and text):
+            self.fail(f"{value!r} is not of the form {self.name}.", param, ctx)
+        try:
+            return key, self.parse(key, text)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+def once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the pairs of a repeatable option KEY=VALUE, each key of which may be given once."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise UsageError(f"{option} {key} is given twice; give it once.")
+        found[key] = value
+    return found
 
 
 POSITIVE = Finite(min=0, min_open=True)
@@ -104,6 +142,18 @@ def given(names: Collection[str]) -> list[str]:
         and context.get_parameter_source(parameter.name) is not ParameterSource.DEFAULT
         and context.params[parameter.name] != ()  # click 8.2 reports an empty LOG as given
     ]
+
+
+def exclude_each_other(*names: str) -> None:
+    """Raise `UsageError` if the user gave more than one of the parameters `names`."""
+    if len(asked := given(names)) > 1:
+        raise UsageError(f"{' and '.join(asked)} exclude each other; give one of them.")
+
+
+def need(name: str, *needing: str) -> None:
+    """Raise `UsageError` if the user gave one of the parameters `needing` without `name`."""
+    if (asked := given(needing)) and not given([name]):
+        raise UsageError(f"{' and '.join(asked)} without --{name}; give it too, or leave it out.")
 
 
 def refuse_existing(path: Path, *, overwrite: bool) -> None:
@@ -181,14 +231,6 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
     return wrapper
 
 
-def _columns_of_log(
-    context: click.Context, parameter: click.Parameter, incomplete: str
-) -> list[str]:
-    from .completion import columns_of_log
-
-    return columns_of_log(context, parameter, incomplete)
-
-
 def _checked(
     context: click.Context, parameter: click.Parameter, columns: tuple[str, ...]
 ) -> tuple[str, ...]:
@@ -203,7 +245,7 @@ _OF_READING = (
         multiple=True,
         metavar="ROLE=NAME",
         callback=_checked,
-        shell_complete=_columns_of_log,
+        shell_complete=columns_of_log,
         help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
         " first column of a text file, #row the number 0, 1, 2, … of the row, and 0.5*(a+b)"
         " is computed from two columns.",
@@ -257,6 +299,26 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
         function(*arguments, **{**options, "columns": (*options["columns"], *columns)})
 
     return with_options(wrapper, _OF_READING)
+
+
+def gathered(
+    function: Callable[..., None],
+    options: Sequence[Callable[..., Any]],
+    name: str,
+    names: Collection[str],
+    make: Callable[..., Any],
+) -> Callable[..., None]:
+    """Add options to a verb, which receives them as one argument `name`.
+
+    The argument is what `make` returns for the parameters `names` of the options.
+    """
+
+    @functools.wraps(function)
+    def wrapper(*arguments: Any, **given: Any) -> None:
+        made = make(**{one: given.pop(one) for one in names})
+        function(*arguments, **{name: made}, **given)
+
+    return with_options(wrapper, options)
 
 
 def with_options(

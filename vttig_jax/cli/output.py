@@ -22,8 +22,6 @@ from ..base.shown_text import lines, one_line
 from ..base.units import duration_text
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from ..posterior.until import Progress
 
 
@@ -70,20 +68,21 @@ class Output:
         if not self.quiet:
             click.echo(one_line(sentence), err=True)
 
-    def progress(self, total: int, desc: str) -> "tqdm[Any]":
-        """Return a progress bar that `-q` hides; see the function `progress`."""
-        return progress(total, desc, self.quiet)
+    def progress(self, total: int, desc: str) -> Any:
+        """Return a progress bar of tqdm on stderr for use in a `with` statement.
 
+        `.update(n)` advances it, and `.reach(done, total)` to a place of a total that may change.
+        The bar is hidden by `-q` or if stderr is not a terminal. It is erased at the end.
+        """
+        from tqdm import tqdm
 
-def progress(total: int, desc: str, quiet: bool) -> "tqdm[Any]":
-    """Return a progress bar on stderr for use in a `with` statement; `.update(n)` advances it.
+        class Bar(tqdm):
+            def reach(self, done: float, total: float) -> None:
+                self.total = max(done, total)
+                self.update(done - self.n)
 
-    The bar is hidden if `quiet` is true or stderr is not a terminal. It is erased at the end.
-    """
-    from tqdm import tqdm
-
-    hidden = True if quiet else None  # None hides the bar if stderr is not a terminal
-    return tqdm(total=total, desc=one_line(desc), file=sys.stderr, disable=hidden, leave=False)
+        hidden = True if self.quiet else None  # None hides the bar if stderr is not a terminal
+        return Bar(total=total, desc=one_line(desc), file=sys.stderr, disable=hidden, leave=False)
 
 
 def print_json(obj: dict[str, Any]) -> None:
@@ -195,8 +194,7 @@ def sampling_bar(output: Output) -> Iterator["Callable[[Progress], None]"]:
                 left = duration_text(progress.remaining_s)
                 output.narrate(f"{progress.steps} steps, {left} left or more; {progress.diagnosis}")
             ahead = (progress.remaining_s or 0.0) * progress.steps_per_s
-            bar.total = progress.total or max(int(progress.steps + ahead), bar.total)
-            bar.update(progress.steps - bar.n)
+            bar.reach(progress.steps, progress.total or max(int(progress.steps + ahead), bar.total))
             bar.set_postfix_str(progress.diagnosis)
 
         yield follow

@@ -23,7 +23,6 @@ from .solid import gear_solid as gear_solid
 from .surface import fillet_span as fillet_span
 from .surface import flank_roll as flank_roll
 from .surface import flank_span as flank_span
-from .surface import surface_normal as surface_normal
 from .surface import tooth_surface as tooth_surface
 from .tooth import Taper as Taper
 from .tooth import Tooth as Tooth

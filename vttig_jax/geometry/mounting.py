@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from ..base.arrays import Number, Numbers, float64
-from ..base.numerics.sincos import sincos
+from ..kinematics.exact import turned_offset
 from .tooth import Tooth
 
 Scalar = Float[Number, ""]
@@ -62,11 +62,11 @@ class Mounting(eqx.Module):
 
     def driving_centre(self, driving_angle: Values) -> Plane:
         """Return the centre of the driving base circle relative to the driving axis, mm."""
-        return _turned(self.driving_offset, driving_angle)
+        return turned_offset(self.driving_offset, driving_angle)
 
     def driven_centre(self, driven_angle: Values) -> Plane:
         """Return the driven base circle centre relative to its axis, mm; φ₂ > 0 is clockwise."""
-        along, across = _turned(self.driven_offset, driven_angle)
+        along, across = turned_offset(self.driven_offset, driven_angle)
         return along, -across
 
     def in_driven_frame(self, point: Plane, z: Values) -> tuple[Values, Values, Values]:
@@ -96,13 +96,6 @@ class Mounting(eqx.Module):
         low = jnp.maximum(-driving, -(driven + tilt) / up - self.axial)
         high = jnp.minimum(driving, (driven - tilt) / up - self.axial)
         return jnp.where(jnp.isinf(low), 0.0, low), jnp.where(jnp.isinf(high), 0.0, high)
-
-
-def _turned(offset: Complex[Array, ""], angle: Values) -> Plane:
-    """Return the real and imaginary part of offset · exp(j angle)."""
-    sine, cosine = sincos(angle)
-    real, imaginary = jnp.real(offset), jnp.imag(offset)
-    return real * cosine - imaginary * sine, real * sine + imaginary * cosine
 
 
 def common_face(gears: tuple[Tooth, Tooth], axial: Values) -> tuple[Values, Values]:

@@ -23,7 +23,6 @@ import math
 from typing import Any, Literal, get_args
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
@@ -92,10 +91,6 @@ class RackSide(eqx.Module):
         """Return the recession δ(l), mm, at the height l = z, mm."""
         return self.recession(namespace(z).asarray(z))
 
-    def paper_angle(self, roll: Values, z: Values) -> Values:
-        """Return φ = roll ± δ(z)/r₂ of the paper, rad, for a roll angle and a height z, mm."""
-        return roll + self.mirror * self.recedes(z) / self.pitch_radius
-
     def flank(self, phi: Values, z: Values) -> Points:
         """Return the point of AC (1) or DF (2) that cuts the gear at φ, mm.
 
@@ -125,23 +120,23 @@ class RackSide(eqx.Module):
         (x, y), xp = self.arc_centre, namespace(self, normal_angle)
         return self.mirror * (x + y / xp.tan(normal_angle)) / self.pitch_radius
 
-    def contact(self, part: Part, roll: Array, z: Array) -> tuple[Points, Array, Array]:
-        """Return the generating point of a part in S₁, mm, its normal angle and φ, rad.
+    def contact(self, part: Part, roll: Array, z: Array) -> tuple[Points, Array]:
+        """Return the generating point of a part in S₁, mm, and φ = roll ± δ(z)/r₂, rad.
 
         On the arc tan θ = −y_c/(x_c + δ ∓ φ r₂) with θ in (0, π), which is (10) at its centre.
         """
-        phi = jnp.asarray(self.paper_angle(roll, z))
+        phi = jnp.asarray(roll + self.mirror * self.recedes(z) / self.pitch_radius)
         pitch_point = self.mirror * phi * self.pitch_radius
         if part == "flank":
-            return self.flank(phi, z), jnp.broadcast_to(self.pressure_angle, phi.shape), phi
+            return self.flank(phi, z), phi
         if part == "fillet":
             x, y = self.arc_centre
             across = x + self.recedes(z) - pitch_point
             normal_angle = jnp.arctan2(jnp.abs(y), -jnp.sign(y) * across)
-            return self.arc(normal_angle, z), normal_angle, phi
+            return self.arc(normal_angle, z), phi
         # The normals of the tip line, which cuts the root, and of the root line are vertical.
         height = self.shift + (-self.dedendum if part == "root" else self.addendum)
-        return self.point(pitch_point, height, z), jnp.full_like(phi, jnp.pi / 2), phi
+        return self.point(pitch_point, height, z), phi
 
     def to_gear(self, point: Points, phi: Values) -> Points:
         """Transform points from S₁ to S₂ by (13) and (15).
@@ -244,63 +239,14 @@ def tooth_surface(
 
     ```
     """
-    rack = rack_side(tooth, side)
-    point, _, phi = rack.contact(*_prepared(part, roll_angle, z))
-    return jnp.asarray(rack.to_gear(point, phi))
-
-
-@compiled
-def surface_normal(
-    tooth: Tooth,
-    roll_angle: Real[ArrayLike, "..."],
-    z: Real[ArrayLike, "..."],
-    *,
-    side: Side = "left",
-    part: Part = "flank",
-) -> Float[Array, "... 3"]:
-    """Return unit normals out of the tooth: (4) with dδ/dz instead of tan β, rotated by (13).
-
-    Arguments are those of `tooth_surface`. The normal is that of the rack at the contact, so it is
-    defined also where the surface is singular.
-
-    **Returns** unit vectors in the frame of the tooth, shape (..., 3).
-
-    **Example**
-    ```python
-    >>> import numpy as np, vttig_jax
-    >>> from vttig_jax import Gear, GearPair
-    >>> from vttig_jax.geometry import flank_roll, surface_normal, tooth_of
-    >>> vttig_jax.enable_x64()
-    >>> gears = Gear(45, 3, 3, 20), Gear(80, 3, 3, 20)
-    >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
-    >>> tooth = tooth_of(pair, "driving")
-    >>> surface_normal(tooth, flank_roll(tooth, np.array(45.0), "left"), 0.0).round(4)
-    Array([-0.9499,  0.3086,  0.0492], dtype=float64)
-
-    ```
-    """
-    rack = rack_side(tooth, side)
-    part, roll, height = _prepared(part, roll_angle, z)
-    _, normal_angle, phi = rack.contact(part, roll, height)
-    slope = jax.jvp(rack.recedes, (height,), (jnp.ones_like(height),))[1]
-    # (4) with the slope of the recession; on the arc too, because its centre recedes as well.
-    x, y = jnp.cos(normal_angle), -jnp.sin(normal_angle)
-    inward = rack.point(x, y, -x * slope)
-    outward = -inward / jnp.sqrt(jnp.sum(inward**2, axis=-1, keepdims=True))
-    x, y, up = jnp.moveaxis(outward, -1, 0)
-    return jnp.asarray(turned(x, y, up, phi))
-
-
-def _prepared(
-    part: Part, roll_angle: Real[ArrayLike, "..."], z: Real[ArrayLike, "..."]
-) -> tuple[Part, Float[Array, "*shape"], Float[Array, "*shape"]]:
-    """Check the part and return it with roll angle, rad, and height, mm, as floats of one shape."""
     if part not in PARTS:
         raise ValueError(
             f'Argument `part` must be "root", "fillet", "flank" or "tip", but is {part!r}.'
         )
     roll, height = jnp.broadcast_arrays(jnp.asarray(roll_angle, float), jnp.asarray(z, float))
-    return part, roll, height
+    rack = rack_side(tooth, side)
+    point, phi = rack.contact(part, roll, height)
+    return jnp.asarray(rack.to_gear(point, phi))
 
 
 def flank_roll(

@@ -55,8 +55,8 @@ class ExactModel(ImplicitModel):
 
         Angles are in rad. `sense` is 1 for flank A and −1 for flank B. All arguments broadcast.
         """
-        driving = _turned(self.driving_offset, driving_angle)
-        driven = _turned(self.driven_offset, driven_angle)
+        driving = turned_offset(self.driving_offset, driving_angle)
+        driven = turned_offset(self.driven_offset, driven_angle)
         along = self.centre_distance + driven[0] - driving[0]
         across = -driven[1] - driving[1]
         opening = _involute(along**2 + across**2, base_sum) - _involute(
@@ -78,7 +78,7 @@ def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
     )
 
 
-def _turned(offset: Complex[Array, ""], angle: Float[Array, "*shape"]):
+def turned_offset(offset: Complex[Array, ""], angle: Float[Array, "*shape"]):
     """Return the real and imaginary part of offset · exp(j angle)."""
     sine, cosine = sincos(angle)
     real, imaginary = jnp.real(offset), jnp.imag(offset)

@@ -41,14 +41,6 @@ class TECurve:
         """Largest minus smallest TE, rad; 0 without points. Noise biases it upwards."""
         return float(np.ptp(self.transmission_error)) if len(self) else 0.0
 
-    @property
-    def mean_speed(self) -> float:
-        """Absolute mean speed of the driving shaft, rad/s; 0 for fewer than two points."""
-        if len(self) < 2:
-            return 0.0
-        duration = float(self.time[-1] - self.time[0])
-        return abs(float(self.driving_angle[-1] - self.driving_angle[0])) / (duration or np.inf)
-
     def __str__(self) -> str:
         rows = [("points", f"{len(self)}")]
         if len(self):

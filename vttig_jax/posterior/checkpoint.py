@@ -8,7 +8,7 @@ over it.
 import io
 import json
 import time
-from contextlib import suppress
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,8 @@ from jaxtyping import Float, Int, UInt32
 
 from ..base.errors import InputError, UsageError
 from ..base.files.atomic_write import (
+    locked,
     os_error_message,
-    os_errors_as_input_errors,
     remove_abandoned,
     replace_file,
 )
@@ -79,33 +79,21 @@ class Checkpoint:
         self._due_s = time.monotonic() + SAVE_S
 
     def __enter__(self) -> "Checkpoint":
-        from filelock import FileLock, Timeout
-
-        with os_errors_as_input_errors(self.path):
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock = FileLock(self.path.with_name(f".{self.path.name}.lock"))
-            try:
-                self._lock.acquire(timeout=0)
-            except Timeout:
+        with ExitStack() as stack:
+            lock = self.path.with_name(f".{self.path.name}.lock")
+            stack.enter_context(locked(lock, "this checkpoint"))
+            stack.callback(remove_abandoned, self.path)
+            if self.path.exists() and not (self.resume or self.overwrite):
                 raise UsageError(
-                    "another vttig is writing this checkpoint; wait for it or choose another name.",
+                    "already exists; continue it with --resume, replace it with --overwrite (in"
+                    " Python resume=True, overwrite=True) or choose another name.",
                     where=str(self.path),
-                ) from None
-        if self.path.exists() and not (self.resume or self.overwrite):
-            self.__exit__()
-            raise UsageError(
-                "already exists; continue it with --resume, replace it with --overwrite (in Python"
-                " resume=True, overwrite=True) or choose another name.",
-                where=str(self.path),
-            )
+                )
+            self._opened = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        remove_abandoned(self.path)
-        # Another process that gets the lock at this moment notices that its file is missing.
-        with suppress(OSError):
-            Path(self._lock.lock_file).unlink()
-        self._lock.release()
+        self._opened.close()
 
     def begun(self) -> Record | None:
         """Return the record of the file that this run continues; None for a new run.

@@ -4,26 +4,27 @@ The files are `run.toml`, `fit.json`, `summary.npz` and the pictures.
 """
 
 import hashlib
-import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 
 from ..base.errors import UsageError, VttigError
+from ..base.files.json_io import dumps
 from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
+from ..base.files.run_folder import RunFolder
+from ..base.logger import LOGGER
+from ..logs.read import read_log
 from ..logs.recognition.request import DriveRequest
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import spec_of_file, stated_spec
 
 if TYPE_CHECKING:
-    from ..base.files.run_folder import RunFolder
     from ..identify.readings import ReadingsFit
     from ..identify.result import Fit
-
-logger = logging.getLogger("vttig_jax")
 
 _FOLLOWING = (
     *("map.csv", "map.json", "report.html", CHECKPOINT, "posterior.json"),
@@ -81,7 +82,6 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     """
     from ..base.runtime import enable_x64
     from ..identify.identification import fit
-    from ..logs.read import read_log
     from ..logs.readers.backlash_readings import read_backlash_readings
     from ..pair.gear_pair import pair_from_spec
 
@@ -150,13 +150,11 @@ def save_fit(
     if another process writes to the folder; `InputError` for a full disk, missing permission and a
     path that is not a folder.
     """
-    from ..base.files.run_folder import RunFolder
-
     record, folder = record or record_of(fit), Path(folder)
     refuse_while_sampled(folder)
     with RunFolder(folder, overwrite=overwrite, results=("fit.json",)) as writer:
         if (folder / CHECKPOINT).exists():
-            logger.warning("the draws in %s were those of the fit it replaces, and go", folder)
+            LOGGER.warning("the draws in %s were those of the fit it replaces, and go", folder)
         write_fit(writer, fit, record, figures=figures)
 
 
@@ -177,15 +175,14 @@ def refuse_while_sampled(folder: Path) -> None:
         ) from None
 
 
-def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
+def write_fit(writer: RunFolder, fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:
     """Write a fit into an open run folder, and remove the files that depend on an older fit.
 
     Logs that came from standard input are stored in the folder.
     """
-    import numpy as np
-
-    from ..base.files.json_io import dumps
     from ..identify.archive import arrays_digest, fit_arrays
+    from ..identify.backlash import backlash_map
+    from ..plotting.save import figures as pictures
 
     for name in (*_FOLLOWING, *_unused_kept_logs(writer.path, record)):
         writer.discard(name)
@@ -194,12 +191,17 @@ def write_fit(writer: "RunFolder", fit: "Fit", record: RunRecord, *, figures: bo
             writer.write_bytes(kept_name(log), data)
     table, arrays, content = record.table(writer.path), fit_arrays(fit), fit.to_json()
     held = arrays_digest(arrays)
-    digest = _run_digest(table, held, content)
+    # The paths of the logs are left out, so that the same run elsewhere has the same digest.
+    data = {name: table["data"].get(name) for name in ("sha256", "readings_sha256")}
+    identified = dumps([table | {"data": data}, content, held])
+    digest = hashlib.sha256(identified.encode()).hexdigest()
     writer.write_toml("run.toml", {"schema": table["schema"], "run": digest} | table)
     writer.write_npz("summary.npz", **arrays, run=np.array(digest))
     if figures:
-        for name, data in _figures(fit, digest).items():
-            writer.write_bytes(f"figures/{name}", data)
+        known = fit.parameters["constant_backlash_deg"].determined
+        drawn = pictures(fit, backlash_map(fit) if known else None, run=digest)
+        for name, picture in drawn.items():
+            writer.write_bytes(f"figures/{name}", picture)
     content = {"schema": content["schema"], "run": digest, "arrays": held} | content
     writer.write_text("fit.json", dumps(content) + "\n")
 
@@ -220,28 +222,3 @@ def _unused_kept_logs(folder: Path, record: RunRecord) -> list[str]:
         for log in kept
         if log.resolve().parent == folder.resolve() and log.resolve() not in used
     ]
-
-
-def _run_digest(table: dict[str, Any], arrays: str, content: Any) -> str:
-    """Return the SHA-256 that identifies a run and is stored in all files of its fit.
-
-    `table` is the content of `run.toml`, `arrays` the digest of the arrays in `summary.npz`, and
-    `content` the content of `fit.json`. The paths of the logs are left out, so that the same run in
-    another folder has the same digest.
-    """
-    from ..base.files.json_io import dumps
-
-    data = {name: table["data"].get(name) for name in ("sha256", "readings_sha256")}
-    return hashlib.sha256(dumps([table | {"data": data}, content, arrays]).encode()).hexdigest()
-
-
-def _figures(fit: "Fit", digest: str) -> dict[str, bytes]:
-    """Return the pictures of a fit: file name → content of the PNG file.
-
-    The backlash map is drawn if the log determines the constant backlash.
-    """
-    from ..identify.backlash import backlash_map
-    from ..plotting.save import figures
-
-    grid = backlash_map(fit) if fit.parameters["constant_backlash_deg"].determined else None
-    return figures(fit, grid, run=digest)

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from ..base.errors import InputError, LogError, UsageError, VttigError
 from ..base.files.limits import asked_bytes, free_bytes, kept_bytes, most_memory
 from ..base.files.run_folder import data_sha256
+from ..base.runtime import enable_x64
 from ..base.shown_text import name_of_file
 from ..base.threads import usable_cores
 from ..control.sweeps.sweep import Memory
@@ -86,7 +87,7 @@ class ManyFits:
             if log in logs[:number]:
                 raise UsageError("given twice; give every log once.", where=str(log))
         if pair is not None:
-            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading, block=_BLOCK)
+            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading)
         drive.spec()  # says that the ratio is missing
         failed: LogError | None = None
         for log in logs:
@@ -95,15 +96,7 @@ class ManyFits:
             except LogError as error:
                 failed = failed or error
                 continue
-            return cls(
-                tuple(logs),
-                found.spec,
-                settings,
-                reading,
-                drive=drive,
-                guesses=found.roles.guesses,
-                block=_BLOCK,
-            )
+            return cls(tuple(logs), found.spec, settings, reading, drive, found.roles.guesses)
         assert failed is not None  # click asks for at least one log
         raise failed
 
@@ -136,25 +129,13 @@ class ManyFits:
             "versions": {name: version(name) for name in _PACKAGES},
         }
 
-    def columns(
-        self,
-        block: int,
-        threads: int | None = None,
-        progress: Callable[[int], None] = lambda logs: None,
-    ) -> Columns:
+    def columns(self, block: int, progress: Callable[[int], None] = lambda logs: None) -> Columns:
         """Read and fit the logs of block number `block`; return the columns with one row per log.
 
-        `threads` fit logs at the same time, by default one for each core. `progress` is called with
-        the number of further logs that are done.
+        `progress` is called with the number of further logs that are done.
         """
-        return fit_columns(
-            self._read(self.logs_of(block)),
-            self.pair,
-            self.settings,
-            orders=self.pair.fit,
-            threads=threads,
-            progress=progress,
-        )
+        logs = self._read(self.logs_of(block))
+        return fit_columns(logs, self.pair, self.settings, self.pair.fit, progress=progress)
 
     def _read(self, paths: Sequence[Path]) -> Iterator[EncoderLog | Unread]:
         """Yield every log, or an `Unread` with the error for a log that cannot be used.
@@ -220,8 +201,9 @@ def fit_files(
         todo = [number for number in range(task.blocks) if number not in store.done]
         progress(len(task.logs) - sum(len(task.logs_of(number)) for number in todo))
         # Not the number of blocks left, so that a table is continued in the way it was begun.
-        processes = min(_usual_processes() if jobs is None else jobs, task.blocks)
-        shared, follow = _Shared(task, asked_bytes()), {"done": store.write, "progress": progress}
+        usual = max(1, min(usable_cores(), free_bytes() // _PROCESS_BYTES))
+        processes = min(jobs or usual, task.blocks)
+        shared, follow = (task, asked_bytes()), {"done": store.write, "progress": progress}
         if dask is not None:
             run_blocks(dask, _in_process, shared, todo, **follow)
         elif processes > 1:
@@ -251,26 +233,15 @@ def _digests(logs: Sequence[Path]) -> list[str]:
     return digests
 
 
-def _usual_processes() -> int:
-    """Return the number of processes for which there are cores and free memory."""
-    return max(1, min(usable_cores(), free_bytes() // _PROCESS_BYTES))
+def _in_process(number: int, shared: tuple[ManyFits, int | None]) -> tuple[int, int, Columns]:
+    """Fit block `number` in another process; return its number, number of logs, and columns.
 
-
-class _Shared(NamedTuple):
-    """What every process needs: the task, and the memory limit that the user asked for."""
-
-    task: ManyFits
-    most_memory_bytes: int | None
-
-
-def _in_process(number: int, shared: _Shared) -> tuple[int, int, Columns]:
-    """Fit block `number` in another process; return its number, number of logs, and columns."""
-    from ..base.runtime import enable_x64
-
+    `shared` holds the task and the memory limit that the user asked for.
+    """
     enable_x64()
-    task = shared.task
-    with most_memory(shared.most_memory_bytes):
-        return number, len(task.logs_of(number)), task.columns(number, threads=1)
+    task, most_memory_bytes = shared
+    with most_memory(most_memory_bytes):
+        return number, len(task.logs_of(number)), task.columns(number)
 
 
 def _table(task: ManyFits, columns: Columns, path: Path | None) -> FitTable:

@@ -5,6 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from ..base.units import DEG
+
 if TYPE_CHECKING:
     from ..identify.result import Fit
     from ..kinematics.backlash_map import BacklashMap, Extreme
@@ -35,9 +39,6 @@ def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
     The rows cover `turns` driving revolutions. Lengths in mm are NaN if the pair does not define
     them.
     """
-    import numpy as np
-
-    from ..base.units import DEG
     from ..pair.gear_pair import GearPair
 
     driving_deg = np.arange(int(np.ceil(turns * 360.0 / step_deg - 1e-9))) * step_deg
@@ -126,8 +127,6 @@ def banded_record(
 
 
 def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:
-    from ..base.units import DEG
-
     low, high = grid.interval(extreme.backlash)
     return {
         "backlash_deg": extreme.backlash / DEG,
@@ -150,8 +149,6 @@ def resolution(fit: "Fit", step_deg: float) -> str:
 
 def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
     """Return an array of shape (rows, columns) as CSV with a header; NaN becomes an empty field."""
-    import numpy as np
-
     buffer = io.StringIO()
     np.savetxt(buffer, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
     return buffer.getvalue().replace("nan", "")

@@ -4,35 +4,41 @@ They are read here, so that the simulator does not import the modules of fits an
 """
 
 import json
-import logging
 import math
 import warnings
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ..base.errors import InputError, ScenarioError, VttigError
+from ..base.logger import LOGGER
+from ..base.units import ARCSEC, DEG, REV
+from ..control.scenario.spec import ScenarioSpec, lower_maps, names_of_maps
+from ..control.simulation.prepare import Maps
+from ..control.simulation.simulate import load_gears
+from ..identify.backlash import contact_map
+from ..identify.result import require_rig
+from ..kinematics.backlash_map import BacklashMap
+from ..kinematics.flank_model import FlankModel
+from ..kinematics.flank_table import FlankTable
+from ..kinematics.harmonic import OrderModel
+from ..pair.gear_pair import Drive, Eccentricities, GearPair, load_pair
+from ..posterior.summary.bands import MOST_ROWS, Band, streamed_band
+from ..posterior.summary.gap_draws import PER_PERIOD, GapDraws
+from ..posterior.summary.posterior import gap_draws
 from .run import Run
-from .run_file import CHECKPOINT
-
-logger = logging.getLogger("vttig_jax")
-
-if TYPE_CHECKING:
-    from ..control.scenario.spec import ScenarioSpec
-    from ..control.simulation.prepare import Maps
-    from ..kinematics.backlash_map import BacklashMap
-    from ..kinematics.flank_model import FlankModel
-    from ..pair.gear_pair import Drive, Eccentricities, GearPair
-    from ..posterior.summary.bands import Band
-    from ..posterior.summary.gap_draws import GapDraws
-    from ..posterior.summary.posterior import Posterior
 
 
 def opened_maps(
-    spec: "ScenarioSpec",
+    spec: ScenarioSpec,
     folder: Path,
-    pair: "GearPair | Drive | None" = None,
-    given: "dict[str, FlankModel] | None" = None,
-) -> "tuple[GearPair | Drive, Maps]":
+    pair: GearPair | Drive | None = None,
+    given: dict[str, FlankModel] | None = None,
+) -> tuple[GearPair | Drive, Maps]:
     """Return the gears of a scenario or sweep, and the flank models of the maps that it names.
 
     A sweep with `rig` also gets the whole maps of its posterior draws.
@@ -43,10 +49,6 @@ def opened_maps(
 
     **Raises** `ScenarioError` for a map that cannot be read or belongs to other gears.
     """
-    from ..control.scenario.spec import lower_maps, names_of_maps
-    from ..control.simulation.prepare import Maps
-    from ..control.simulation.simulate import load_gears
-
     named = dict(given or {})
     names = [name for name in names_of_maps(spec) if name not in named]
     runs = {name: Run(folder / name) for name in names if (folder / name).is_dir()}
@@ -79,50 +81,39 @@ def opened_maps(
     return pair, Maps(named, *(draws or (None, 0)))
 
 
-def _run_model(run: Run, constant_backlash_deg: float | None, gap: str) -> "FlankModel":
+def _run_model(run: Run, constant_backlash_deg: float | None, gap: str) -> FlankModel:
     """Return both flanks of a run folder: the mean of the draws, or else the fit.
 
     With another `gap` than "mean", flank B lies above flank A by this edge of the band.
     """
-    from ..identify.backlash import contact_map
-    from ..pair.gear_pair import Drive
-
-    drawn = constant_backlash_deg is None and (run.folder / CHECKPOINT).exists()
-    if gap != "mean" and not drawn:
+    posterior = run.drawn if constant_backlash_deg is None else None
+    if gap != "mean" and posterior is None:
         raise InputError(
             f"no band: it takes draws (`vttig sample {run.folder}`) with their own constant"
             ' backlash; without them write controller_gap = "mean".'
         )
-    if drawn:
-        draws = _gap_draws(run)
+    if posterior is not None:
+        draws = gap_draws(posterior)
         return draws.mean_model if gap == "mean" else _lower_model(draws, gap)
     if isinstance(run.pair, Drive):
         return _orders_model(run, constant_backlash_deg)
     return contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)[1]
 
 
-def _lower_model(draws: "GapDraws", gap: str) -> "FlankModel":
+def _lower_model(draws: GapDraws, gap: str) -> FlankModel:
     """Return the mean flank A, and a flank B above it by an edge of the band of the gap."""
-    import numpy as np
-
     angle, band = _band(draws)
     first = np.asarray(draws.mean_model.transmission_error(angle, "A"))
     return _splines(angle, [first, first + band.edges[gap]], draws.pair)
 
 
-def lowered_map(run: Run, gap: str) -> "tuple[BacklashMap, float]":
+def lowered_map(run: Run, gap: str) -> tuple[BacklashMap, float]:
     """Return the map of the posterior mean that is nowhere above an edge of its band.
 
     For a header of harmonics: it is the mean less the largest distance to this edge, which is
     returned too, rad.
     """
-    from dataclasses import replace
-
-    import numpy as np
-
-    from ..kinematics.backlash_map import BacklashMap
-
-    draws = _gap_draws(run)
+    draws = gap_draws(run.drawn or run.posterior)
     _, band = _band(draws)
     distance = float(np.max(band.centre - band.edges[gap]))
     mean = draws.mean_model
@@ -130,32 +121,20 @@ def lowered_map(run: Run, gap: str) -> "tuple[BacklashMap, float]":
     return BacklashMap(lowered, None, draws.pair), distance
 
 
-def _band(draws: "GapDraws") -> "tuple[Any, Band]":
+def _band(draws: GapDraws) -> tuple[Any, Band]:
     """Return driving angles (rad) over the hunting period, and the band of the gap there."""
-    import numpy as np
-
-    from ..base.units import REV
-    from ..posterior.summary.bands import MOST_ROWS, streamed_band
-    from ..posterior.summary.gap_draws import PER_PERIOD
-
     step = REV / (PER_PERIOD * math.ceil(draws.mean_model.highest_order))
     rows = min(round(draws.pair.hunting_turns * REV / step), MOST_ROWS)
     angle = step * np.arange(rows)
     return angle, streamed_band(draws.chunks(angle))
 
 
-def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel":
+def _orders_model(run: Run, constant_backlash_deg: float | None) -> FlankModel:
     """Return the flanks of a drive from the orders in its `fit.json`.
 
     The mean of flank A is zero. Flank B stands the constant backlash above it, or else the gap over
     the angles covered; an unmeasured flank has the orders of the other one.
     """
-    import jax.numpy as jnp
-    import numpy as np
-
-    from ..base.units import ARCSEC, DEG
-    from ..kinematics.harmonic import OrderModel
-
     try:
         fit = json.loads((run.folder / "fit.json").read_text("utf-8"))
         rows = [row for row in fit["orders"] if float(row["order"]).is_integer()]
@@ -180,19 +159,19 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
             lines[name] = max(row["amplitude_arcsec"], lines.get(name, 0.0))
     if lines:
         left_out = ", ".join(f"{name} ({amplitude:.3g}″)" for name, amplitude in lines.items())
-        logger.warning(
+        LOGGER.warning(
             "%s: orders without a fixed place on the gears left out, so that the output has this"
             " error too: %s",
             run.folder,
             left_out,
         )
     if len(measured) == 1:
-        logger.warning("%s: the unmeasured flank has the orders of the other one", run.folder)
+        LOGGER.warning("%s: the unmeasured flank has the orders of the other one", run.folder)
     gap_deg = constant_backlash_deg
     if gap_deg is None and given:
         gap_deg, low, high = (given[0][name] for name in ("value", "low95", "high95"))
         if low is not None and low <= 0:
-            logger.warning(
+            LOGGER.warning(
                 "%s: the gap %.5f° (%.5f … %.5f°) may be zero; give one that was measured in"
                 " another way (constant_backlash_deg)",
                 run.folder,
@@ -217,12 +196,10 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> "FlankModel"
     return OrderModel(np.asarray(float(run.pair.ratio)), tuple(orders), offset, cosine, sine)
 
 
-def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
+def _drawn_models(run: Run, spec: ScenarioSpec) -> tuple[FlankModel, int]:
     """Return the flank models of posterior draws, stacked along a first axis, and their number."""
-    import numpy as np
-
     assert spec.rig is not None
-    if not (run.folder / CHECKPOINT).exists():
+    if (posterior := run.drawn) is None:
         raise InputError(
             f"there are no draws in {run.folder}; make them with `vttig sample {run.folder}`, or"
             ' write plant_map = "RUN" in place of `rig` for a sweep with the fit.'
@@ -232,25 +209,17 @@ def _drawn_models(run: Run, spec: "ScenarioSpec") -> "tuple[FlankModel, int]":
             "given, but every draw of `rig` has a backlash of its own; remove one of them.",
             where="constant_backlash_deg",
         )
-    draws, (count, seed) = _gap_draws(run), spec.rig.chosen
+    draws, (count, seed) = gap_draws(posterior), spec.rig.chosen
     if count > len(draws.offset):
         raise InputError(
             f"rig.draws asks for {count} draws, but the posterior holds {len(draws.offset)}; take"
             " fewer, or sample longer."
         )
     chosen = np.sort(np.random.default_rng(seed).choice(len(draws.offset), count, replace=False))
-    return run.posterior.model(chosen), count
+    return posterior.model(chosen), count
 
 
-def _gap_draws(run: Run) -> "GapDraws":
-    from ..posterior.summary.posterior import gap_draws
-
-    posterior = run.posterior
-    _warn_of_convergence(posterior)
-    return gap_draws(posterior)
-
-
-def read_map_file(path: Path, pair: "GearPair | Drive", gap: str = "mean") -> "FlankModel":
+def read_map_file(path: Path, pair: GearPair | Drive, gap: str = "mean") -> FlankModel:
     """Return the flanks of a map file, such as `vttig map --out map.csv` writes it.
 
     The rows stand at even steps of `driving_deg`. The flanks are `te_a_deg` and `te_b_deg`; a file
@@ -260,10 +229,6 @@ def read_map_file(path: Path, pair: "GearPair | Drive", gap: str = "mean") -> "F
 
     **Raises** `InputError` for a file that is no such table.
     """
-    import numpy as np
-
-    from ..base.units import DEG
-
     try:
         with warnings.catch_warnings(action="ignore"):  # of an empty file
             table = np.genfromtxt(path, delimiter=",", names=True, dtype=float, encoding="utf-8")
@@ -305,14 +270,8 @@ def read_map_file(path: Path, pair: "GearPair | Drive", gap: str = "mean") -> "F
     return _splines(angle, errors, pair)
 
 
-def _splines(angle: Any, errors: list[Any], pair: "GearPair | Drive") -> "FlankModel":
+def _splines(angle: Any, errors: list[Any], pair: GearPair | Drive) -> FlankModel:
     """Return the flanks with cubic splines through both errors (rad) at even driving angles."""
-    import numpy as np
-    from scipy.interpolate import CubicSpline
-
-    from ..base.units import REV
-    from ..kinematics.flank_table import FlankTable
-
     step = (angle[-1] - angle[0]) / (len(angle) - 1)
     turns = len(angle) * step / REV / pair.hunting_turns
     periodic = bool(abs(turns - round(turns)) < 1e-6 and round(turns) >= 1)
@@ -335,37 +294,23 @@ def _splines(angle: Any, errors: list[Any], pair: "GearPair | Drive") -> "FlankM
     )
 
 
-def fitted_rig(folder: Path, pair: Path) -> "Eccentricities":
+def fitted_rig(folder: Path, pair: Path) -> Eccentricities:
     """Return the rig of a run folder: the mean of its posterior, or the fit without a posterior.
 
     **Raises** `InputError` if the gears of the run differ from those in the pair file.
     """
-    from ..identify.result import require_rig
-    from ..pair.gear_pair import load_pair
-
     run = Run(folder)
     fit = run.fit
     if pair.exists():  # the code that uses the pair file reports its errors
         _require_same_gears(fit.pair, load_pair(pair), folder, str(pair))
-    if (folder / CHECKPOINT).exists():
-        from ..posterior.sampler import read_posterior
-
-        require_rig(fit)
-        posterior = read_posterior(folder / CHECKPOINT, fit)
-        _warn_of_convergence(posterior)
-        return posterior.eccentricities()
     require_rig(fit)
-    return fit.eccentricities()
+    return (run.drawn or fit).eccentricities()
 
 
 def _require_same_gears(
-    fitted: "GearPair | Drive", pair: "GearPair | Drive", folder: Path, where: str = ""
+    fitted: GearPair | Drive, pair: GearPair | Drive, folder: Path, where: str = ""
 ) -> None:
     """Raise `InputError` if `pair` differs from the gears of the fit in `folder`."""
-    import numpy as np
-
-    from ..pair.gear_pair import GearPair
-
     compared = [("ratio", "", lambda one: float(one.ratio))]
     if isinstance(pair, GearPair) and isinstance(fitted, GearPair):
         compared = [
@@ -383,8 +328,3 @@ def _require_same_gears(
                 " there; name the pair file of that run, or give eccentricities of these gears.",
                 where=where,
             )
-
-
-def _warn_of_convergence(posterior: "Posterior") -> None:
-    if not posterior.diagnosis.converged:
-        logger.warning("the draws have not converged: %s", posterior.diagnosis)

@@ -9,8 +9,6 @@ from ..identify.fit_settings import REMOVED, FitSettings, fields
 from ..logs.recognition.request import ReadingOptions as ReadingOptions
 from ..logs.recognition.request import roles_of
 
-_OPTION = {field.name: field.option.split("/")[0] for field in fields()}
-
 
 class RunOptions(msgspec.Struct, frozen=True):
     """Options of a fit in `run.toml`: how its logs are read, and the settings of the fit."""
@@ -72,11 +70,7 @@ def options_of(given: dict[str, Any]) -> RunOptions:
     try:
         return RunOptions(reading, FitSettings(**values))
     except ValueError as error:
-        raise UsageError(in_options(str(error))) from None
-
-
-def in_options(message: str) -> str:
-    """Return an error message with Python arguments replaced by options of the command line."""
-    for name, option in _OPTION.items():
-        message = message.replace(f"`{name}`", option)
-    return message.removeprefix("Arguments ").removeprefix("Argument ")
+        message = str(error).removeprefix("Arguments ").removeprefix("Argument ")
+        for field in fields():
+            message = message.replace(f"`{field.name}`", field.option.split("/")[0])
+        raise UsageError(message) from None

@@ -4,11 +4,19 @@ import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from ..control.simulation.result import Simulation
-    from ..pair.gear_pair import GearPair
+import numpy as np
+
+from ..base.files.text_tables import listed, text_table
+from ..base.units import DEG
+from ..control.scenario.scenario import EccentricityTable
+from ..control.simulation.result import Simulation
+from ..pair.gear_pair import GearPair
+from ..plotting.paper_run import plot_paper_run
+from ..plotting.save import png
+from ..rig.paper import paper_eccentricities, paper_pair
+from .simulations import simulate
 
 CONTROLLERS = ("none", "acceleration", "predictive")
 TABLE = "table.md"
@@ -34,7 +42,7 @@ class PaperRun:
     speed_rpm: int
     reversal_deg: int
     printed: dict[str, dict[str, dict[str, float]]]
-    simulated: "dict[str, Simulation]"
+    simulated: dict[str, Simulation]
 
     def __str__(self) -> str:
         return f"{self.speed_rpm} rpm to {self.reversal_deg}°, Fig. {self.figure}"
@@ -44,12 +52,10 @@ class PaperRun:
 class PaperRuns:
     """The five runs of the paper; the text has them beside Table 3, with what does not follow."""
 
-    pair: "GearPair"
+    pair: GearPair
     runs: tuple[PaperRun, ...]
 
     def __str__(self) -> str:
-        from ..base.files.text_tables import listed, text_table
-
         te = ["", "mean", "max", "min", "range", "jump", "as read"]
         reversal = ["", ("left at turn", "°"), ("jump", "°"), ("met at", "°")]
         reversal += [("axial step", "°"), ("closes at", "°"), ("delay", "ms"), ("too far", "mm")]
@@ -76,11 +82,6 @@ class PaperRuns:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Sentences about what Table 3 prints and the eccentricities of Table 2 do not allow."""
-        import numpy as np
-
-        from ..base.units import DEG
-        from ..rig.paper import paper_eccentricities
-
         rig, per_mm = paper_eccentricities(), 1 / float(self.pair.base_radii[1, 0]) / DEG
         rows = [row for run in self.runs for of in run.printed.values() for row in of.values()]
         means = [row["te_mean_deg"] for row in rows]
@@ -128,9 +129,6 @@ class PaperRuns:
 
     def files(self) -> dict[str, bytes]:
         """Return the table and the picture of each run by file name; the runs need traces."""
-        from ..plotting.paper_run import plot_paper_run
-        from ..plotting.save import png
-
         drawn = {
             f"fig_{run.figure}.png": png(plot_paper_run(run.simulated, str(run), run.printed))
             for run in self.runs
@@ -150,26 +148,15 @@ def simulate_paper(
     **Arguments**
     - `trace_every`: see `vttig_jax.simulate`. - `progress`: is called after each of 15 runs.
     """
-    from ..control.scenario.scenario import EccentricityTable
-    from ..rig.paper import paper_eccentricities, paper_pair
-    from .simulations import simulate
-
     pair, rig = paper_pair(), paper_eccentricities()
     eccentricities = {
         name: float(getattr(rig, name)) for name in EccentricityTable.__struct_fields__
     }
 
-    def simulated(motion: dict[str, float], controller: str) -> "Simulation":
-        found = simulate(
-            {
-                "pair": "pair.toml",  # a scenario names one; `pair` takes its place
-                "eccentricities": eccentricities,
-                "motion": motion,
-                "controller": controller,
-            },
-            pair,
-            trace_every=trace_every,
-        )
+    def simulated(motion: dict[str, float], controller: str) -> Simulation:
+        scenario = {"eccentricities": eccentricities, "motion": motion, "controller": controller}
+        scenario["pair"] = "pair.toml"  # a scenario names one; `pair` takes its place
+        found = simulate(scenario, pair, trace_every=trace_every)
         progress()
         return found
 
@@ -241,4 +228,4 @@ def _reversal_rows(run: PaperRun) -> Iterator[tuple[str | None, ...]]:
 
 def _shown(value: float | None, places: int) -> str | None:
     """Return a number with so many decimals and without −0; None stays None."""
-    return None if value is None else f"{round(value, places) + 0.0:.{places}f}"
+    return None if value is None else f"{value:z.{places}f}"

@@ -2,10 +2,13 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..base.errors import NoAnswerError, UsageError
 from ..base.files.atomic_write import settle_if_free
+from ..base.files.json_io import dumps, read_json
+from ..base.files.run_folder import RunFolder
+from .fit_run import save_fit
 from .map_table import banded_record, csv_text
 from .run_file import CHECKPOINT
 
@@ -51,8 +54,6 @@ def save_posterior(
     process writes to the folder; `InputError` for a full disk, missing permission and a path that
     is not a folder.
     """
-    from .fit_run import save_fit
-
     folder = Path(folder)
     settle_if_free(folder)
     if not _holds(folder, posterior):
@@ -72,9 +73,7 @@ def save_posterior(
 
 def _holds(folder: Path, posterior: "Posterior") -> bool:
     """Return whether `fit.json` in a folder equals the fit from which the posterior was drawn."""
-    from ..base.files.json_io import dumps
-
-    stored, drawn = _read_json(folder / "fit.json"), json.loads(dumps(posterior.fit.to_json()))
+    stored, drawn = read_json(folder / "fit.json"), json.loads(dumps(posterior.fit.to_json()))
     if isinstance(stored, dict):
         for digest in ("run", "arrays"):
             stored.pop(digest, None)
@@ -83,18 +82,10 @@ def _holds(folder: Path, posterior: "Posterior") -> bool:
     return stored == drawn
 
 
-def _read_json(path: Path) -> Any:
-    """Return the content of a JSON file, or None if it cannot be read."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-
-
 def _is_reported(folder: Path, posterior: "Posterior") -> bool:
     """Return whether the report in a folder states as many steps as the chains of `posterior`."""
     try:
-        return _read_json(folder / REPORT)["diagnosis"]["steps"] == posterior.diagnosis.steps
+        return read_json(folder / REPORT)["diagnosis"]["steps"] == posterior.diagnosis.steps
     except (KeyError, TypeError):
         return False
 
@@ -107,12 +98,10 @@ def write_report(
     If the folder has a report on chains with another number of steps, its pictures are removed,
     even without `figures`.
     """
-    from ..base.files.json_io import dumps
-    from ..base.files.run_folder import RunFolder
     from ..plotting.save import posterior_figures
 
     outdated = () if _is_reported(folder, posterior) else (*FIGURES, "report.html")
-    run = (_read_json(folder / "fit.json") or {}).get("run", "")
+    run = (read_json(folder / "fit.json") or {}).get("run", "")
     with RunFolder(folder, overwrite=True, results=(REPORT,)) as writer:
         for name in outdated:
             writer.discard(name)

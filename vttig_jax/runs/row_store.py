@@ -6,15 +6,19 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from ..base.errors import InputError, UsageError
 from ..base.files.atomic_write import (
+    LOCK,
+    locked,
     move,
     open_new,
     os_errors_as_input_errors,
@@ -22,12 +26,11 @@ from ..base.files.atomic_write import (
     replace_file,
     temporary_path,
 )
-from ..base.files.json_io import dumps
+from ..base.files.json_io import dumps, read_json
 from ..base.logger import LOGGER
 from ..control.sweeps.table import Rows
 
 TABLE, PARTS, HEADER = "sweep.parquet", "parts", "sweep.json"
-_LOCK = ".lock"
 _ROW_GROUP = 1 << 20
 _PART = re.compile(r"\d{8}\.parquet")  # name of the file of a block
 
@@ -45,10 +48,7 @@ def is_complete(folder: Path, header: dict[str, Any], names: FolderNames = Folde
 
     The versions of packages may differ, because a complete table is not continued.
     """
-    try:
-        stored = json.loads((folder / names.header).read_text("utf-8"))
-    except (OSError, ValueError):
-        return False
+    stored = read_json(folder / names.header)
     asked = json.loads(dumps(header))
     return (
         (folder / names.table).exists()
@@ -80,30 +80,16 @@ class SweepFolder:
         self.header = json.loads(dumps(header))
         self.resume = resume
         self.overwrite = overwrite
-        self._lock: Any = None
+        self._opened = ExitStack()
         self._began = False
-        self._made: list[Path] = []
 
     def __enter__(self) -> "SweepFolder":
-        from filelock import FileLock, Timeout
-
-        with os_errors_as_input_errors(self.path):
-            self._made = [path for path in (self.path, *self.path.parents) if not path.exists()]
-            self.path.mkdir(parents=True, exist_ok=True)
-            lock = FileLock(self.path / _LOCK)
-            try:
-                lock.acquire(timeout=0)
-            except Timeout:
-                raise UsageError(
-                    "another vttig is writing to this folder; wait for it or choose another one.",
-                    where=str(self.path),
-                ) from None
-        self._lock = lock
-        try:
+        with ExitStack() as stack:
+            stack.enter_context(locked(self.path / LOCK, "this folder"))
+            for target in (self.table, self.path / self.names.header):
+                stack.callback(remove_abandoned, target)
             self._begin()
-        except BaseException:
-            self._leave()
-            raise
+            self._opened = stack.pop_all()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -114,8 +100,10 @@ class SweepFolder:
             if not issubclass(kind, Exception):  # such as Ctrl-C
                 LOGGER.warning("%s keeps nothing: no block of rows was finished yet", self.path)
             if self._began:
-                self._undo()
-        self._leave()
+                shutil.rmtree(self.path / PARTS, ignore_errors=True)
+                with suppress(OSError):
+                    (self.path / self.names.header).unlink()
+        self._opened.close()
 
     @property
     def table(self) -> Path:
@@ -131,9 +119,6 @@ class SweepFolder:
 
     def write(self, number: int, rows: Rows) -> None:
         """Write a block."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         target = self._part(number)
         with _os_and_arrow_errors(target):
             buffer = BytesIO()
@@ -143,8 +128,6 @@ class SweepFolder:
 
     def finish(self, blocks: int) -> Rows:
         """Join all blocks in one file, remove the files of the blocks, and return the columns."""
-        import pyarrow.parquet as pq
-
         first = self._read(0)
         temporary = temporary_path(self.table)
         with _os_and_arrow_errors(self.table):
@@ -183,10 +166,7 @@ class SweepFolder:
 
     def _compare(self, header: Path) -> None:
         """Raise `InputError` if the header in the folder belongs to a different sweep."""
-        try:
-            stored = json.loads(header.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            stored = None
+        stored = read_json(header)
         if not isinstance(stored, dict):
             raise InputError(
                 f"the header of this {self.names.noun} is damaged; make it again with --overwrite.",
@@ -218,9 +198,6 @@ class SweepFolder:
 
     def _is_whole(self, number: int) -> bool:
         """Return whether the file of a block can be read."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
             pq.read_table(self._part(number))
         except (OSError, pa.ArrowException):
@@ -228,9 +205,6 @@ class SweepFolder:
         return True
 
     def _read(self, number: int) -> Any:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         try:
             return pq.read_table(self._part(number))
         except (OSError, pa.ArrowException) as error:
@@ -242,28 +216,9 @@ class SweepFolder:
                 where=str(self._part(number)),
             ) from None
 
-    def _undo(self) -> None:
-        """Remove a sweep that ended before its first block."""
-        shutil.rmtree(self.path / PARTS, ignore_errors=True)
-        with suppress(OSError):
-            (self.path / self.names.header).unlink()
-
-    def _leave(self) -> None:
-        for target in (self.table, self.path / self.names.header):
-            remove_abandoned(target)
-        # The file is removed while the lock is held: `filelock` detects that a lock lost its file.
-        with suppress(OSError):
-            (self.path / _LOCK).unlink()
-        self._lock.release()
-        for folder in self._made:
-            with suppress(OSError):
-                folder.rmdir()  # succeeds only for an empty folder
-
 
 def read_table(path: Path) -> Rows:
     """Read the columns of a sweep; null becomes NaN."""
-    import pyarrow.parquet as pq
-
     with os_errors_as_input_errors(path):
         table = pq.read_table(path)
     rows: Rows = {}

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from ..base.errors import InputError, UsageError
-from ..base.files.run_folder import RunFolder
+from ..base.files.run_folder import write_files
 from ..base.files.text_tables import key_values
+from ..base.logger import LOGGER
 from ..base.results import TextResult
 from .run_file import CHECKPOINT, RunRecord, read_run
 
@@ -85,6 +86,18 @@ class Run(TextResult):
         return read_posterior(self.folder / CHECKPOINT, self.fit)
 
     @cached_property
+    def drawn(self) -> "Posterior | None":
+        """The posterior, with a warning if its draws have not converged; None without draws."""
+        if not (self.folder / CHECKPOINT).exists():
+            return None
+        if not self.posterior.diagnosis.converged:
+            LOGGER.warning(
+                "the draws have not converged, so that their intervals may be too narrow: %s",
+                self.posterior.diagnosis,
+            )
+        return self.posterior
+
+    @cached_property
     def map(self) -> "BacklashMap | BandedMap":
         """Backlash at every driving angle, with bands if the folder holds posterior draws."""
         if (self.folder / CHECKPOINT).exists():
@@ -98,13 +111,10 @@ class Run(TextResult):
     def write_beside(self, texts: Mapping[Path, str], *, overwrite: bool) -> None:
         """Write what was made of the run; the last file is what was asked for.
 
-        **Raises** the errors of `refuse_own` and of `RunFolder`.
+        **Raises** the errors of `refuse_own` and of `write_files`.
         """
         self.refuse_own(texts)
-        *_, asked = texts
-        with RunFolder(asked.parent, overwrite=overwrite, results=(asked.name,)) as folder:
-            for path, text in texts.items():
-                folder.write_text(path.name, text)
+        write_files(texts, overwrite=overwrite)
 
     def refuse_own(self, paths: Iterable[Path]) -> None:
         """Raise `InputError` for a path that is a file of the run: its logs, its fit, its draws."""

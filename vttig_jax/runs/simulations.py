@@ -5,29 +5,39 @@ from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from msgspec import structs
+
+from ..base.errors import ScenarioError, UsageError
+from ..control.controllers.controller import Controller
+from ..control.scenario import spec as specs
+from ..control.scenario.axes import SCENARIO_FILE
+from ..control.scenario.scenario import Scenario
+from ..control.scenario.spec import ScenarioSpec
+from ..control.simulation import simulate as simulation
+from ..control.simulation.result import Simulation
+from ..control.sweeps.table import SweepTable
+from ..control.tuning import tune as tuning
+from ..control.tuning.result import Tuned
+from ..identify.backlash import contact_map
+from ..identify.result import Fit
+from ..kinematics.flank_table import as_flank_model
+from ..pair.gear_pair import Drive, GearPair
 from .maps import opened_maps
-
-if TYPE_CHECKING:
-    from ..control.controllers.controller import Controller
-    from ..control.scenario.scenario import Scenario
-    from ..control.scenario.spec import ScenarioSpec
-    from ..control.simulation.result import Simulation
-    from ..control.sweeps.table import SweepTable
-    from ..control.tuning.result import Tuned
-    from ..pair.gear_pair import Drive, GearPair
+from .run import open_run
+from .sweeps import sweep_in_folder
 
 
 def simulate(
-    scenario: "str | Path | Mapping[str, Any] | ScenarioSpec | Scenario",
-    pair: "GearPair | Drive | None" = None,
+    scenario: str | Path | Mapping[str, Any] | ScenarioSpec | Scenario,
+    pair: GearPair | Drive | None = None,
     *,
     plant_map: Any = None,
     controller_map: Any = None,
     folder: str | Path | None = None,
     **options: Any,
-) -> "Simulation":
+) -> Simulation:
     """Simulate the run of one scenario: the gear drive, its motion and its controller.
 
     The plant has one map of its flanks, and the controller believes another one. By default both
@@ -64,28 +74,27 @@ def simulate(
 
     ```
     """
-    from ..control.scenario.scenario import Scenario
-    from ..control.simulation.simulate import simulate
-
     if isinstance(scenario, Scenario):
         models = _models(scenario.pair, None, plant_map, controller_map, files=())
-        return simulate(replace(scenario, pair=pair or scenario.pair, **models), **options)
+        return simulation.simulate(
+            replace(scenario, pair=pair or scenario.pair, **models), **options
+        )
     spec, folder = specified(scenario, folder, plant_map, controller_map, sweep=False)
     with file_named(scenario):
         pair, maps = _opened(spec, folder, pair, plant_map, controller_map)
-        return simulate(spec, pair, folder=folder, maps=maps, **options)
+        return simulation.simulate(spec, pair, folder=folder, maps=maps, **options)
 
 
 def sweep(
-    spec: "str | Path | Mapping[str, Any] | ScenarioSpec",
-    pair: "GearPair | Drive | None" = None,
+    spec: str | Path | Mapping[str, Any] | ScenarioSpec,
+    pair: GearPair | Drive | None = None,
     *,
     plant_map: Any = None,
     controller_map: Any = None,
     folder: str | Path | None = None,
-    controller: "Controller | None" = None,
+    controller: Controller | None = None,
     **options: Any,
-) -> "SweepTable":
+) -> SweepTable:
     """Simulate every case of a sweep: the Cartesian product of its axes.
 
     With rig = { from = "RUN", draws = N } the plant of each case has the whole map of a posterior
@@ -105,8 +114,6 @@ def sweep(
     **Raises** what `vttig_jax.control.sweep` raises, and `UsageError` for a folder that may not be
     written.
     """
-    from .sweeps import sweep_in_folder
-
     read, folder = specified(spec, folder, plant_map, controller_map, sweep=True)
     with file_named(spec):
         pair, maps = _opened(read, folder, pair, plant_map, controller_map)
@@ -114,32 +121,28 @@ def sweep(
 
 
 def tune(
-    spec: "str | Path | Mapping[str, Any] | ScenarioSpec",
-    pair: "GearPair | Drive | None" = None,
+    spec: str | Path | Mapping[str, Any] | ScenarioSpec,
+    pair: GearPair | Drive | None = None,
     *,
     plant_map: Any = None,
     controller_map: Any = None,
     folder: str | Path | None = None,
     **options: Any,
-) -> "Tuned":
+) -> Tuned:
     """Tune the settings of a controller for all cases of a sweep.
 
     **Arguments**
     - `spec`, `pair`, `plant_map`, `controller_map`, `folder`: as for `sweep`.
     - `options`: further arguments of `vttig_jax.control.tune`, such as `free` and `objective`.
     """
-    from ..control.tuning.tune import tune
-
     read, folder = specified(spec, folder, plant_map, controller_map, sweep=True)
     with file_named(spec):
         pair, maps = _opened(read, folder, pair, plant_map, controller_map)
-        return tune(read, pair, folder=folder, maps=maps, **options)
+        return tuning.tune(read, pair, folder=folder, maps=maps, **options)
 
 
 def file_named(scenario: Any) -> AbstractContextManager[None]:
     """Return a context in which errors of a scenario name its file, if it is one."""
-    from ..control.scenario.axes import SCENARIO_FILE
-
     return SCENARIO_FILE.error_context(str(scenario) if isinstance(scenario, (str, Path)) else "")
 
 
@@ -150,12 +153,8 @@ def specified(
     controller_map: Any = None,
     *,
     sweep: bool,
-) -> "tuple[ScenarioSpec, Path]":
+) -> tuple[ScenarioSpec, Path]:
     """Return the specification with the given maps, and the folder of its relative paths."""
-    from msgspec import structs
-
-    from ..control.scenario import spec as specs
-
     given = {"plant_map": plant_map, "controller_map": controller_map}
     changes = {
         name: str(value) if isinstance(value, (str, Path)) else name
@@ -178,10 +177,6 @@ def specified(
 
 def _table_of_run(path: Path) -> dict[str, Any]:
     """Return the scenario of a run folder: default values, and no controller without taper."""
-    from ..base.errors import ScenarioError, UsageError
-    from ..pair.gear_pair import GearPair
-    from .run import open_run
-
     try:
         pair = open_run(path).pair
     except UsageError as error:
@@ -200,10 +195,6 @@ def _models(pair: Any, backlash_deg: Any, *maps: Any, files: Any = (str, Path)) 
 
     `backlash_deg` is the gap of a fit whose log has one direction.
     """
-    from ..identify.backlash import contact_map
-    from ..identify.result import Fit
-    from ..kinematics.flank_table import as_flank_model
-
     given = {}
     for name, source in zip(("plant_map", "controller_map"), maps, strict=True):
         if isinstance(source, Fit):

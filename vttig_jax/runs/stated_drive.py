@@ -3,7 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import tomli_w
+
 from ..base.errors import LogError, UsageError
+from ..base.files.atomic_write import os_errors_as_input_errors, replace_file
 from ..logs.recognition.request import DriveRequest
 from ..pair.pair_file import load_pair_spec, stated_table
 from ..pair.schema import PairSpec
@@ -62,10 +65,6 @@ def write_pair(path: Path, spec: PairSpec) -> None:
 
     **Raises** `UsageError` for an existing file, `InputError` if it cannot be written.
     """
-    import tomli_w
-
-    from ..base.files.atomic_write import os_errors_as_input_errors, replace_file
-
     if path.exists():
         raise UsageError("this file exists; choose another name for --write-pair.", where=str(path))
     text = f"# {_HEAD}\n{tomli_w.dumps(stated_table(spec))}"

@@ -5,15 +5,13 @@ from typing import TYPE_CHECKING
 from ..base.errors import InputError, NoAnswerError
 from ..base.files.run_folder import data_sha256
 from ..logs.readers.column_names import name_and_unit, units_of
-from ..logs.recognition.request import Statement, stated_layout
+from ..logs.recognition.request import SHAFTS, Statement, stated_layout
 from ..pair.gear_pair import ShaftReading, shaft_reading
 from ..pair.schema import Encoder, as_fraction
 from .run_file import RunRecord
 
 if TYPE_CHECKING:
     from ..identify.result import Fit
-
-SHAFTS = ("driving", "driven")
 
 
 def shaft_readings(run: RunRecord, fit: "Fit") -> tuple[ShaftReading, ShaftReading]:

@@ -17,7 +17,7 @@ from scipy.optimize import minimize, root_scalar
 
 from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
 from vttig_jax.base.arrays import namespace
-from vttig_jax.geometry.measures import SIZES_MM, _stand_off, over_balls, usual_ball
+from vttig_jax.geometry.measures import SIZES_MM, over_balls, usual_ball
 from vttig_jax.geometry.tooth import Tooth
 
 KHK_HELICAL: dict[str, Any] = {"normal_module_mm": 1.0, "normal_pressure_angle_deg": 20.0}
@@ -212,21 +212,6 @@ def test_the_helix_is_not_forgotten():
     assert abs(distance - 1.75) > 1e-2
 
 
-@given(
-    helix=st.floats(-40, 40),
-    half=st.floats(0.1, 20),
-    z=st.floats(-50, 50),
-    teeth=st.integers(3, 99),
-)
-def test_the_search_finds_what_the_formula_says_of_straight_flanks(helix, half, z, teeth):
-    tooth = shop_gear(teeth, helix=(helix, 0.0), width=200.0)
-    line = Wave(math.tan(math.radians(helix)), 0.0)
-    same = eqx.tree_at(lambda t: t.recession, tooth, (line, line))
-    searched, formula = _stand_off(same, 0, half, z), _stand_off(tooth, 0, half, z)
-    assert searched[0] == pytest.approx(formula[0], rel=1e-12, abs=1e-12)
-    assert searched[1] == pytest.approx(formula[1], abs=1e-6 * half)
-
-
 def test_the_highest_of_two_hills_is_found():
     """The flank stands out twice under the ball; the larger hill holds it."""
 
@@ -236,7 +221,7 @@ def test_the_highest_of_two_hills_is_found():
             return -0.4 * xp.exp(-((z - 0.8) ** 2) / 0.01) - 0.39 * xp.exp(-((z + 0.8) ** 2) / 0.01)
 
     tooth = eqx.tree_at(lambda t: t.recession, shop_gear(), (Hills(), Hills()))
-    assert _stand_off(tooth, 0, 1.75, 0.0)[1] == pytest.approx(0.8, abs=0.02)
+    assert known(over_balls(tooth, 3.5).contact_z_mm) == pytest.approx((0.8, 0.8), abs=0.02)
 
 
 # What has to hold for any gear.

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.geometry.surface_teeth import between, crowned, cutter, tooth, wave
+from tests.geometry.surface_teeth import between, crowned, tooth, wave
 from tests.laws import checks, table
-from vttig_jax.geometry.surface import PARTS, fillet_span, flank_span, surface_normal, tooth_surface
+from vttig_jax.geometry.surface import fillet_span, flank_span, tooth_surface
 from vttig_jax.geometry.tooth import SIDES
 
 GEAR = tooth(recession=(crowned(0.05, 0.03), wave))
@@ -36,43 +36,10 @@ def difference(gear, side, part, roll, z, step_roll, step_z):
     return np.subtract(*ends) / 2
 
 
-def test_normals_stand_on_the_surface():
-    for side in SIDES:
-        for part in PARTS:
-            roll = rolls(GEAR, side, part)
-            along = difference(GEAR, side, part, roll, HEIGHTS, 1e-5, 0.0) / 1e-5
-            across = difference(GEAR, side, part, roll, HEIGHTS, 0.0, 1e-4) / 1e-4
-            cross = np.cross(along, across)
-            cross /= np.linalg.norm(cross, axis=-1, keepdims=True)
-            normal = np.asarray(surface_normal(GEAR, roll, HEIGHTS, side=side, part=part))
-            np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), 1.0, rtol=1e-14)
-            assert np.abs(np.cross(cross, normal)).max() < 1e-7
-            tilted = normal + np.array([0.0, 1e-5, 1e-5])
-            assert np.abs(np.cross(cross, tilted)).max() > 1e-6  # the comparison can fail
-
-
-@pytest.mark.slow
-def test_normals_point_out_of_the_tooth():
-    """On flank and fillet towards the cutter, on the lands away from the axis."""
-    for side in SIDES:
-        for part in PARTS:
-            roll = rolls(GEAR, side, part)
-            points = np.asarray(tooth_surface(GEAR, roll, 3.0, side=side, part=part))[:, 0]
-            normals = np.asarray(surface_normal(GEAR, roll, 3.0, side=side, part=part))[:, 0]
-            if part in ("root", "tip"):
-                along = np.sum(points[:, :2] * normals[:, :2], axis=-1)
-                np.testing.assert_allclose(along, np.hypot(*points[:, :2].T), rtol=1e-14)
-                continue
-            mirror, beside = (1.0 if side == "left" else -1.0), cutter(GEAR, side, 3.0)
-            for x, y in points[:, :2] + 1e-3 * normals[:, :2]:
-                assert beside.clearance(mirror * x, y) < -5e-4
-
-
 def test_shapes_broadcast():
     assert tooth_surface(GEAR, 0.0, 0.0).shape == (3,)
     assert tooth_surface(GEAR, np.zeros((4, 1)), HEIGHTS).shape == (4, 4, 3)
     assert tooth_surface(GEAR, np.zeros((5, 2, 1)), 1).shape == (5, 2, 1, 3)
-    assert surface_normal(GEAR, 0.1, HEIGHTS).shape == (4, 3)
     np.testing.assert_array_equal(tooth_surface(GEAR, 0.1, HEIGHTS)[:, 2], HEIGHTS)
 
 
@@ -131,7 +98,7 @@ def test_arguments_that_are_none(unchecked):
     with pytest.raises(ValueError, match='`part` must be "root", "fillet", "flank" or "tip", but'):
         tooth_surface(GEAR, 0.0, 0.0, part="land")  # pyright: ignore[reportArgumentType]
     with pytest.raises(ValueError, match='`side` must be "left" or "right", but is \'A\''):
-        surface_normal(GEAR, 0.0, 0.0, side="A")  # pyright: ignore[reportArgumentType]
+        tooth_surface(GEAR, 0.0, 0.0, side="A")  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize("law", table.SURFACES, ids=str)

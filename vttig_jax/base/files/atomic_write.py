@@ -32,7 +32,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, UsageError
 
 _NAME_LENGTH = 100
 """Number of characters of the target name in the temporary name, which must stay below 255."""
@@ -221,6 +221,39 @@ def settle_if_free(folder: Path) -> None:
     with suppress(OSError, Timeout, InputError), FileLock(folder / LOCK).acquire(timeout=0):
         settle(folder)
         (folder / LOCK).unlink()  # removed while locked; a waiting `filelock` detects that
+
+
+@contextmanager
+def locked(lock: Path, what: str) -> Iterator[None]:
+    """Hold the file `lock`, and create its folder; it goes again if it is empty at the end.
+
+    **Raises** `UsageError` if another process holds the lock, with `what` it is writing;
+    `InputError` for missing permission and a file in the way of the folder.
+    """
+    from filelock import FileLock, Timeout
+
+    folder, held = lock.parent, FileLock(lock)
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        with os_errors_as_input_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+            try:
+                held.acquire(timeout=0)
+            except Timeout:
+                raise UsageError(
+                    f"another vttig is writing to {what}; wait for it or choose another one.",
+                    where=str(folder),
+                ) from None
+        yield
+    finally:
+        if held.is_locked:
+            # The file is removed while locked; a waiting `filelock` detects that and retries.
+            with suppress(OSError):
+                lock.unlink()
+            held.release()
+        for path in made:
+            with suppress(OSError):
+                path.rmdir()  # fails, as wanted, for a folder that is not empty
 
 
 def _stages(folder: Path) -> Iterator[Path]:

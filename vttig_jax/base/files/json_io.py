@@ -10,6 +10,7 @@ import json
 import math
 import re
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 _LONE = re.compile("[\ud800-\udfff]")
@@ -39,6 +40,14 @@ def dumps(obj: Any, *, ascii_only: bool = False) -> str:
     plain = _plain(obj, "obj")
     text = json.dumps(plain, ensure_ascii=ascii_only, allow_nan=False, indent=2)
     return _LONE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file, or None if it cannot be read."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
 
 
 def schema_names() -> list[str]:

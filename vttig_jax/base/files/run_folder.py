@@ -5,17 +5,15 @@ files are committed as one, see `commit`. An `OSError` becomes an `InputError` w
 sentence.
 """
 
-import errno
 import hashlib
-import os
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import InputError, UsageError
-from .atomic_write import LOCK, Stage, settle
+from .atomic_write import LOCK, Stage, locked, settle
 from .atomic_write import os_errors_as_input_errors as _os_errors_as_input_errors
 from .limits import kept_bytes, read_regular
 
@@ -59,29 +57,26 @@ class RunFolder:
         self.overwrite = overwrite
         self.results = results
         self._stage: Stage | None = None
-        self._created_folders: list[Path] = []
         self._discarded: list[str] = []
-        self._lock: Any = None
+        self._opened: ExitStack | None = None
 
     def __enter__(self) -> "RunFolder":
-        try:
+        with ExitStack() as stack:
+            stack.enter_context(locked(self.path / LOCK, "this folder"))
+            stack.callback(self._drop_stage)
             with _os_errors_as_input_errors(self.path):
-                self._make_folder(self.path)
-                self._acquire_lock()
                 settle(self.path)
             for name in self.results:
                 self._refuse_existing(name)
-        except BaseException:
-            self._clean_up()
-            raise
+            self._opened = stack.pop_all()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        try:
-            if kind is None:
-                self._commit()
-        finally:
-            self._clean_up()
+        assert self._opened is not None  # by `__enter__`
+        with self._opened:
+            self._opened = None
+            if kind is None and self._stage is not None:
+                self._stage.commit(self.results[-1] if self.results else None, self._discarded)
 
     def write_bytes(self, name: str, data: bytes) -> None:
         """Write a file; `name` is relative to the folder and uses `/` for subfolders."""
@@ -90,7 +85,7 @@ class RunFolder:
             raise ValueError(
                 f"Argument `name` must be a file name inside the run folder, but it is {name!r}."
             )
-        if self._lock is None:
+        if self._opened is None:
             raise ValueError(
                 "Argument `name` must be written inside the `with` block of the run folder,"
                 f" but {name!r} is not."
@@ -129,55 +124,25 @@ class RunFolder:
         np.savez(buffer, allow_pickle=False, **arrays)
         self.write_bytes(name, buffer.getvalue())
 
-    def _make_folder(self, folder: Path) -> None:
-        """Create a folder and its parents, and record the created ones."""
-        missing = []
-        while not folder.exists():
-            missing.append(folder)
-            folder = folder.parent
-        if not folder.is_dir():
-            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
-        for new in reversed(missing):
-            new.mkdir(exist_ok=True)
-            self._created_folders.append(new)
-
-    def _acquire_lock(self) -> None:
-        from filelock import FileLock, Timeout
-
-        lock = FileLock(self.path / LOCK)
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            raise UsageError(
-                "another vttig is writing to this folder; wait for it or choose another folder.",
-                where=str(self.path),
-            ) from None
-        self._lock = lock
-
     def _refuse_existing(self, name: str) -> None:
         if not self.overwrite and (self.path / name).exists():
             raise UsageError(_EXISTS, where=str(self.path / name))
 
-    def _commit(self) -> None:
-        if self._stage is not None:
-            result = self.results[-1] if self.results else None
-            self._stage.commit(result, self._discarded)
-
-    def _clean_up(self) -> None:
-        """Remove temporary files, the lock and created folders that are empty."""
+    def _drop_stage(self) -> None:
         if self._stage is not None:
             self._stage.drop()
             self._stage = None
-        if self._lock is not None:
-            # The file is removed while locked; a waiting `filelock` detects that and retries.
-            with suppress(OSError):
-                (self.path / LOCK).unlink()
-            self._lock.release()
-            self._lock = None
-        for folder in reversed(self._created_folders):
-            with suppress(OSError):
-                folder.rmdir()  # fails, as wanted, for a folder that is not empty
-        self._created_folders.clear()
+
+
+def write_files(files: Mapping[Path, str | bytes], *, overwrite: bool) -> None:
+    """Write files of one folder together; the last one is the result that was asked for.
+
+    **Raises** the errors of `RunFolder`.
+    """
+    *_, asked = files
+    with RunFolder(asked.parent, overwrite=overwrite, results=(asked.name,)) as folder:
+        for path, content in files.items():
+            folder.write_bytes(path.name, content.encode() if isinstance(content, str) else content)
 
 
 def data_sha256(paths: Iterable[str | Path]) -> list[str]:

@@ -1,17 +1,18 @@
 """`vttig calibrate`: check that the intervals of a fit hold the truth of rigs like this one."""
 
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from ...base.errors import NoAnswerError, UsageError
+from ...base.errors import NoAnswerError
+from ...base.files.json_io import dumps
+from ...base.files.run_folder import RunFolder
 from ...base.logger import LOGGER
-from ..options import verb
+from ...runs.fit_run import perform
+from ...runs.run_file import read_run, require_same_data
+from ..options import need, verb
 from ..output import Output
-
-if TYPE_CHECKING:
-    from ...posterior.calibration.calibrate import Calibration
 
 _FEWEST, _MOST = 20, 100_000
 """Fewest and most rigs (chosen): fewer say nothing, more take hours."""
@@ -46,37 +47,23 @@ def command(
     the same motion, noise, orders and drift. All of them are fitted by the same model, and the
     intervals that hold the truth are counted. Exit code 4 where intervals are too narrow.
     """
-    if overwrite and out is None:
-        raise UsageError("--overwrite is for the folder of --out, which is missing.")
-    if out is None:
-        found = _calibrated(output, run, rigs, seed)
-    else:
-        from ...base.files.json_io import dumps
-        from ...base.files.run_folder import RunFolder
+    need("out", "overwrite")
+    from ...posterior.calibration.calibrate import calibrate
 
-        # A folder that must not be overwritten is refused before the computation.
-        with RunFolder(out, overwrite=overwrite, results=(FILE,)) as folder:
-            found = _calibrated(output, run, rigs, seed)
+    # A folder that must not be overwritten is refused before the computation.
+    kept = nullcontext() if out is None else RunFolder(out, overwrite=overwrite, results=(FILE,))
+    with kept as folder:
+        record = read_run(run)
+        require_same_data(record)
+        fit, _ = perform(record)
+        with output.progress(rigs, "rigs") as bar:
+            found = calibrate(fit, rigs=rigs, seed=seed, progress=bar.update)
+        if folder is not None:
             folder.write_text(FILE, dumps(found.to_json()) + "\n")
+    if out is not None:
         LOGGER.info("written to %s", out)
     output.emit(found.to_json(), found)
     if not found.is_calibrated:
         raise NoAnswerError(
             f"intervals are too narrow: {', '.join(found.failed)}.", where=found.source
         )
-
-
-def _calibrated(output: Output, run: Path, rigs: int, seed: int) -> "Calibration":
-    from ...posterior.calibration.calibrate import calibrate
-    from ...runs.fit_run import perform
-    from ...runs.run_file import read_run, require_same_data
-
-    record = read_run(run)
-    require_same_data(record)
-    fit, _ = perform(record)
-    with output.progress(rigs, "rigs") as bar:
-
-        def advance(done: int) -> None:
-            bar.update(done)
-
-        return calibrate(fit, rigs=rigs, seed=seed, progress=advance)

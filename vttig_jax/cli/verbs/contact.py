@@ -6,19 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from ...base.errors import PairError, UsageError
 from ...base.files.json_io import dumps
+from ...base.files.run_folder import RunFolder
 from ...base.files.text_tables import key_values
 from ...base.units import DEG
-from ...runs.maps import fitted_rig
+from ...pair.pair_file import load_pair_spec
+from ...runs.map_table import csv_text
 from ..drive_options import gears_of
 from ..options import POSITIVE, STEP_DEG, Finite, verb
 from ..output import Output
-from .map import csv_text
 
 if TYPE_CHECKING:
-    from ...base.files.run_folder import RunFolder
     from ...geometry.backlash import GapReport
     from ...geometry.contact_report import Contacts
     from ...geometry.deviations import Deviations
@@ -101,16 +102,14 @@ def command(
     thickness. The teeth carry no load.
     """
     import equinox as eqx
-    import numpy as np
 
-    from ...base.files.run_folder import RunFolder
     from ...geometry.backlash import gap_report
     from ...geometry.contact import contact_model
     from ...geometry.contact_report import contact_at
     from ...geometry.mounting import Misalignment
     from ...logs.readers.backlash_readings import read_deviations
     from ...pair.gear_pair import Eccentricities
-    from ...pair.pair_file import load_pair_spec
+    from ...runs.maps import fitted_rig
 
     gears = gears_of(load_pair_spec(pair), pair, "no teeth to touch")
     turns = float(gears.hunting_turns) if span_rev is None else span_rev
@@ -164,19 +163,13 @@ def command(
                 bar.update(1)
         record = contact_record(gears, said, flanks, gap, out)
         if folder is not None:
-            _write(folder, gears, flanks, record)
+            for name in (_FIGURE.format("A"), _FIGURE.format("B"), _DEVIATIONS):
+                folder.discard(name)
+            for name, data in _figures(gears, flanks).items():
+                folder.write_bytes(name, data)
+            folder.write_text(_RECORD, dumps(record) + "\n")
+            folder.write_text(TABLE, contact_table(flanks))
     output.emit(record, contact_text(flanks, record, gap, measured, out))
-
-
-def _write(
-    folder: "RunFolder", gears: "GearPair", flanks: "dict[str, Contacts]", record: dict[str, Any]
-) -> None:
-    for name in (_FIGURE.format("A"), _FIGURE.format("B"), _DEVIATIONS):
-        folder.discard(name)
-    for name, data in _figures(gears, flanks).items():
-        folder.write_bytes(name, data)
-    folder.write_text(_RECORD, dumps(record) + "\n")
-    folder.write_text(TABLE, contact_table(flanks))
 
 
 def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, bytes]:
@@ -184,8 +177,6 @@ def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, byte
 
     The figures are each flank at its first angle with contact, and the measured deviations.
     """
-    import numpy as np
-
     from ...plotting.contact import plot_contact
     from ...plotting.deviations import plot_deviations
     from ...plotting.save import png
@@ -215,10 +206,13 @@ def contact_record(
     out: Path | None,
 ) -> dict[str, Any]:
     """Return the object of schema `vttig.contact/1`; `said` holds its fields for the options."""
-    import numpy as np
-
     left, angle = _backlash(flanks) / DEG, flanks["A"].driving_angle / DEG
     known = np.flatnonzero(np.isfinite(left))
+    ends: dict[str, dict[str, Any]] = {}
+    for word, best in (("smallest", np.argmin), ("largest", np.argmax)):
+        row = known[best(left[known])] if len(known) else None
+        place = (None, None) if row is None else (float(left[row]), float(angle[row]))
+        ends[word] = dict(zip(("backlash_deg", "driving_deg"), place, strict=True))
     return {
         "schema": "vttig.contact/1",
         "pair": gears.name,
@@ -228,18 +222,11 @@ def contact_record(
         "rows": len(left),
         "rows_with_backlash": len(known),
         "flanks": {name: _flank(found) for name, found in flanks.items()},
-        "smallest": _extreme(left, angle, known[np.argmin(left[known])] if len(known) else None),
-        "largest": _extreme(left, angle, known[np.argmax(left[known])] if len(known) else None),
+        **ends,
         "drawn_backlash_deg": gap.backlash / DEG,
         "apparent_backlash_deg": None if gap.apparent is None else gap.apparent / DEG,
         "csv": None if out is None else TABLE,
     }
-
-
-def _extreme(backlash_deg: Any, driving_deg: Any, row: int | None) -> dict[str, float | None]:
-    if row is None:
-        return {"backlash_deg": None, "driving_deg": None}
-    return {"backlash_deg": float(backlash_deg[row]), "driving_deg": float(driving_deg[row])}
 
 
 def _backlash(flanks: Flanks) -> Any:
@@ -267,14 +254,14 @@ def contact_text(
     out: Path | None,
 ) -> str:
     """Return the text that is printed without `--json`."""
-    rows = [
-        (
-            word,
-            f"{round(one['backlash_deg'], 5) + 0.0:.5f}° at {one['driving_deg']:g}°{_warning(one)}",
-        )
-        for word in ("smallest", "largest")
-        if (one := record[word])["backlash_deg"] is not None
-    ]
+    from ...geometry.backlash import TOUCHING
+
+    rows = []
+    for word in ("smallest", "largest"):
+        backlash, driving = record[word].values()
+        if backlash is not None:
+            interfere = ", where the teeth interfere" * (backlash * DEG < -TOUCHING)
+            rows.append((word, f"{backlash:z.5f}° at {driving:g}°{interfere}"))
     if (without := record["rows"] - record["rows_with_backlash"]) or not rows:
         rows.append(("undefined", f"at {without} of {record['rows']} angles: no tooth in reach"))
     if record["rig"] is not None:
@@ -287,19 +274,11 @@ def contact_text(
     return "\n".join([*measured, *parts, key_values(rows, title=over), str(gap)])
 
 
-def _warning(place: dict[str, float]) -> str:
-    from ...geometry.backlash import TOUCHING
-
-    return ", where the teeth interfere" if place["backlash_deg"] * DEG < -TOUCHING else ""
-
-
 def contact_table(flanks: Flanks) -> str:
     """Return a CSV table with one row per driving angle.
 
     Fields are empty at angles without contact on the flank.
     """
-    import numpy as np
-
     left, angle = _backlash(flanks), flanks["A"].driving_angle
     columns = {"driving_deg": angle / DEG, "backlash_deg": left / DEG}
     for name, found in flanks.items():

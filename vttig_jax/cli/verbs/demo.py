@@ -1,14 +1,23 @@
 """`vttig demo`: simulate the rig of the paper, fit it, and compare the fit with the true values."""
 
+import hashlib
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
+import numpy as np
 
 from ... import report as reports
+from ...base.angles import difference_deg
 from ...base.errors import UsageError
+from ...base.files.run_folder import RunFolder
+from ...base.files.text_tables import key_values, text_table
+from ...base.units import DEG
+from ...identify.fit_settings import FitSettings
+from ...pair.pair_file import stated_table
 from ...runs.fit_run import write_fit
+from ...runs.options import RunOptions
 from ...runs.posterior_run import banded_of, write_report
 from ...runs.run_file import CHECKPOINT, RunRecord
 from ..options import verb
@@ -87,8 +96,6 @@ def command(
 
 def _report(rig: "SyntheticRig", found: "Posterior", banded: "BandedMap") -> str:
     """Return the report: table of true, fitted and sampled values, and comparison of the maps."""
-    from ...base.files.text_tables import key_values, text_table
-
     result = found.fit
     rows = [_row(name, true, found) for name, true in _truths(rig).items()]
     heading = ["parameter", "truth", "fit", "std", "off in std", "sampled 95 %", "unit"]
@@ -106,10 +113,6 @@ def _report(rig: "SyntheticRig", found: "Posterior", banded: "BandedMap") -> str
 
 
 def _row(name: str, true: float, found: "Posterior") -> list[str]:
-    import numpy as np
-
-    from ...base.angles import difference_deg
-
     parameter, drawn = found.fit.parameters[name], found.parameters[name]
     value, std = parameter.value, parameter.std
     if value is None or not std or drawn.low95 is None:
@@ -133,10 +136,6 @@ def _row(name: str, true: float, found: "Posterior") -> list[str]:
 
 def _map_text(rig: "SyntheticRig", banded: "BandedMap") -> str:
     """Return a text that compares the backlash map of the posterior with the true map."""
-    import numpy as np
-
-    from ...base.files.text_tables import key_values
-    from ...base.units import DEG
     from ...kinematics.backlash_map import BacklashMap
 
     grid, truth = banded.map, BacklashMap(rig.flank_model(), None, rig.pair)
@@ -181,13 +180,7 @@ def _write_fit(
     out: Path, overwrite: bool, log: "EncoderLog", rig: "SyntheticRig", result: "Fit"
 ) -> None:
     """Write the log, the pair file and the fit as a run folder that the other verbs can use."""
-    import hashlib
-
-    from ...base.files.run_folder import RunFolder
-    from ...identify.fit_settings import FitSettings
     from ...pair.gear_pair import spec_of
-    from ...pair.pair_file import stated_table
-    from ...runs.options import RunOptions
 
     spec = spec_of(rig.pair)
     data = log_csv(log)
@@ -202,8 +195,6 @@ def _write_fit(
 
 def log_csv(log: "EncoderLog") -> str:
     """Return a log as CSV with the time in s and the readings of both encoders in counts."""
-    import numpy as np
-
     assert log.driven is not None  # a synthetic rig logs both shafts
     buffer = io.StringIO()
     columns = np.stack([log.time, log.driving.reading, log.driven.reading], axis=1)

@@ -7,18 +7,20 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+import vttig_jax
+
 from ...base.errors import UsageError, VttigError
+from ...base.files.json_io import dumps
 from ...base.logger import LOGGER
+from ...base.units import ARCSEC, DEG
 from ...control.scenario.axes import Gap
 from ...runs.map_table import columns_of, csv_text, map_record, map_table, resolution, shift_first
-from ...runs.maps import lowered_map
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT
-from ...runs.zeros import shaft_readings
 from ..axis_options import AXIS, axis_options
 from ..options import POSITIVE, STEP_DEG, Finite, given, refuse_existing, verb
 from ..output import Output
-from .map import MOST_ROWS, QuantityName, drawn
+from .map import MOST_ROWS, QuantityName
 
 if TYPE_CHECKING:
     from ...control.compensation.compensation import Compensation
@@ -164,12 +166,12 @@ def command(
     direction, so that the axis stands where it is told. What the table leaves over the travel is
     predicted and printed, and a table that leaves more than none is refused.
     """
+    from ...control.compensation.map_harmonics import compensation_of
+    from ...runs.error_table import origin
+    from ...runs.maps import lowered_map
+
     suffix = out.suffix.lower()
     quantity = quantity or ("error" if control else "shift" if suffix == ".h" else "backlash")
-
-    from ...base.files.json_io import dumps
-    from ...base.units import ARCSEC, DEG
-
     opened = Run(run_folder)
     opened.refuse_own([out])
     _check_options(out, control, suffix, quantity, overwrite=overwrite)
@@ -190,21 +192,29 @@ def command(
         if suffix == ".csv":
             text, record, shown = _table(fit, grid, step, out, quantity)
         else:
-            from ...control.compensation.map_harmonics import compensation_of
-
             allowed_deg = max(_DEVIATIONS * fit.residual_rms_deg, _LEAST_DEG)
             allowed = allowed_deg * DEG if tolerance_arcsec is None else tolerance_arcsec * ARCSEC
             compensation = compensation_of(
                 grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
             )
-            interval = _interval(fit) if constant_backlash_deg is None else None
-            record, shown = _record(fit, compensation, out, interval), str(compensation)
+            fitted, interval = fit.parameters["constant_backlash_deg"], None
+            low, high = fitted.low95, fitted.high95
+            if constant_backlash_deg is None and low is not None and high is not None:
+                interval = low, high
+            record: dict[str, Any] = {
+                "schema": "vttig.compensation/1",
+                **origin(fit),
+                "file": out.name,
+                "constant_backlash_deg": interval
+                and dict(zip(("low95", "high95"), interval, strict=True)),
+                **compensation.to_json(),
+            }
+            shown = str(compensation)
             if lowered is not None:
                 record |= {"gap": gap, "lowered_deg": lowered[1]}
             text = dumps(record) + "\n"
             if suffix == ".h":
-                prefix = _prefix(opened, name)
-                text = _header(opened, compensation, prefix, interval, lowered, shift=shift)
+                text = _header(opened, compensation, name, interval, lowered, shift=shift)
     if gap is None and (run_folder / CHECKPOINT).exists() and quantity != "error":
         LOGGER.warning(
             "these are the values of the fit; its draws know how far they may be wrong:"
@@ -226,14 +236,11 @@ def _axis_table(
     name: str | None,
 ) -> tuple[str, dict[str, Any], str]:
     """Return the error table of the axis for a control, its record, and its report."""
-    import vttig_jax
-
-    from ...base.files.json_io import dumps
     from ...control.compensation import table_formats
-    from ...control.compensation.c_header import table_header
+    from ...control.compensation.c_header import identifier_of, table_header
     from ...runs.axis_table import AxisSetting, axis_table
 
-    found = axis_table(run.fit, drawn(run), AxisSetting(**axis), step_deg)
+    found = axis_table(run.fit, run.drawn, AxisSetting(**axis), step_deg)
     record, lines = found.to_json(out), found.provenance(vttig_jax.__version__)
     shown = str(found)
     if control == "linuxcnc":
@@ -247,7 +254,8 @@ def _axis_table(
             record["fastest_deg_s"] = found.fastest_deg_s(rate[0], 1e-3 * rate[1])
             shown += f"\nfollowed exactly up to {record['fastest_deg_s']:.4g}°/s"
     elif control == "c":
-        text = table_header(found.table, lines, name=_prefix(run, name))
+        prefix = identifier_of(run.pair.name) if name is None else name
+        text = table_header(found.table, lines, name=prefix)
     elif control in ("twincat", "beckhoff"):
         text = table_formats.twincat(found.table, lines, name or run.pair.name)
     else:
@@ -300,6 +308,7 @@ def _maps(
     """
     from ...control.compensation.compensation import closing_of, require_closing
     from ...identify.backlash import contact_map
+    from ...runs.zeros import shaft_readings
 
     fit = run.fit
     found: list[tuple[BacklashMap, FlankModel]] = []
@@ -351,11 +360,10 @@ def _require_delay(fit: "Fit") -> None:
 
 def _error(run: Run, out: Path, step_deg: float) -> tuple[str, dict[str, Any], str]:
     """Return the transmission error of each flank as CSV or JSON, its record, and its report."""
-    from ...base.files.json_io import dumps
     from ...runs.error_table import error_table
 
     turns = _whole_period(run.pair.hunting_turns, step_deg)
-    found = error_table(run.fit, drawn(run), step_deg, turns)
+    found = error_table(run.fit, run.drawn, step_deg, turns)
     record, table = found.to_json(out), found.table()
     if out.suffix.lower() == ".csv":
         return csv_text(table, found.columns), record, str(found)
@@ -389,42 +397,20 @@ def _whole_period(hunting_turns: int, step_deg: float) -> float:
     return float(hunting_turns)
 
 
-def _record(
-    fit: "Fit", compensation: "Compensation", out: Path, interval: tuple[float, float] | None
-) -> dict[str, Any]:
-    """Return the object of schema `vttig.compensation/1`; `interval` as `_interval` returns it."""
-    from ...runs.error_table import origin
-
-    ends = None if interval is None else dict(zip(("low95", "high95"), interval, strict=True))
-    return {
-        "schema": "vttig.compensation/1",
-        **origin(fit),
-        "file": out.name,
-        "constant_backlash_deg": ends,
-        **compensation.to_json(),
-    }
-
-
-def _prefix(run: Run, name: str | None) -> str:
-    from ...control.compensation.c_header import identifier_of
-
-    return identifier_of(run.pair.name) if name is None else name
-
-
 def _header(
     run: Run,
     compensation: "Compensation",
-    name: str,
+    name: str | None,
     interval: tuple[float, float] | None,
     lowered: tuple[str, float] | None,
     *,
     shift: bool,
 ) -> str:
-    import vttig_jax
-
-    from ...control.compensation.c_header import HeaderOrigin, c_header
+    from ...control.compensation.c_header import HeaderOrigin, c_header, identifier_of
+    from ...runs.zeros import shaft_readings
 
     fit = run.fit
+    name = identifier_of(fit.pair.name) if name is None else name
     origin = HeaderOrigin(
         pair=fit.pair.name,
         version=vttig_jax.__version__,
@@ -436,11 +422,3 @@ def _header(
         lowered_deg=lowered,
     )
     return c_header(compensation, origin, name=name, quantity="shift" if shift else "backlash")
-
-
-def _interval(fit: "Fit") -> tuple[float, float] | None:
-    """Return the ends of the 95 % interval of the fitted constant backlash in degrees, or None."""
-    found = fit.parameters["constant_backlash_deg"]
-    if found.low95 is None or found.high95 is None:
-        return None
-    return found.low95, found.high95

@@ -17,7 +17,7 @@ from ...runs.options import options_of
 from ...runs.run_file import RunRecord, read_run, require_same_data
 from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
 from ..fit_options import model_options
-from ..options import given, log_options, verb
+from ..options import given, log_options, need, verb
 from ..output import Output
 from .sample import refuse_existing
 
@@ -94,12 +94,7 @@ def command(
     LOG may be - for stdin; it is then kept in --out, so that --run can repeat the fit. Without
     --out no file is written.
     """
-    asked = {"--overwrite": overwrite, "--no-figures": no_figures, "--report": report}
-    if out is None and any(asked.values()):
-        name = next(name for name, is_asked in asked.items() if is_asked)
-        raise UsageError(
-            f"{name} says how to write a run folder; give one with --out, or leave it."
-        )
+    need("out", "overwrite", "no_figures", "report")
     if report:
         reports.require_bokeh()
     if readings is not None and not logs and run_path is None:

@@ -13,7 +13,7 @@ from ...logs.readers.open_table import with_standard_input
 from ...runs.options import options_of
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
 from ..fit_options import batch_options
-from ..options import given, log_options, refuse_existing, verb
+from ..options import exclude_each_other, log_options, need, refuse_existing, verb
 from ..output import Output
 
 
@@ -73,7 +73,11 @@ def command(
     with the same table. A command with --resume may be repeated: it starts, goes on, or only prints
     the table that is complete. One LOG may be - for stdin, which --resume needs again.
     """
-    _refuse_contradictions(out, csv_file, may_replace=overwrite or resume)
+    need("out", "resume", "overwrite")
+    exclude_each_other("resume", "overwrite")
+    exclude_each_other("jobs", "dask")
+    if csv_file is not None:
+        refuse_existing(csv_file, overwrite=overwrite or resume)
     from ...runs.many_fits import ManyFits, fit_files
 
     chosen = options_of(options)
@@ -87,14 +91,9 @@ def command(
     task = ManyFits.of(logs, pair, chosen.settings, chosen.reading, drive.request)
     if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
         return
+    how = {"out": out, "resume": resume, "overwrite": overwrite, "dask": dask, "jobs": jobs}
     with output.progress(len(logs), "logs") as bar:
-
-        def follow(done: int) -> None:
-            bar.update(done)
-
-        found = fit_files(
-            task, out=out, resume=resume, overwrite=overwrite, dask=dask, jobs=jobs, progress=follow
-        )
+        found = fit_files(task, **how, progress=bar.update)
     if csv_file is not None:
         found.to_csv(csv_file)
     output.emit(found.to_json(), found)
@@ -105,14 +104,3 @@ def command(
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if failed:
         LOGGER.warning("%d of %d logs were not fitted; see their reasons", failed, len(found))
-
-
-def _refuse_contradictions(out: Path | None, csv_file: Path | None, *, may_replace: bool) -> None:
-    """Raise `UsageError` for options that exclude each other, and for a CSV file that exists."""
-    if out is None and may_replace:
-        raise UsageError("--resume and --overwrite are for the folder of --out.")
-    for one, other in (("resume", "overwrite"), ("jobs", "dask")):
-        if given([one]) and given([other]):
-            raise UsageError(f"--{one} and --{other} exclude each other; give one of them.")
-    if csv_file is not None:
-        refuse_existing(csv_file, overwrite=may_replace)

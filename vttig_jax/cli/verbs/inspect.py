@@ -10,7 +10,7 @@ from ...base.errors import InputError, UsageError
 from ...logs.readers.column_names import ROLES
 from ...logs.readers.open_table import with_standard_input
 from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
-from ..options import given, log_options, verb
+from ..options import given, log_options, need, verb
 from ..output import Output
 from .plot import check_picture, write_picture
 
@@ -71,8 +71,7 @@ def command(
             raise UsageError(f"--for reads no log and takes no {' and no '.join(wrong)}.")
         output.emit(*_comp_file(log))
         return
-    if overwrite and picture is None:
-        raise UsageError("--overwrite replaces a picture; give --picture too.")
+    need("picture", "overwrite")
     reading, request = ReadingOptions(**options), drive.request
     report: Preview | Inspection
     if pair is None and not request.names_a_drive:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import click
 
 from ...base.errors import NoAnswerError, UsageError
+from ...base.files.text_tables import key_values
+from ...base.units import ARCSEC, DEG
 from ...identify.fit_settings import Flank
 from ...runs.run import Run
-from ...runs.run_file import RunRecord
-from ...runs.zeros import SHAFTS, shaft_readings
 from ..options import POSITIVE, Finite, verb
 from ..output import Output
 
@@ -120,43 +120,32 @@ def command(
     for shaft, (degrees, counts) in given.items():
         if (degrees is None) == (counts is None):
             raise UsageError(f"give one of --{shaft}-deg and --{shaft}-counts.")
-    from ...base.units import ARCSEC, DEG
     from ...identify.backlash import contact_map
     from ...kinematics.turn_location import locate
+    from ...runs.zeros import shaft_readings
 
     opened = Run(run_folder)
     run, pair, fit = opened.record, opened.pair, opened.fit
     grid, contact = contact_map(fit, constant_backlash_deg=constant_backlash_deg)
-    angles, steps = _angles(run, fit, given)
-    spread = [step / math.sqrt(12) for step in steps]
+    (driving, driving_std), (driven, driven_std) = (
+        _angle(shaft, how, *given[shaft])
+        for shaft, how in zip(given, shaft_readings(run, fit), strict=True)
+    )
     if reading_std_arcsec is not None:
-        spread = [reading_std_arcsec * ARCSEC] * 2
-    std = math.hypot(fit.residual_rms_deg * DEG, float(pair.ratio) * spread[0], spread[1])
-    found = locate(*angles, pair.ratio, contact, std_rad=std, flank=flank)
+        driving_std = driven_std = reading_std_arcsec * ARCSEC
+    std = math.hypot(fit.residual_rms_deg * DEG, float(pair.ratio) * driving_std, driven_std)
+    found = locate(driving, driven, pair.ratio, contact, std_rad=std, flank=flank)
     _require_certain(found, certainty, flank, fit.source)
     record = _record(fit, grid, found, flank, certainty)
     output.emit(record, _text(found, record))
 
 
-def _angles(
-    run: RunRecord, fit: "Fit", given: dict[str, tuple[Reading | None, int | None]]
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return φ₁ and φ₂ in rad, and the steps of their readings in rad."""
-    found = [
-        _angle(shaft, how, *given[shaft])
-        for shaft, how in zip(SHAFTS, shaft_readings(run, fit), strict=True)
-    ]
-    (first, first_step), (second, second_step) = found
-    return (first, second), (first_step, second_step)
-
-
 def _angle(
     shaft: str, how: "ShaftReading", degrees: Reading | None, counts: int | None
 ) -> tuple[float, float]:
-    from ...base.units import DEG
-
+    """Return the angle of a reading, rad, and the standard deviation of its rounding, rad."""
     if degrees is not None:
-        return how.angle_of_deg(degrees.value), degrees.step * DEG
+        return how.angle_of_deg(degrees.value), degrees.step * DEG / math.sqrt(12)
     assert counts is not None  # checked by `command`
     if how.unit != "counts":
         raise UsageError(
@@ -167,12 +156,10 @@ def _angle(
         raise UsageError(
             f"--{shaft}-counts is no reading of an encoder; give the counts of some turns."
         )
-    return how.angle(counts), abs(how.radians_per_unit)
+    return how.angle(counts), abs(how.radians_per_unit) / math.sqrt(12)
 
 
 def _require_certain(found: "Located", certainty: float, flank: Flank | None, source: str) -> None:
-    from ...base.units import ARCSEC
-
     if not found.fits:
         raise NoAnswerError(
             f"these readings fit no turn: even at the nearest the driven shaft would stand"
@@ -202,7 +189,6 @@ def _record(
     certainty: float,
 ) -> dict[str, Any]:
     """Return the object of schema `vttig.locate/1`."""
-    from ...base.units import ARCSEC, DEG
     from ...pair.gear_pair import GearPair
 
     backlash = float(grid.at(found.driving_rad))
@@ -234,7 +220,6 @@ def _record(
 
 
 def _text(found: "Located", record: dict[str, Any]) -> str:
-    from ...base.files.text_tables import key_values
     from ...kinematics.turn_location import TITLE
 
     gap = f"{record['backlash_deg']:.5f}°"

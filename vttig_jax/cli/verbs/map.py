@@ -1,14 +1,13 @@
 """`vttig map`: backlash or transmission error at every driving angle, from a run folder."""
 
 import shlex
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import click
-import msgspec
 
 from ...base.errors import NoAnswerError, UsageError
+from ...base.files.json_io import dumps, read_json
 from ...base.logger import LOGGER
 from ...runs.map_table import (
     banded_record,
@@ -20,12 +19,8 @@ from ...runs.map_table import (
     shift_first,
 )
 from ...runs.run import Run
-from ...runs.run_file import CHECKPOINT
 from ..options import POSITIVE, STEP_DEG, Finite, given, verb
 from ..output import Output
-
-if TYPE_CHECKING:
-    from ...posterior.summary.posterior import Posterior
 
 QuantityName = Literal["backlash", "error", "shift"]
 
@@ -101,14 +96,20 @@ def command(
     """
     if quantity == "error" and (wrong := given({"closing_mm", "constant_backlash_deg"})):
         raise UsageError(f"--quantity error takes no {wrong[0]}; leave it out.")
-    if quantity != "error" and constant_backlash_deg is None:
-        _refuse_one_flank(run_folder)
-    from ...base.files.json_io import dumps
-
+    stored = read_json(run_folder / "fit.json")  # before the work; `Run` says if it is damaged
+    flanks = stored.get("flanks") if isinstance(stored, dict) else None
+    if quantity != "error" and constant_backlash_deg is None and flanks in (["A"], ["B"]):
+        raise NoAnswerError(
+            f"only flank {flanks[0]} was measured, which shows no backlash; `vttig map"
+            f" {shlex.quote(str(run_folder))} --quantity error` shows its transmission error, and"
+            " for gears of known teeth --constant-backlash-deg states a backlash that was measured"
+            " in another way.",
+            where=str(run_folder),
+        )
     run = Run(run_folder)
     fit = run.fit
     turns = _span(run.pair.hunting_turns, step_deg, span_rev)
-    posterior = drawn(run) if constant_backlash_deg is None else None
+    posterior = run.drawn if constant_backlash_deg is None else None
     if posterior is None and (asked := given({"closing_mm", "probability"})):
         raise _without_draws(asked[0], run_folder, constant_backlash_deg)
     if quantity == "error":
@@ -143,36 +144,6 @@ def command(
     else:
         shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {len(table)} rows"
     output.emit(record, shown)
-
-
-class _Flanks(msgspec.Struct):
-    flanks: tuple[str, ...]
-
-
-def _refuse_one_flank(folder: Path) -> None:
-    """Raise `NoAnswerError`, before the work, for the fit of one flank, which shows no backlash."""
-    with suppress(OSError, msgspec.MsgspecError):  # `Run` says what is missing or damaged
-        found = msgspec.json.decode((folder / "fit.json").read_bytes(), type=_Flanks).flanks
-        if len(found) == 1:
-            raise NoAnswerError(
-                f"only flank {found[0]} was measured, which shows no backlash; `vttig map"
-                f" {shlex.quote(str(folder))} --quantity error` shows its transmission error,"
-                " and for gears of known teeth --constant-backlash-deg states a backlash that was"
-                " measured in another way.",
-                where=str(folder),
-            )
-
-
-def drawn(run: Run) -> "Posterior | None":
-    """Return the posterior in a run folder, with a warning if it has not converged; or None."""
-    if not (run.folder / CHECKPOINT).exists():
-        return None
-    posterior = run.posterior
-    if not posterior.diagnosis.converged:
-        LOGGER.warning(
-            "the draws have not converged, so the bands may be too narrow: %s", posterior.diagnosis
-        )
-    return posterior
 
 
 def _bindings(record: dict[str, Any]) -> str:

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ...base.errors import PairError, UsageError
+from ...pair.pair_file import load_pair_spec
+from ...pair.schema import StatedTable
 from ..drive_options import gears_of
 from ..options import POSITIVE, Finite, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...geometry.measures import GearMeasures, Stated
+    from ...geometry.measures import GearMeasures
     from ...geometry.tooth import Tooth
     from ...pair.gear_pair import GearPair
-    from ...pair.schema import PairSpec
 
 
 @verb(
@@ -70,13 +71,17 @@ def command(
     (`stated = { tip_diameter_mm = 94.0 }` in [driving] or [driven]) stands beside it.
     """
     from ...geometry.measures import compare_stated, measure_gear, measure_pair, measures_text
-    from ...pair.pair_file import load_pair_spec
-    from ...pair.schema import StatedTable
 
     spec = load_pair_spec(pair)
     drawn = gears_of(spec, pair, "nothing to measure")
     teeth, mesh = _teeth(drawn, pair, section_mm), measure_pair(drawn)
     gears, stated, notes = {}, {}, {}
+    record: dict[str, Any] = {
+        "schema": "vttig.measure/1",
+        "pair": spec.name,
+        "source": str(pair),
+        "section_mm": section_mm,
+    }
     for shaft, tooth in teeth.items():
         table = getattr(spec, shaft).stated or StatedTable()
         found = measure_gear(
@@ -88,14 +93,13 @@ def command(
         )
         stated[shaft], beside = compare_stated(table, found)
         gears[shaft], notes[shaft] = found, [*found.notes, *beside]
+        compared = {name: one._asdict() for name, one in stated[shaft].items()}
+        record[shaft] = {**found.to_json(), "stated": compared, "notes": notes[shaft]}
     _require_some(gears, thickness_at_mm)
     place = "in" if section_mm == 0 else "from"
     title = (
         f"{spec.name or 'gear pair'}: section z = {section_mm:g} mm {place} the middle of the face;"
         " lengths in mm"
-    )
-    record = _record(
-        spec, path=pair, section_mm=section_mm, gears=gears, stated=stated, notes=notes
     )
     output.emit(record | {"mesh": mesh}, measures_text(gears, stated, notes, title, mesh))
 
@@ -136,31 +140,3 @@ def _require_some(gears: "dict[str, GearMeasures]", radii_mm: tuple[float, ...])
                 f"--thickness-at-mm {radius:g} lies on neither gear: their involutes reach from"
                 f" {reaches}."
             )
-
-
-def _record(
-    spec: "PairSpec",
-    path: Path,
-    section_mm: float,
-    gears: "dict[str, GearMeasures]",
-    stated: "dict[str, dict[str, Stated]]",
-    notes: dict[str, list[str]],
-) -> dict[str, Any]:
-    """Return the object of schema `vttig.measure/1`."""
-    return {
-        "schema": "vttig.measure/1",
-        "pair": spec.name,
-        "source": str(path),
-        "section_mm": section_mm,
-        **{
-            shaft: {
-                **found.to_json(),
-                "stated": {
-                    name: {"value": one.value, "difference": one.difference}
-                    for name, one in stated[shaft].items()
-                },
-                "notes": notes[shaft],
-            }
-            for shaft, found in gears.items()
-        },
-    }

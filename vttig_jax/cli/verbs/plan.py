@@ -8,29 +8,15 @@ import click
 from ...base.errors import UsageError
 from ...logs.recognition.request import DriveRequest
 from ..drive_options import pair_option, ratio_options
-from ..fit_options import DelayParam
-from ..options import POSITIVE, Finite, arguments_as_options, verb
+from ..fit_options import TimeParam
+from ..options import POSITIVE, Finite, KeyValue, arguments_as_options, once, verb
 from ..output import Output
 
 DirectionName = Literal["both", "forward", "backward"]
 NOT_NEGATIVE = Finite(min=0)
 
 
-class Named(click.ParamType):
-    """Option type of the form NAME=NUMBER."""
-
-    name = "name=number"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, float]:
-        """Return the name and the finite number, or report a usage error."""
-        if isinstance(value, tuple):
-            return value
-        name, equals, number = value.partition("=")
-        if not (name and equals):
-            self.fail(f"{value!r} is not of the form name=number.", param, ctx)
-        return name, Finite().convert(number, param, ctx)
+NAMED = KeyValue("name=number", lambda _, number: Finite().convert(number, None, None))
 
 
 @verb(
@@ -80,7 +66,7 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
 @click.option("--white-std-deg", type=NOT_NEGATIVE, default=0.0, help="White noise beside it.")
 @click.option(
     "--assume",
-    type=Named(),
+    type=NAMED,
     multiple=True,
     help="Amplitude or phase to expect, such as driving_eccentricity_mm=0.03; decides what a phase"
     " costs.",
@@ -88,14 +74,14 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
 @click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
 @click.option(
     "--delay",
-    type=DelayParam(("auto", "off")),
+    type=TimeParam("delay", "s", ("auto", "off")),
     metavar="auto|off|SECONDS",
     default="auto",
     help="As in `vttig fit`: fitted (auto, the default), taken as zero, or known in seconds.",
 )
 @click.option(
     "--want",
-    type=Named(),
+    type=NAMED,
     multiple=True,
     help="Standard error to reach, such as driving_eccentricity_mm=0.0001; repeatable. Finds the"
     " fewest turns.",
@@ -107,7 +93,12 @@ def command(
     turns: float | None,
     rate_hz: float | None,
     want: tuple[tuple[str, float], ...],
-    **options: Any,
+    speeds_rpm: tuple[float, ...],
+    noise_std_deg: float,
+    noise_correlation_s: float,
+    white_std_deg: float,
+    assume: tuple[tuple[str, float], ...],
+    **same: Any,
 ) -> None:
     """Say how well a fit of a run would know every parameter, before the run is made.
 
@@ -115,6 +106,9 @@ def command(
     model of `vttig fit`. With --want the shortest run is looked for.
     """
     from ...pair.gear_pair import pair_from_spec
+    from ...posterior.planning.noise import PlannedNoise
+    from ...posterior.planning.plan import plan
+    from ...posterior.planning.shortest_run import MOST_TURNS, shortest_run
     from ...runs.stated_drive import spec_of_file
 
     rig = pair_from_spec(drive.spec() if pair is None else spec_of_file(pair, drive))
@@ -124,60 +118,24 @@ def command(
         raise UsageError(f"--rate-hz is missing{unless}.")
     if turns is None and not want:
         raise UsageError("--turns is missing; give it, or what to reach with --want.")
-    wanted = _once("--want", want)
-    with arguments_as_options(_OPTIONS):
-        found = _planned(rig, turns, wanted, _keywords(rate_hz, **options))
-    output.emit(found.to_json(), found)
-
-
-def _planned(rig: Any, turns: float | None, wanted: dict[str, float], keywords: dict) -> Any:
-    from ...posterior.planning.plan import plan
-    from ...posterior.planning.shortest_run import MOST_TURNS, shortest_run
-
-    if wanted:
-        return shortest_run(rig, wanted, most_turns=turns or MOST_TURNS, **keywords)
-    assert turns is not None  # checked by the caller
-    return plan(rig, turns=turns, **keywords)
-
-
-def _keywords(
-    rate_hz: float,
-    *,
-    speeds_rpm: tuple[float, ...],
-    noise_std_deg: float,
-    noise_correlation_s: float,
-    white_std_deg: float,
-    assume: tuple[tuple[str, float], ...],
-    perfect_encoders: bool,
-    **same: Any,
-) -> dict[str, Any]:
-    """Return the keyword arguments of `plan` from the options of the command.
-
-    `same` holds the options whose names and values are passed on unchanged.
-    """
-    from ...posterior.planning.noise import PlannedNoise
-
+    wanted = once("--want", want)
     if noise_correlation_s and not noise_std_deg:
         raise UsageError(
             "--noise-correlation-s is the memory of --noise-std-deg, which is 0; give it a size."
         )
-    return {
+    keywords = {
         "rate_hz": rate_hz,
         "speed_rpm": speeds_rpm or (60.0,),
         "noise": PlannedNoise(noise_std_deg, noise_correlation_s, white_std_deg),
-        "assumed": _once("--assume", assume),
-        "perfect_encoders": perfect_encoders,
+        "assumed": once("--assume", assume),
         **same,
     }
-
-
-def _once(option: str, pairs: tuple[tuple[str, float], ...]) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for name, number in pairs:
-        if name in found:
-            raise UsageError(f"{option} {name} is given twice; give it once.")
-        found[name] = number
-    return found
+    with arguments_as_options(_OPTIONS):
+        if wanted or turns is None:  # one of both is given
+            found = shortest_run(rig, wanted, most_turns=turns or MOST_TURNS, **keywords)
+        else:
+            found = plan(rig, turns=turns, **keywords)
+    output.emit(found.to_json(), found)
 
 
 _OPTIONS = {

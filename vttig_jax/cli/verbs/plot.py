@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from ...base.errors import UsageError
-from ...base.files.run_folder import RunFolder
+from ...base.files.run_folder import write_files
 from ...runs.run import open_run
 from ..options import refuse_existing, verb
 from ..output import Output
@@ -50,5 +50,4 @@ def write_picture(figure: Any, out: Path, *, overwrite: bool) -> None:
     """Write a figure in the format that the end of the name says."""
     buffer = BytesIO()
     figure.savefig(buffer, format=out.suffix[1:].lower(), dpi=150)
-    with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
-        folder.write_bytes(out.name, buffer.getvalue())
+    write_files({out: buffer.getvalue()}, overwrite=overwrite)

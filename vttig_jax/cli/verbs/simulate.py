@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from ...base.errors import ScenarioError, UsageError
+from ...base.files.run_folder import RunFolder, write_files
 from ...base.logger import LOGGER
-from ...runs.simulations import file_named, simulate, specified
-from ..options import given, refuse_existing, verb
+from ...runs.map_table import csv_text
+from ..options import KeyValue, given, need, once, refuse_existing, verb
 from ..output import Output
-from .map import csv_text
 
 if TYPE_CHECKING:
     from ...control.scenario.spec import ScenarioSpec
@@ -30,32 +31,25 @@ _QUOTED = ('"', "'", "[", "{")
 """First characters of a value that must be TOML, and not a text without quotes."""
 
 
-class Setting(click.ParamType):
-    """Option type KEY=VALUE; the value is TOML, or a text without quotes."""
+def _toml_value(key: str, text: str) -> Any:
+    """Return the value that a text has in TOML, or the text itself if it is not TOML.
 
-    name = "key=value"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, Any]:
-        """Return the dotted key and the value, or report a usage error."""
-        if isinstance(value, tuple):
-            return value
-        key, equals, text = (part.strip() for part in value.partition("="))
-        if not (key and equals and text):
-            self.fail(f"{value!r} is not of the form key=value.", param, ctx)
-        try:
-            text.encode()
-        except UnicodeEncodeError:  # bytes of an argument that are no text become surrogates
-            self.fail(f"the value of {key!r} is not UTF-8: {text}; write it in UTF-8.", param, ctx)
-        try:
-            return key, _toml_value(text)
-        except ValueError:
-            self.fail(
-                f"the value of {key!r} is no TOML: {text}; close its quotes and brackets.",
-                param,
-                ctx,
-            )
+    **Raises** `ValueError` for a text that is not UTF-8, and for one that is not TOML but starts
+    with a quote or bracket, or has several lines.
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError:  # bytes of an argument that are no text become surrogates
+        raise ValueError(f"the value of {key!r} is not UTF-8: {text}; write it in UTF-8.") from None
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):  # not TOML, a number too long or a list too deep
+        table = {}
+    if list(table) == ["value"]:
+        return table["value"]
+    if text.startswith(_QUOTED) or re.search(r"[\r\n]", text):
+        raise ValueError(f"the value of {key!r} is no TOML: {text}; close its quotes and brackets.")
+    return text
 
 
 @verb(
@@ -73,7 +67,7 @@ vttig simulate --paper --out paper
 @click.option(
     "--set",
     "settings",
-    type=Setting(),
+    type=KeyValue("key=value", _toml_value),
     multiple=True,
     help="Another value for a key of SCENARIO, such as motion.reversal_deg=720; repeatable.",
 )
@@ -122,6 +116,8 @@ def command(
     if scenario is None:
         raise UsageError("SCENARIO is missing; --print-defaults prints one to start from.")
     _check_files(trace, figure, overwrite=overwrite)
+    from ...runs.simulations import file_named, specified
+
     spec, folder = specified(scenario, sweep=False)
     if scenario.is_dir():
         output.narrate(
@@ -132,18 +128,19 @@ def command(
         spec, thinned = _with_settings(spec, settings), every if trace else 0
         found, kept = _simulated(spec, folder, thinned, output, draws=figure is not None)
     if trace is not None:
-        _write(trace, _csv(found, every // kept), overwrite)
+        columns = found.columns()
+        rows = np.stack(list(columns.values()), axis=1)[:: every // kept]
+        write_files({trace: csv_text(rows, tuple(columns))}, overwrite=overwrite)
     if figure is not None:
         from ...plotting.save import png
         from ...plotting.simulation import plot_simulation
 
-        _write(figure, png(plot_simulation(found)), overwrite)
+        write_files({figure: png(plot_simulation(found))}, overwrite=overwrite)
     written = [f"written to {path}" for path in (trace, figure) if path is not None]
     output.emit(found.to_json(), "\n".join([str(found), *written]))
 
 
 def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
-    from ...base.files.run_folder import RunFolder
     from ...runs.paper_runs import CONTROLLERS, TABLE, simulate_paper
 
     others = given(("scenario", "print_defaults", "settings", "trace", "every", "figure"))
@@ -178,23 +175,6 @@ def _print_defaults() -> None:
     print_text(default_toml().rstrip("\n"))
 
 
-def _toml_value(text: str) -> Any:
-    """Return the value that a text has in TOML, or the text itself if it is not TOML.
-
-    **Raises** `ValueError` for a text that is not TOML but starts with a quote or bracket, or has
-    several lines.
-    """
-    try:
-        table = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):  # not TOML, a number too long or a list too deep
-        table = {}
-    if list(table) == ["value"]:
-        return table["value"]
-    if text.startswith(_QUOTED) or re.search(r"[\r\n]", text):
-        raise ValueError(text)
-    return text
-
-
 def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) -> "ScenarioSpec":
     """Return the scenario with the values of `--set`.
 
@@ -202,11 +182,7 @@ def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) 
     """
     from ...control.scenario.spec import with_values
 
-    values: dict[str, Any] = {}
-    for key, value in settings:
-        if key in values:
-            raise UsageError(f"--set {key} is given twice; give it once.")
-        values[key] = value
+    values = once("--set", settings)
     if not values:
         return spec
     try:
@@ -221,6 +197,7 @@ def _simulated(
 ) -> "tuple[Simulation, int]":
     """Run a scenario; return it, and the stride of its trace in periods of the controller."""
     from ...control.simulation.prepare import motion_of
+    from ...runs.simulations import simulate
 
     duration = float(motion_of(spec.motion, folder).pieces.duration_s)
     periods = duration * spec.sampling.controller_hz
@@ -234,12 +211,7 @@ def _simulated(
     if periods > _LONG:
         LOGGER.warning("to run: %.3g periods; Ctrl-C ends it and writes nothing", periods)
     with output.progress(1, "simulate") as bar:
-
-        def follow(done: int, all_: int) -> None:
-            bar.total = all_
-            bar.update(done - bar.n)
-
-        found = simulate(spec, folder=folder, trace_every=kept, progress=follow)
+        found = simulate(spec, folder=folder, trace_every=kept, progress=bar.reach)
     return found, kept
 
 
@@ -262,8 +234,7 @@ def _stride(periods: float, every: int, draws: bool) -> int:
 
 def _check_files(trace: Path | None, figure: Path | None, *, overwrite: bool) -> None:
     """Raise `UsageError` before the run for files that could not be written after it."""
-    if trace is None and given(("every",)):
-        raise UsageError("--every thins out the rows of --trace; give that as well.")
+    need("trace", "every")
     for option, path, suffix in (("--trace", trace, ".csv"), ("--figure", figure, ".png")):
         if path is None:
             continue
@@ -275,18 +246,3 @@ def _check_files(trace: Path | None, figure: Path | None, *, overwrite: bool) ->
                 where=str(path),
             )
         refuse_existing(path, overwrite=overwrite)
-
-
-def _csv(found: "Simulation", every: int) -> str:
-    import numpy as np
-
-    columns = found.columns()
-    return csv_text(np.stack(list(columns.values()), axis=1)[::every], tuple(columns))
-
-
-def _write(path: Path, data: str | bytes, overwrite: bool) -> None:
-    from ...base.files.run_folder import RunFolder
-
-    content = data.encode() if isinstance(data, str) else data
-    with RunFolder(path.parent, overwrite=overwrite, results=(path.name,)) as folder:
-        folder.write_bytes(path.name, content)

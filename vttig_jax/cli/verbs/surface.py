@@ -1,45 +1,26 @@
 """`vttig surface`: write a gear as a mesh, a CAD solid, the drawing of a section or a picture."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from ...base.errors import PairError, UsageError
+from ...base.files.run_folder import write_files
 from ...base.files.text_tables import key_values
+from ...pair.pair_file import load_pair_spec
 from ..drive_options import gears_of
 from ..options import POSITIVE, Finite, given, refuse_existing, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from ...geometry.tooth import Shaft, Tooth
 
 _MESHES, _SOLIDS, _DRAWINGS = (".stl",), (".step", ".stp"), (".svg", ".dxf")
 _PICTURES = (".png",)
 _STAGES = 4
 """Largest number of stages of the progress bar: surfaces, sewing, volume and file of a solid."""
-
-Written = tuple[bytes, dict[str, Any], tuple[str, ...]]
-"""Content of the file, further fields of the record that describe it, and notes."""
-
-
-class _Wanted(NamedTuple):
-    """Description of the file to be written.
-
-    - `tooth`, `name`: tooth and name of the gear. - `suffix`: ending of the file name.
-    - `section_mm`: height of the section of a drawing, from the middle of the face.
-    - `build`: options that meshes, solids and drawings share. - `bar`: progress bar.
-    """
-
-    tooth: "Tooth"
-    name: str
-    suffix: str
-    section_mm: float
-    build: dict[str, Any]
-    bar: "tqdm[Any]"
 
 
 @verb(
@@ -112,9 +93,7 @@ def command(
     """
     suffix = out.suffix.lower()
     _check_out(out, suffix, overwrite)
-    from ...base.files.run_folder import RunFolder
     from ...geometry.tooth import tooth_of
-    from ...pair.pair_file import load_pair_spec
 
     spec = load_pair_spec(pair)
     tooth = tooth_of(gears_of(spec, pair, "no surface"), gear)
@@ -122,14 +101,10 @@ def command(
     build = {"tolerance_mm": tolerance_um * 1e-3, "teeth": teeth, "bore_mm": bore_mm}
     with output.progress(_STAGES, "surface") as bar:
         try:
-            wanted = _Wanted(
-                tooth=tooth, name=name, suffix=suffix, section_mm=section_mm, build=build, bar=bar
-            )
-            data, found, notes = _builder(suffix)(wanted)
+            data, found, notes = _built(suffix, tooth, name, section_mm, build, bar)
         except PairError as error:
             raise PairError(error.message, where=f"{pair}: {gear}: {error.where}") from None
-        with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
-            folder.write_bytes(out.name, data)
+        write_files({out: data}, overwrite=overwrite)
         bar.update(bar.total - bar.n)
     record = {
         "schema": "vttig.surface/1",
@@ -164,65 +139,37 @@ def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
     refuse_existing(out, overwrite=overwrite)
 
 
-def _builder(suffix: str) -> Callable[[_Wanted], Written]:
+def _built(
+    suffix: str, tooth: "Tooth", name: str, section_mm: float, build: dict[str, Any], bar: Any
+) -> tuple[bytes, dict[str, Any], tuple[str, ...]]:
+    """Return the content of the file, the fields of the record that describe it, and notes."""
     if suffix in _MESHES:
-        return _mesh
-    if suffix in _SOLIDS:
-        return _solid
-    return _drawing if suffix in _DRAWINGS else _picture
+        from ...geometry.mesh import gear_mesh, stl_bytes
 
+        made = gear_mesh(tooth, rounding=np.float32, progress=bar.update, **build)
+        data = stl_bytes(made, name)
+        found = {"triangles": len(made.triangles), "points": len(made.vertices)}
+        found |= {"sections": made.sections, "volume_mm3": made.volume_mm3}
+    elif suffix in _SOLIDS:
+        from ...geometry.solid import gear_solid, step_bytes
 
-def _mesh(wanted: _Wanted) -> Written:
-    import numpy as np
+        made = gear_solid(tooth, progress=bar.update, **build)
+        data = step_bytes(made, name)
+        found = {"faces": made.faces, "sections": made.sections, "volume_mm3": made.volume_mm3}
+    elif suffix in _DRAWINGS:
+        from ...geometry.drawing import dxf_bytes, section_drawing, svg_bytes
 
-    from ...geometry.mesh import gear_mesh, stl_bytes
+        made = section_drawing(tooth, section_mm, **build)
+        data = svg_bytes(made, name) if suffix == ".svg" else dxf_bytes(made, name)
+        found = {"points": len(made.points), "section_mm": section_mm, "area_mm2": made.area_mm2}
+    else:
+        from ...geometry.outline import blank_of
+        from ...plotting.save import png
+        from ...plotting.tooth import plot_tooth
 
-    mesh = gear_mesh(wanted.tooth, rounding=np.float32, progress=wanted.bar.update, **wanted.build)
-    found = {
-        "error_um": mesh.error_mm * 1e3,
-        "triangles": len(mesh.triangles),
-        "points": len(mesh.vertices),
-        "sections": mesh.sections,
-        "volume_mm3": mesh.volume_mm3,
-    }
-    return stl_bytes(mesh, wanted.name), found, mesh.notes
-
-
-def _solid(wanted: _Wanted) -> Written:
-    from ...geometry.solid import gear_solid, step_bytes
-
-    solid = gear_solid(wanted.tooth, progress=wanted.bar.update, **wanted.build)
-    found = {
-        "error_um": solid.error_mm * 1e3,
-        "faces": solid.faces,
-        "sections": solid.sections,
-        "volume_mm3": solid.volume_mm3,
-    }
-    return step_bytes(solid, wanted.name), found, solid.notes
-
-
-def _drawing(wanted: _Wanted) -> Written:
-    from ...geometry.drawing import dxf_bytes, section_drawing, svg_bytes
-
-    drawing = section_drawing(wanted.tooth, wanted.section_mm, **wanted.build)
-    found = {
-        "error_um": drawing.error_mm * 1e3,
-        "points": len(drawing.points),
-        "section_mm": wanted.section_mm,
-        "area_mm2": drawing.area_mm2,
-    }
-    write = svg_bytes if wanted.suffix == ".svg" else dxf_bytes
-    return write(drawing, wanted.name), found, drawing.notes
-
-
-def _picture(wanted: _Wanted) -> Written:
-    from ...geometry.outline import blank_of
-    from ...plotting.save import png
-    from ...plotting.tooth import plot_tooth
-
-    tolerance = wanted.build["tolerance_mm"]
-    blank = blank_of(wanted.tooth, teeth=None, bore_mm=0.0, tolerance_mm=tolerance)
-    return png(plot_tooth(wanted.tooth, name=wanted.name)), {}, blank.notes
+        blank = blank_of(tooth, teeth=None, bore_mm=0.0, tolerance_mm=build["tolerance_mm"])
+        return png(plot_tooth(tooth, name=name)), {}, blank.notes
+    return data, {"error_um": made.error_mm * 1e3, **found}, made.notes
 
 
 def _text(record: dict[str, Any], name: str) -> str:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from ...base.errors import UsageError
+from ...base.files.run_folder import RunFolder
 from ...base.logger import LOGGER
 from ...base.threads import usable_cores
-from ...runs.simulations import sweep
 from ..library_messages import adopt_loggers
-from ..options import verb
+from ..options import exclude_each_other, need, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -63,15 +63,15 @@ def command(
     table. A command with --resume may be repeated: it starts, goes on, or only prints the table
     that is complete.
     """
-    if out is None and (resume or overwrite or no_figures):
-        raise UsageError("--resume, --overwrite and --no-figures are for the folder of --out.")
-    if resume and overwrite:
-        raise UsageError("--resume and --overwrite exclude each other; give one of them.")
+    need("out", "resume", "overwrite", "no_figures")
+    exclude_each_other("resume", "overwrite")
     prepare(devices)
     if dask is not None and find_spec("distributed") is not None:
         import distributed  # noqa: F401 -- it adds handlers to its loggers
 
         adopt_loggers("distributed")
+    from ...runs.simulations import sweep
+
     with output.progress(1, "lane-steps") as bar:
 
         def announce(size: str, lane_steps: float) -> None:
@@ -82,10 +82,6 @@ def command(
                 # The modules of the picture are imported while the devices run.
                 Thread(target=_import_plots, daemon=True).start()
 
-        def follow(done: float, all_: float) -> None:
-            bar.total = max(done, all_)
-            bar.update(done - bar.n)
-
         found = sweep(
             scenario,
             out=out,
@@ -94,7 +90,7 @@ def command(
             devices=devices,
             dask=dask,
             announce=announce,
-            progress=follow,
+            progress=bar.reach,
         )
     if out is not None and not no_figures:
         _draw(found, out)
@@ -127,7 +123,6 @@ def _import_plots() -> None:
 
 def _draw(found: "SweepTable", out: Path) -> None:
     """Write the picture of a sweep to the folder `out`, if the sweep has an axis of numbers."""
-    from ...base.files.run_folder import RunFolder
     from ...plotting.save import png
     from ...plotting.sweep import numeric_axes, plot_sweep
 

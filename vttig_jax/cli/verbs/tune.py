@@ -2,41 +2,27 @@
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import click
+import tomli_w
 
 from ...base.errors import UsageError
-from ...runs.simulations import tune
-from ..options import Finite, refuse_existing, verb
+from ...base.files.run_folder import write_files
+from ..options import Finite, KeyValue, need, refuse_existing, verb
 from ..output import Output
 from .sweep import prepare
-
-if TYPE_CHECKING:
-    from ...control.tuning.result import Tuned
 
 ObjectiveName = Literal["expected", "worst"]
 
 
-class FreeSetting(click.ParamType):
-    """Option type of the form KEY or KEY=LOW:HIGH."""
-
-    name = "key[=low:high]"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, tuple[float, float] | None]:
-        """Return the dotted key and its limits (None without limits), or report a usage error."""
-        if isinstance(value, tuple):
-            return value
-        key, equals, text = (part.strip() for part in value.partition("="))
-        if not equals:
-            return key, None
-        try:
-            low, high = (float(part) for part in text.split(":"))
-        except ValueError:
-            self.fail(f"{value!r} is not of the form key=low:high, two numbers.", param, ctx)
-        return key, (low, high)
+def _range(key: str, text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        cause = "is not of the form key=low:high, two numbers."
+        raise ValueError(f"'{key}={text}' {cause}") from None
+    return low, high
 
 
 @verb(
@@ -51,7 +37,7 @@ vttig tune sweep.toml --objective worst --out tuned.toml
 @click.option(
     "--free",
     "free",
-    type=FreeSetting(),
+    type=KeyValue("key[=low:high]", _range, optional=True),
     multiple=True,
     help="Key to tune, such as judgement.margin_mm, with limits if need be; repeatable. By default"
     " all that the controller of SWEEP is set by.",
@@ -98,32 +84,28 @@ def command(
     limits = {key: ends for key, ends in free if ends is not None}
     _check_keys(scenario, keys, limits)
     prepare(None)
+    from ...control.scenario.spec import spec_table
     from ...control.tuning.tune import STEPS
+    from ...runs.simulations import tune
 
     with output.progress(len(STEPS), "tune") as bar:
-
-        def follow(done: int, all_: int) -> None:
-            bar.total = all_
-            bar.update(done - bar.n)
-
         found = tune(
             scenario,
             free=keys,
             limits=limits,
             objective=objective,
             interference_weight=interference_weight,
-            progress=follow,
+            progress=bar.reach,
         )
     if out is not None:
-        _write(found, out, overwrite)
+        write_files({out: tomli_w.dumps(spec_table(found.spec))}, overwrite=overwrite)
     output.emit(found.to_json(), found if out is None else f"{found}\nwritten to {out}")
 
 
 def _check_out(scenario: Path, out: Path | None, *, overwrite: bool) -> None:
     """Raise `UsageError`, before the search, for a file that could not be written after it."""
+    need("out", "overwrite")
     if out is None:
-        if overwrite:
-            raise UsageError("--overwrite is for the file of --out.")
         return
     if out.suffix.lower() != ".toml":
         raise UsageError("--out writes TOML; choose a name that ends with .toml.", where=str(out))
@@ -150,13 +132,3 @@ def _check_keys(
     except ValueError as error:
         said = re.sub(r"^Argument `(free|limits)`:? ?", "", str(error))
         raise UsageError(said, where="--free") from None
-
-
-def _write(found: "Tuned", out: Path, overwrite: bool) -> None:
-    import tomli_w
-
-    from ...base.files.run_folder import RunFolder
-    from ...control.scenario.spec import spec_table
-
-    with RunFolder(out.parent, overwrite=overwrite, results=(out.name,)) as folder:
-        folder.write_text(out.name, tomli_w.dumps(spec_table(found.spec)))

@@ -11,7 +11,6 @@ from ...runs.run import Run
 from ..axis_options import AXIS, axis_options
 from ..options import STEP_DEG, log_options, verb
 from ..output import Output
-from .map import drawn
 
 
 @verb(
@@ -51,7 +50,7 @@ def command(
     from ...runs.verification import verify
 
     run = Run(run_folder)
-    found = verify(run, logs, AxisSetting(**axis), step_deg, ReadingOptions(**reading), drawn(run))
+    found = verify(run, logs, AxisSetting(**axis), step_deg, ReadingOptions(**reading), run.drawn)
     output.emit(found, _text(found))
 
 

@@ -1,15 +1,13 @@
 """Fits of many logs, each from a rig of its own: one table row for each log."""
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import msgspec
 
 from ...base.errors import LogError, NoAnswerError, VttigError
 from ...base.runtime import require_x64
-from ...base.threads import one_blas_thread, usable_cores
+from ...base.threads import one_blas_thread
 from ...logs.encoder_log import EncoderLog
 from ...model.parameter import Parameter
 from ...pair.gear_pair import Drive, GearPair
@@ -22,9 +20,6 @@ from .table import OK, PARTS, Columns, FitTable, Row, table_of
 
 REFUSED, UNDETERMINED = "refused", "undetermined"
 """Codes of logs that were not fitted: `fit` refuses them, or they tell no parameter."""
-
-_MOST_THREADS = 4
-"""Number of threads (chosen). More would not help: only one at a time runs Python code."""
 
 
 def fit_many(
@@ -43,7 +38,7 @@ def fit_many(
     cannot be fitted has a code and a reason in its row, and the others are fitted.
 
     **Arguments**
-    - `logs`: logs that were read with `pair`; of a generator only a few are in memory at a time.
+    - `logs`: logs that were read with `pair`; of a generator only one is in memory at a time.
     - `pair`: the gear pair, or a drive without geometry, that all rigs are built to.
     - `settings`: settings of all fits; the fields of `FitSettings` are keywords too, without
       `same_zero` and `use_readings`, which concern several logs or readings of one rig.
@@ -118,34 +113,13 @@ def fit_columns(
     settings: FitSettings,
     orders: HarmonicOrders,
     *,
-    threads: int | None = None,
     progress: Callable[[int], None] = lambda logs: None,
 ) -> Columns:
-    """Return the columns of the table of fits.
+    """Return the columns of the table of fits; a log of another rig ends the batch.
 
-    `threads` fit logs at the same time, by default one for each core. `progress` is called with
-    the number of further logs that are done.
+    `progress` is called with the number of further logs that are done.
     """
-
-    def row(log: EncoderLog | Unread) -> Row:
-        if isinstance(log, Unread):
-            return _failed(log.name, log.error)
-        try:
-            return row_of(log, pair, settings, orders)
-        except VttigError as error:
-            return _failed(log.source, error)
-
-    rows = []
-    for found in _in_turn(row, _of_one_design(logs, pair), threads or usable_cores()):
-        rows.append(found)
-        progress(1)
-    return table_of(rows, parameter_names(pair))
-
-
-def _of_one_design(
-    logs: Iterable[EncoderLog | Unread], pair: GearPair | Drive
-) -> Iterator[EncoderLog | Unread]:
-    """Yield the logs, and end the batch at one that was read for another rig."""
+    rows: list[Row] = []
     for log in logs:
         if not isinstance(log, EncoderLog | Unread):
             raise TypeError(
@@ -158,29 +132,15 @@ def _of_one_design(
                 f" of this batch has {pair.ratio}; give the logs of each rig with their own pair.",
                 where=log.source,
             )
-        yield log
-
-
-def _in_turn(
-    row: Callable[[EncoderLog | Unread], Row], logs: Iterable[EncoderLog | Unread], threads: int
-) -> Iterator[Row]:
-    """Yield the row of every log in the order of the logs; only a few logs are in memory.
-
-    Threads overlap, because NumPy and compiled programs release Python's lock.
-    """
-    threads = min(threads, _MOST_THREADS)
-    with ThreadPoolExecutor(threads) as pool:
-        running: deque[Future[Row]] = deque()
-        try:
-            for log in logs:
-                running.append(pool.submit(row, log))
-                if len(running) > 2 * threads:
-                    yield running.popleft().result()
-            while running:
-                yield running.popleft().result()
-        finally:
-            for future in running:
-                future.cancel()
+        if isinstance(log, Unread):
+            rows.append(_failed(log.name, log.error))
+        else:
+            try:
+                rows.append(row_of(log, pair, settings, orders))
+            except VttigError as error:
+                rows.append(_failed(log.source, error))
+        progress(1)
+    return table_of(rows, parameter_names(pair))
 
 
 def row_of(
