@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ...base.errors import InputError, LogError
 from ...base.files.text_tables import key_values
-from ...base.units import ANGLE_UNITS, DEG, REV
+from ...base.units import ANGLE_UNITS, DEG, LENGTH_UNITS, REV, radians_of
 from ...geometry.deviations import Deviations, FlankMap
 from ...geometry.tooth import SHAFTS
 from ...pair.gear_pair import GearPair
@@ -26,7 +26,7 @@ from .column_names import BACKLASH, name_and_unit, read_name, words_of
 from .delimited import TextTable, find_table
 from .text import read_text
 
-UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
+UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad", "um", "mm")}
 """Columns of a file of readings, and usual units with which their names may end."""
 
 MOST_DRIVING = 1e6 * REV
@@ -117,17 +117,22 @@ class BacklashReadings:
         return key_values(rows, title=self.source)
 
 
-def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> BacklashReadings:
+def read_backlash_readings(
+    path: str | Path, *, decimal: str | None = None, lead_mm: float | None = None
+) -> BacklashReadings:
     """Read a text file (CSV, TSV, TXT) of backlash readings.
 
     The file has one header line and one reading per line. It needs a column `driving_deg` (or
     `_rad`, `_rev`) and a column `backlash_deg` (or `_arcsec`, `_urad`, `_rad`) with the angle of
-    the driven gear, or names that say the same in a log, such as `motor [°]` and `play [°]`. Other
-    columns are ignored; several readings may have the same angle.
+    the driven gear, or names that say the same in a log, such as `motor [°]` and `play [°]`. The
+    backlash may be in µm or mm, as a dial gauge shows it: at the radius r its angle is
+    length / r. Other columns are ignored; several readings may have the same angle.
 
     **Arguments**
     - `path`: path of the file.
     - `decimal`: decimal mark "." or ","; required only if the file is ambiguous.
+    - `lead_mm`: travel in one turn of the driven shaft, for a backlash in µm or mm: 2π r for a dial
+      gauge at the radius r in mm.
 
     **Raises** `LogError` for a file that cannot be read, a missing or repeated column, an empty or
     non-finite field, and a negative backlash, which results from a subtraction in the wrong order.
@@ -164,10 +169,22 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     lines = np.array([number for number, _ in table.rows()], np.int64)
     driving, backlash = (
-        _radians(role, one, table.names[index], ANGLE_UNITS[unit], source, lines)
+        _radians(role, one, table.names[index], _size(table, index, unit, lead_mm), source, lines)
         for (role, (index, unit)), one in zip(columns.items(), values, strict=True)
     )
     return BacklashReadings(driving, backlash, source, digest, lines)
+
+
+def _size(table: TextTable, index: int, unit: str, lead_mm: float | None) -> float:
+    """Return the angle in rad of a reading 1 of a column."""
+    radians = radians_of(unit, None, lead_mm)
+    if radians is None:
+        raise LogError(
+            f"{unit} is a length; give --radius-mm, the radius in mm at which a dial gauge stands,"
+            " or --lead-mm, the travel of a linear axis in one turn.",
+            where=f"{table.source}: column `{table.names[index]}`",
+        )
+    return radians
 
 
 def _column(table: TextTable, role: str) -> tuple[int, str]:
@@ -176,7 +193,8 @@ def _column(table: TextTable, role: str) -> tuple[int, str]:
     matches: list[tuple[int, str]] = []
     for index, name in enumerate(table.names):
         where = f"{table.source}: column `{name}`"
-        stem, unit = name_and_unit(name, tuple(ANGLE_UNITS), where)
+        known = (*ANGLE_UNITS, *(LENGTH_UNITS if role == "backlash" else ()))
+        stem, unit = name_and_unit(name, known, where)
         gap = not BACKLASH.isdisjoint(words_of(stem))
         said = gap if role == "backlash" else not gap and read_name(name, where).role == role
         if stem.lower() != role and not (said and unit):
