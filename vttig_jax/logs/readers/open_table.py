@@ -16,7 +16,7 @@ from ...pair.schema import LogLayout
 from .binary import format_of, read_binary
 from .column_names import ROLES, number_of
 from .delimited import find_table
-from .layouts import read_increment, read_lvm, read_sections, read_twincat
+from .layouts import read_lvm, read_sections, read_twincat, read_waveforms
 from .matlab import HDF5_SIGNATURE, check_objects, hdf5_leaves, matlab_leaves, object_leaves
 from .records import read_brackets, read_json, read_pairs, read_side
 from .samples import read_changes, read_frames, read_guide_log, read_halsampler, read_long
@@ -24,7 +24,7 @@ from .table import Table, matrix_columns, one_pass, with_computed
 from .text import NESTED, printable, read_bytes, read_text
 
 LAYOUTS = (
-    *(read_json, read_twincat, read_lvm, read_increment, read_frames, read_changes),
+    *(read_json, read_twincat, read_lvm, read_waveforms, read_frames, read_changes),
     *(read_halsampler, read_guide_log, read_long, read_side, read_pairs, read_brackets),
     read_sections,
 )
