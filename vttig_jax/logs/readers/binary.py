@@ -33,7 +33,7 @@ from jaxtyping import Float, Real
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import PART, MemoryBudget
 from .table import Table, matrix_columns
-from .text import printable, read_bytes
+from .text import library, printable, read_bytes
 from .times import since_first
 
 
@@ -107,13 +107,14 @@ _TDMS = "TDMS: the time of a waveform is its increment times the number of the s
 _MDF = "MDF: every group of channels has its own time stamps"
 _ROS = "ROS: stamps are those in the headers of the messages, else those of the recording"
 FORMATS = (
+    Format("MATLAB or HDF5", (".mat", ".h5", ".hdf5"), "matlab:nested_columns", "numpy"),
     Format("NumPy", (".npy", ".npz"), "binary:numpy_columns", "numpy"),
     Format("Arrow", _ARROW, "binary:arrow_columns", "pyarrow"),
     Format("TDMS", (".tdms",), "binary:tdms_columns", "nptdms", "tdms", _TDMS),
     Format("MDF", (".mf4", ".mdf", ".mf3"), "binary:mdf_columns", "asammdf", "mdf", _MDF),
     Format("ROS", (".mcap", ".bag", ".db3"), "rosbag:rosbag_columns", "rosbags", "ros", _ROS),
 )
-"""Binary formats other than MATLAB and HDF5."""
+"""Binary formats."""
 
 BAG = "metadata.yaml"
 """File in the folder of a ROS 2 bag."""
@@ -148,7 +149,9 @@ def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
         ) from None
     if not table.names:
         raise LogError(
-            f"the {form.name} file has no channel of numbers; export the log again.", where=source
+            f"the {form.name} file has no array or channel of numbers; save numbers, or export the"
+            " log as CSV.",
+            where=source,
         )
     return table, digest, (form.note,) if form.note and table.clocks else ()
 
@@ -165,13 +168,7 @@ def folder_sha256(path: Path) -> str:
 
 def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
     module, _, function = form.reader.partition(":")
-    try:
-        import_module(form.needs)
-    except ImportError:
-        raise UsageError(
-            f"{form.name} files need the package {form.needs}; install it with"
-            f' `pip install "vttig-jax[{form.extra}]"`.'
-        ) from None
+    library(form.needs, f"{form.name} files", form.extra)
     return getattr(import_module(f".{module}", __package__), function)
 
 
