@@ -261,8 +261,8 @@ _MOST_MODULES = 0.25
 Place = tuple[int, int]
 """Indices of gear (driving, driven) and flank (A, B)."""
 
-Rows = list[tuple[str, tuple[float, ...]]]
-"""Place in the file and values of the lines of one flank."""
+Points = dict[tuple[float, ...], tuple[str, float]]
+"""Point or tooth of one flank → its place in the file, and the deviation in µm."""
 
 Made = TypeVar("Made")
 
@@ -319,7 +319,7 @@ def _by_flank(
     path: str | Path,
     columns: tuple[str, ...],
     pair: GearPair,
-    made: Callable[[Place, Rows, GearPair], Made],
+    made: Callable[[Place, Points, GearPair], Made],
 ) -> dict[Place, Made]:
     source, header = str(path), ("gear", "flank", *columns)
     text, _, _ = read_text(path, None)
@@ -341,7 +341,7 @@ def _by_flank(
     words = [table.texts(place) for place in places[:2]]
     numbers = np.stack(table.own_columns(places[2:], keep_last=True), axis=-1).astype(float)
     most = _MOST_MODULES * 1e3 * float(pair.module_mm)
-    rows: dict[Place, Rows] = {}
+    flanks: dict[Place, Points] = {}
     for (line, _), gear, flank, values in zip(table.rows(), *words, numbers, strict=True):
         where = f"{source}: line {line}"
         if gear not in SHAFTS or flank not in ("A", "B"):
@@ -358,17 +358,25 @@ def _by_flank(
                 where=where,
             )
         place = SHAFTS.index(gear), "AB".index(flank)
-        rows.setdefault(place, []).append((where, tuple(values.tolist())))
-    return {place: made(place, found, pair) for place, found in rows.items()}
+        points, point = flanks.setdefault(place, {}), tuple(values[:-1].tolist())
+        if point in points:
+            raise InputError(
+                f"{_named(place)} has a second line for {point}; keep one of them.", where=where
+            )
+        points[point] = where, float(values[-1])
+    return {place: made(place, points, pair) for place, points in flanks.items()}
 
 
-def _map(place: Place, rows: Rows, pair: GearPair) -> FlankMap:
-    gear, side = place
-    name = f"{SHAFTS[gear]} flank {'AB'[side]}"
+def _named(place: Place) -> str:
+    return f"{SHAFTS[place[0]]} flank {'AB'[place[1]]}"
+
+
+def _map(place: Place, points: Points, pair: GearPair) -> FlankMap:
+    (gear, side), name = place, _named(place)
     base, tip = float(pair.base_radii[gear, side]), float(pair.tip_radii[gear])
     longest = math.sqrt(max(tip**2 - base**2, 0.0))
     half = float(getattr(pair, SHAFTS[gear]).face_width_mm) / 2
-    for where, (roll, z, _) in rows:
+    for (roll, z), (where, _) in points.items():
         # The flank may end half a module above the tip circle of the drawing.
         if not 0 <= roll <= longest + 0.5 * float(pair.module_mm):
             raise InputError(
@@ -382,9 +390,8 @@ def _map(place: Place, rows: Rows, pair: GearPair) -> FlankMap:
                 " heights from the middle of the face.",
                 where=where,
             )
-    points = _unique(name, rows, 2)
     rolls, heights = (sorted({point[k] for point in points}) for k in (0, 1))
-    where = rows[0][0]
+    where = next(iter(points.values()))[0]
     if len(rolls) < 2 or len(heights) < 2:
         raise InputError(
             f"{name} has {len(rolls)} roll lengths at {len(heights)} heights; give two or more of"
@@ -399,31 +406,17 @@ def _map(place: Place, rows: Rows, pair: GearPair) -> FlankMap:
                     f" {len(rolls)} × {len(heights)} points of its grid.",
                     where=where,
                 )
-    return FlankMap(rolls, heights, [[points[roll, z] for z in heights] for roll in rolls])
+    return FlankMap(rolls, heights, [[points[roll, z][1] for z in heights] for roll in rolls])
 
 
-def _pitch(place: Place, rows: Rows, pair: GearPair) -> Float[np.ndarray, " teeth"]:
-    name = f"{SHAFTS[place[0]]} flank {'AB'[place[1]]}"
-    count = getattr(pair, SHAFTS[place[0]]).teeth
-    teeth = _unique(name, rows, 1)
+def _pitch(place: Place, teeth: Points, pair: GearPair) -> Float[np.ndarray, " teeth"]:
+    name, count = _named(place), getattr(pair, SHAFTS[place[0]]).teeth
     for number in (*(tooth for (tooth,) in teeth), *range(1, count + 1)):
         if (number,) not in teeth or number not in range(1, count + 1):
             raise InputError(
                 f"tooth {number:g} of the {name} is"
                 f" {'missing' if (number,) not in teeth else 'no tooth'}; give all teeth from 1 to"
                 f" {count}.",
-                where=rows[-1][0],
+                where=[*teeth.values()][-1][0],
             )
-    return np.array([teeth[tooth,] for tooth in range(1, count + 1)])
-
-
-def _unique(name: str, rows: Rows, count: int) -> dict[tuple[float, ...], float]:
-    """Return a dictionary from the first `count` values of each row to its last value."""
-    found: dict[tuple[float, ...], float] = {}
-    for where, values in rows:
-        if values[:count] in found:
-            raise InputError(
-                f"{name} has a second line for {values[:count]}; keep one of them.", where=where
-            )
-        found[values[:count]] = values[-1]
-    return found
+    return np.array([teeth[tooth,][1] for tooth in range(1, count + 1)])

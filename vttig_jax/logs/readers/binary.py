@@ -18,14 +18,14 @@ import sys
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
 from math import prod
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -139,7 +139,11 @@ def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
     digest = folder_sha256(path) if path.is_dir() else hashlib.sha256(data).hexdigest()
     reader = _reader(form)
     try:
-        table = _table(reader(path, data), source)
+        found = reader(path, data)
+        table = table_of(
+            (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in found),
+            source,
+        )
     except (InputError, UsageError, MemoryError):
         raise
     except Exception:  # damaged bytes raise various exceptions
@@ -172,16 +176,6 @@ def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
     return getattr(import_module(f".{module}", __package__), function)
 
 
-def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> Table:
-    """Return the table of named arrays or of channels with separate time stamps."""
-    return table_of(
-        (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in columns), source
-    )
-
-
-_Item = TypeVar("_Item")
-
-
 @contextmanager
 def silent(*loggers: str) -> Iterator[None]:
     """Suppress warnings, log messages and prints of libraries within a `with` block.
@@ -207,21 +201,6 @@ def silent(*loggers: str) -> Iterator[None]:
         sys.unraisablehook = hook
         for name, level in levels.items():
             logging.getLogger(name).setLevel(level)
-
-
-def each_silent(items: Generator[_Item, None, None], *loggers: str) -> Generator[_Item, None, None]:
-    """Yield the items of a generator that runs within `silent`; the code between them does not."""
-    try:
-        while True:
-            with silent(*loggers):
-                try:
-                    item = next(items)
-                except StopIteration:
-                    return
-            yield item
-    finally:
-        with silent(*loggers):
-            items.close()
 
 
 def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
@@ -555,26 +534,23 @@ def _links_3(data: bytes, place: int) -> Iterator[int]:
 _SAMPLE = 16  # bytes of a sample and its time stamp
 
 
-def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
-    """Yield every channel of a file under the name `Channel [unit]`.
+def mdf_columns(path: Path, data: bytes) -> list[ClockedColumn]:
+    """Return every channel of a file under the name `Channel [unit]`.
 
     A repeated name is preceded by its group: `group 2/Channel [unit]`.
     Damaged bytes raise various exceptions of asammdf.
     """
+    from asammdf import MDF
+
     budget = MemoryBudget(str(path), len(data))
     check_links(data)
     take_mdf(data, budget)
-    yield from each_silent(_opened_channels(data, budget), "asammdf")
-
-
-def _opened_channels(data: bytes, budget: MemoryBudget) -> Generator[ClockedColumn, None, None]:
-    from asammdf import MDF
-
-    try:
-        with MDF(io.BytesIO(data)) as file:
-            yield from _channels(file, budget)
-    finally:
-        gc.collect()  # runs noisy destructors of half-open files where nobody sees their messages
+    with silent("asammdf"):
+        try:
+            with MDF(io.BytesIO(data)) as file:
+                return list(_channels(file, budget))
+        finally:
+            gc.collect()  # runs noisy destructors of half-open files while they are silent
 
 
 def _channels(file: Any, budget: MemoryBudget) -> Iterator[ClockedColumn]:

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Real
 
 from ...base.errors import LogError
 from .binary import ClockedColumn, table_of
@@ -85,11 +85,14 @@ def decimal_of(rows: Sequence[Row], mark: str) -> str:
     return "," if commas else "."
 
 
-def cells_of(rows: Sequence[Row], k: int, source: str, what: str) -> list[Cell]:
-    """Return the fields of column `k`; short channels end with empty fields.
+def column_of(
+    rows: Sequence[Row], k: int, name: str, decimal: str, source: str
+) -> Real[np.ndarray, " n"]:
+    """Return column `k` as `numbers` does; short channels end with empty fields.
 
-    **Raises** `LogError` for an empty field above other ones; `what` names the column.
+    **Raises** `LogError` for an empty field above other ones, and for one that is no number.
     """
+    what = f"column `{name}`"
     found = [(number, row[k]) for number, row in rows if k < len(row) and row[k]]
     for (number, _), (own, _) in zip(rows, found, strict=False):
         if number != own:
@@ -97,7 +100,7 @@ def cells_of(rows: Sequence[Row], k: int, source: str, what: str) -> list[Cell]:
                 "the field is empty; write a value or remove the line.",
                 where=f"{source}: line {number}, {what}",
             )
-    return found
+    return numbers(found, decimal, source, what)
 
 
 def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real[np.ndarray, " n"]:
@@ -125,8 +128,8 @@ _HEAD = 60
 """Number of first lines that may describe the channels (chosen)."""
 
 END = "EOF"
-_FILETIME = re.compile(r"1\d{17}")
-"""FILETIME of the years 1917 to 2234: 18 digits, which a float does not hold."""
+_LEAST_FILETIME = 10**17
+"""FILETIME of 1917 (chosen): 18 digits, which a float does not hold."""
 
 _SAMPLE_TIME = re.compile(r"SampleTime(?:\[ms\])?(?=[\t;, :])")
 """First field of the row with the sample times, before one of the delimiters of the export."""
@@ -177,16 +180,14 @@ def read_twincat(text: Lines, source: str) -> Found | None:
     notes = [f"TwinCAT Scope: {len(times)} {kind} with a time of its own", *cut]
     columns = []
     for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
-        cells = cells_of(rows, first, source, f"column `time {group}`")
-        if cells and all(_FILETIME.fullmatch(text) for _, text in cells):
-            origin = int(rows[0][1][times[0]])
-            seconds = np.array([int(text) - origin for _, text in cells]) * TIME_UNITS["100ns"]
+        stamps = column_of(rows, first, f"time {group}", decimal, source)
+        if stamps.dtype == np.int64 and len(stamps) and stamps.min() >= _LEAST_FILETIME:
+            seconds = (stamps - int(rows[0][1][times[0]])) * TIME_UNITS["100ns"]
         else:
-            seconds = numbers(cells, decimal, source, f"column `time {group}`") * TIME_UNITS["ms"]
+            seconds = stamps * TIME_UNITS["ms"]
         for k in range(first + 1, last):
             if name := _name(described, k):
-                place = source, f"column `{name}`"
-                values = numbers(cells_of(rows, k, *place), decimal, *place)
+                values = column_of(rows, k, name, decimal, source)
                 columns.append(ClockedColumn(name, values, seconds))
     return table_of(columns, source, start=0.0), tuple(notes)
 
@@ -259,44 +260,26 @@ def read_lvm(text: Lines, source: str) -> Found | None:
         raise LogError(
             f"its Decimal_Separator is `{decimal}`; write `.` or `,` there.", where=source
         )
-    columns = _channels(names, rows, header, decimal, source)
+    own = header.get("X_Columns", ["One"])[0]
+    places = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
+    stated = {key: [one for one in header.get(key, []) if one] for key in (*_KEYS, "Y_Unit_Label")}
+    columns = []
+    for place, k in enumerate(places):
+        values = column_of(rows, k, names[k], decimal, source)
+        said = {key: one[place] for key, one in stated.items() if len(one) == len(places)}
+        if own == "No":
+            first, step = (to_number(said.get(key, ""), decimal) for key in ("X0", "Delta_X"))
+            time = (first or 0.0) + (step or 0.0) * np.arange(len(values))
+        else:
+            clock = k - 1 if own == "Multi" else 0
+            time = column_of(rows, clock, names[clock], decimal, source)[: len(values)] * 1.0
+        unit = said.get("Y_Unit_Label", "")
+        name = f"{names[k]} [{unit}]" if unit_in(unit) else names[k]
+        columns.append(ClockedColumn(name, values, time))
     table = table_of(columns, source, start=0.0)
     if len(set(table.clocks.values())) < 2:
         return replace(table, clocks={}), ("LabVIEW measurement", *cut)
     return table, ("LabVIEW measurement: channels with stamps of their own", *cut)
-
-
-def _channels(
-    names: Sequence[str],
-    rows: Sequence[Row],
-    header: Mapping[str, Sequence[str]],
-    decimal: str,
-    source: str,
-) -> list[ClockedColumn]:
-    values = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
-    own = header.get("X_Columns", ["One"])[0]
-
-    def column(k: int) -> Float[np.ndarray, " n"]:
-        place = source, f"column `{names[k] if k < len(names) else k + 1}`"
-        return numbers(cells_of(rows, k, *place), decimal, *place)
-
-    def entry(key: str, place: int) -> str:
-        """Return the entry of a channel in a row of the segment header, or "" without one."""
-        entries = [field for field in header.get(key, []) if field]
-        return entries[place] if len(entries) == len(values) else ""
-
-    def stamps(place: int, k: int, size: int) -> np.ndarray:
-        if own != "No":
-            return column(k - 1 if own == "Multi" else 0)[:size] * 1.0
-        first, step = (to_number(entry(key, place), decimal) for key in ("X0", "Delta_X"))
-        return (first or 0.0) + (step or 0.0) * np.arange(size)
-
-    found = []
-    for place, k in enumerate(values):
-        channel, unit = column(k), entry("Y_Unit_Label", place)
-        name = f"{names[k]} [{unit}]" if unit_in(unit) else names[k]
-        found.append(ClockedColumn(name, channel, stamps(place, k, len(channel))))
-    return found
 
 
 def read_waveforms(text: Lines, source: str) -> Found | None:
@@ -327,8 +310,7 @@ def read_waveforms(text: Lines, source: str) -> Found | None:
     rows, cut = rows_from(list(text), first, mark)
     decimal, columns = decimal_of(rows, mark), {}
     for k, name in named.items():
-        place = source, f"column `{name}`"
-        values = numbers(cells_of(rows, k, *place), decimal, *place)
+        values = column_of(rows, k, name, decimal, source)
         same = name not in columns or np.array_equal(columns[name], values)
         columns[name if same else f"{name} #{k + 1}"] = values
     note = "oscilloscope: the header names the channels"
