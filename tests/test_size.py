@@ -21,10 +21,10 @@ PACKAGE = Path(vttig_jax.__file__).parent
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
     "base": (1268, 19),  # 950
-    "pair": (669, 1),  # 560
+    "pair": (659, 1),  # 560
     "kinematics": (1228, 23),  # 780
     "geometry": (3423, 56),  # 2800
-    "logs": (10172, 273),  # 7400
+    "logs": (10171, 273),  # 7400
     "rig": (324, 1),  # 260
     "model": (2145, 44),
     "identify": (3765, 38),  # 9000 together with posterior

@@ -13,7 +13,6 @@ from click.core import ParameterSource
 
 from ..base.errors import UsageError
 from ..base.files.limits import most_memory
-from ..base.units import REV
 from ..logs.readers.column_names import ROLES
 from ..logs.recognition.request import roles_of
 from .output import Narrator, Output
@@ -244,11 +243,7 @@ _OF_READING = (
         help="Leave out the rows in which a column that is used has no number.",
     ),
     click.option("--lead-mm", type=POSITIVE, help="Travel in one turn of an axis in mm or µm."),
-    click.option(
-        "--radius-mm",
-        type=POSITIVE,
-        help="Radius at which a dial gauge read mm or µm; its circumference is the --lead-mm.",
-    ),
+    click.option("--radius-mm", type=POSITIVE, help="Radius of a dial gauge that shows mm or µm."),
 )
 """Options of `ReadingOptions`; `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`, and
 `--radius-mm` is the `--lead-mm` of its circumference."""
@@ -258,16 +253,14 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options for reading a log to a verb, which receives those of `ReadingOptions`."""
 
     @functools.wraps(function)
-    def wrapper(
-        *arguments: Any, quadrature: tuple[str, ...], radius_mm: float | None, **options: Any
-    ) -> None:
+    def wrapper(*arguments: Any, quadrature: tuple[str, ...], **options: Any) -> None:
         counted = (one.partition("=") for one in quadrature)
         columns = tuple(f"{role}=quadrature({channels})" for role, _, channels in counted)
         options["columns"] = (*options["columns"], *columns)
-        if radius_mm is not None:
+        if (radius_mm := options.pop("radius_mm")) is not None:
             if options["lead_mm"] is not None:
                 raise UsageError("--radius-mm and --lead-mm are both given; keep one of them.")
-            options["lead_mm"] = REV * radius_mm
+            options["lead_mm"] = math.tau * radius_mm
         function(*arguments, **options)
 
     return with_options(wrapper, _OF_READING)

@@ -14,7 +14,6 @@ import msgspec
 from ..base.errors import UsageError, VttigError
 from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..logs.recognition.request import DriveRequest
-from ..pair.schema import PairSpec
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import spec_of_file, stated_spec
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from ..base.files.run_folder import RunFolder
     from ..identify.readings import ReadingsFit
     from ..identify.result import Fit
-    from ..logs.readers.backlash_readings import BacklashReadings
 
 logger = logging.getLogger("vttig_jax")
 
@@ -62,27 +60,19 @@ def resolve(
 
 def readings_alone(
     readings: Path, pair: Path | None, drive: DriveRequest, options: RunOptions
-) -> "tuple[ReadingsFit, float | None]":
-    """Return the fit of backlash readings without a log, and the travel in mm in one turn.
+) -> "ReadingsFit":
+    """Return the fit of backlash readings without a log.
 
     **Raises** `UsageError` without a pair file or a ratio, `LogError` for a file without readings.
     """
     from ..identify.readings import fit_readings
+    from ..logs.readers.backlash_readings import read_backlash_readings
     from ..pair.gear_pair import pair_from_spec
 
     spec = drive.spec() if pair is None else spec_of_file(pair, drive)
-    found, lead_mm = _read(readings, options.reading, spec)
-    return fit_readings(found, pair_from_spec(spec)), lead_mm
-
-
-def _read(
-    readings: Path, reading: ReadingOptions, spec: PairSpec
-) -> "tuple[BacklashReadings, float | None]":
-    """Return the readings of a file, and the travel in mm in one turn if it is stated."""
-    from ..logs.readers.backlash_readings import read_backlash_readings
-
-    lead_mm = reading.lead_mm or spec.log.lead_mm
-    return read_backlash_readings(readings, decimal=reading.decimal, lead_mm=lead_mm), lead_mm
+    lead_mm = options.reading.lead_mm or spec.log.lead_mm
+    found = read_backlash_readings(readings, decimal=options.reading.decimal, lead_mm=lead_mm)
+    return fit_readings(found, pair_from_spec(spec))
 
 
 def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
@@ -93,16 +83,18 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     from ..base.runtime import enable_x64
     from ..identify.identification import fit
     from ..logs.read import read_log
+    from ..logs.readers.backlash_readings import read_backlash_readings
     from ..pair.gear_pair import pair_from_spec
 
     enable_x64()
     pair = pair_from_spec(record.spec)
     logs = [one.log for one in record.opened]
-    keywords = record.options.reading.keywords()
-    logs = logs or [read_log(path, pair, **keywords) for path in record.logs]
+    reading = record.options.reading
+    logs = logs or [read_log(path, pair, **reading.keywords()) for path in record.logs]
     readings = None
     if record.readings is not None:
-        readings, _ = _read(record.readings, record.options.reading, record.spec)
+        lead_mm = reading.lead_mm or pair.log.lead_mm
+        readings = read_backlash_readings(record.readings, decimal=reading.decimal, lead_mm=lead_mm)
     result = fit(logs, pair, settings=record.options.settings, readings=readings)
     digest = "" if readings is None else readings.sha256
     return result, replace(record, sha256=tuple(log.sha256 for log in logs), readings_sha256=digest)

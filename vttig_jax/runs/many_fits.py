@@ -220,7 +220,8 @@ def fit_files(
         todo = [number for number in range(task.blocks) if number not in store.done]
         progress(len(task.logs) - sum(len(task.logs_of(number)) for number in todo))
         # Not the number of blocks left, so that a table is continued in the way it was begun.
-        processes = min(_usual_processes() if jobs is None else jobs, task.blocks)
+        usual = max(1, min(usable_cores(), free_bytes() // _PROCESS_BYTES))
+        processes = min(usual if jobs is None else jobs, task.blocks)
         shared, follow = _Shared(task, asked_bytes()), {"done": store.write, "progress": progress}
         if dask is not None:
             run_blocks(dask, _in_process, shared, todo, **follow)
@@ -249,11 +250,6 @@ def _digests(logs: Sequence[Path]) -> list[str]:
     if failed is not None and all(" " in digest for digest in digests):
         raise failed
     return digests
-
-
-def _usual_processes() -> int:
-    """Return the number of processes for which there are cores and free memory."""
-    return max(1, min(usable_cores(), free_bytes() // _PROCESS_BYTES))
 
 
 class _Shared(NamedTuple):

@@ -72,11 +72,7 @@ def options_of(given: dict[str, Any]) -> RunOptions:
     try:
         return RunOptions(reading, FitSettings(**values))
     except ValueError as error:
-        raise UsageError(in_options(str(error))) from None
-
-
-def in_options(message: str) -> str:
-    """Return an error message with Python arguments replaced by options of the command line."""
-    for name, option in _OPTION.items():
-        message = message.replace(f"`{name}`", option)
-    return message.removeprefix("Arguments ").removeprefix("Argument ")
+        message = str(error).removeprefix("Arguments ").removeprefix("Argument ")
+        for name, option in _OPTION.items():  # the names of Python arguments become options
+            message = message.replace(f"`{name}`", option)
+        raise UsageError(message) from None

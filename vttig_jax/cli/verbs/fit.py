@@ -105,8 +105,8 @@ def command(
     if readings is not None and not logs and run_path is None:
         if out is not None or require:
             raise UsageError("readings alone have no run folder and no parameters; leave that out.")
-        found, lead_mm = readings_alone(readings, pair, drive.request, options_of(options))
-        length = _as_length("backlash", found.backlash_deg, found.std_deg, lead_mm)
+        found = readings_alone(readings, pair, drive.request, options_of(options))
+        length = _as_length(found.backlash_deg, found.std_deg, options["lead_mm"])
         output.emit(found.to_json(), "\n\n".join([str(found), *length]))
         return
     if not drive.explain_columns:
@@ -129,7 +129,7 @@ def command(
     parts = [in_words(result.pair.ratio)] if drive.request.names_a_drive else []
     parts += [str(result), *([_noise_to_plan(result)] if output.verbose else [])]
     gap, lead_mm = result.checks.gap_over_angles_covered, run.options.reading.lead_mm
-    parts += _as_length("gap", gap.value, gap.std, lead_mm or run.spec.log.lead_mm)
+    parts += _as_length(gap.value, gap.std, lead_mm or run.spec.log.lead_mm)
     output.emit(result.to_json(), "\n\n".join([*parts, *written]))
     _check_required(result, require)
     if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
@@ -139,28 +139,21 @@ def command(
             f"only the gap over the covered angles: {gap.in_words}; the reasons are listed above."
         )
         said = f"the log determines no parameter, {said}"
-        if result.outcome == "contradicts":
-            said = _contradiction(result)
+        if result.outcome == "contradicts":  # the log is not that of a drive
+            slugs = ("column-computed", "gap-below-zero")
+            said = next(one.text for one in result.findings if one.slug in slugs) + "."
         LOGGER.error("%s: %s", result.source, said)
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
 
 
-def _as_length(
-    name: str, value_deg: float | None, std_deg: float | None, lead_mm: float | None
-) -> list[str]:
-    """Return a line with an angle of the driven shaft as a length, if the lead is stated."""
+def _as_length(value_deg: float | None, std_deg: float | None, lead_mm: float | None) -> list[str]:
+    """Return a line with the gap as a length, if the travel in one turn is stated."""
     if value_deg is None or std_deg is None or lead_mm is None:
         return []
     value, std = (1e3 * lead_mm / 360 * one for one in (value_deg, std_deg))
-    return [f"{name} as a length ({lead_mm:.6g} mm a turn): {value:.4g} ± {std:.2g} µm"]
-
-
-def _contradiction(result: "Fit") -> str:
-    """Return what shows that the log is not that of a drive."""
-    slugs = ("column-computed", "gap-below-zero")
-    return next(one.text for one in result.findings if one.slug in slugs) + "."
+    return [f"gap as a length ({lead_mm:.6g} mm a turn): {value:.4g} ± {std:.2g} µm"]
 
 
 _FAILURES = {

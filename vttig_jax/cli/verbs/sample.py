@@ -27,7 +27,6 @@ from ..output import Output, sampling_bar
 if TYPE_CHECKING:
     from ...identify.result import Fit
     from ...posterior.summary.posterior import Posterior
-    from ...posterior.until import Until
 
 
 @verb(
@@ -118,7 +117,8 @@ def command(
     _exclude_each_other({"--steps": steps is not None, "--until": until is not None})
     if not drive.explain_columns:
         refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
-    from ...posterior.sampler import sample
+    from ...posterior.sampler import sample, settings_of
+    from ...posterior.until import Until
 
     if logs:
         logs = with_standard_input(logs)
@@ -127,10 +127,16 @@ def command(
             return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
-        fit = _fit_in(out, [*options, *NAMES, "pair", "readings"])
+        if asked := given([*options, *NAMES, "pair", "readings"]):
+            raise UsageError(
+                f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is"
+                " sampled; give LOG too, or leave it out."
+            )
+        fit = open_run(out).fit
     asked = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
-    settings = _settings(out / CHECKPOINT if resume else None, asked)
-    length = {"steps": steps, "until": _stop_rule(until)}
+    known = settings_of(out / CHECKPOINT) if resume and (out / CHECKPOINT).exists() else {}
+    settings = known | {name: value for name, value in asked.items() if value is not None}
+    length = {"steps": steps, "until": None if until is None else Until(effective=until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
     with _interrupts_in_words(out):
         # The least number of walkers is known only after the fit.
@@ -159,13 +165,6 @@ def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Pa
     return logs, out
 
 
-def _stop_rule(effective: float | None) -> "Until | None":
-    """Return the stop rule of --until; None without the option, for the default rule."""
-    from ...posterior.until import Until
-
-    return None if effective is None else Until(effective=effective)
-
-
 def _exclude_each_other(options: dict[str, bool]) -> None:
     """Raise `UsageError` if all of these options are given."""
     if all(options.values()):
@@ -186,18 +185,6 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
         raise NotConvergedError(
             f"the sampler has not converged: {text}.", where=str(out / CHECKPOINT)
         )
-
-
-def _settings(resumed: Path | None, asked: dict[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of `sample`.
-
-    The options `asked` have priority over the settings of the checkpoint `resumed`. An option that
-    is None was not given.
-    """
-    from ...posterior.sampler import settings_of
-
-    known = {} if resumed is None or not resumed.exists() else settings_of(resumed)
-    return known | {name: value for name, value in asked.items() if value is not None}
 
 
 @contextmanager
@@ -274,16 +261,3 @@ def _require_same_request(record: RunRecord, out: Path) -> None:
             " --overwrite.",
             where=str(out),
         )
-
-
-def _fit_in(out: Path, names: list[str]) -> "Fit":
-    """Return the fit of a run folder.
-
-    The stored fit has its own options. `names` are options of a fit that must not be given.
-    """
-    if asked := given(names):
-        raise UsageError(
-            f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is sampled;"
-            " give LOG too, or leave it out."
-        )
-    return open_run(out).fit

@@ -6,7 +6,7 @@ Reader of measured flank and pitch deviations, with one point or tooth on each l
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -189,7 +189,8 @@ def _size(table: TextTable, index: int, unit: str, lead_mm: float | None) -> flo
 
 def _column(table: TextTable, role: str) -> tuple[int, str]:
     """Return the index and unit of the column of a role, by the words that say it in a log too."""
-    units = UNITS[role]
+    first, *others, last = UNITS[role]
+    suggested = f"{role}_{first}{''.join(f', _{unit}' for unit in others)} or _{last}"
     matches: list[tuple[int, str]] = []
     for index, name in enumerate(table.names):
         where = f"{table.source}: column `{name}`"
@@ -200,10 +201,7 @@ def _column(table: TextTable, role: str) -> tuple[int, str]:
         if stem.lower() != role and not (said and unit):
             continue
         if unit is None:
-            raise LogError(
-                f"the name has no unit; rename it {_suggested_names(role, units)}.",
-                where=f"{table.source}: column `{name}`",
-            )
+            raise LogError(f"the name has no unit; rename it {suggested}.", where=where)
         matches.append((index, unit))
     if len(matches) > 1:
         names = ", ".join(table.names[index] for index, _ in matches)
@@ -213,17 +211,11 @@ def _column(table: TextTable, role: str) -> tuple[int, str]:
         )
     if not matches:
         raise LogError(
-            f"there is no column {_suggested_names(role, units)}; the file has"
+            f"there is no column {suggested}; the file has"
             f" {', '.join(table.names)}: rename or convert the right one.",
             where=table.source,
         )
     return matches[0]
-
-
-def _suggested_names(role: str, units: Sequence[str]) -> str:
-    first, *others, last = units
-    rest = "".join(f", _{unit}" for unit in others)
-    return f"{role}_{first}{rest} or _{last}"
 
 
 def _radians(

@@ -18,7 +18,7 @@ import sys
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
@@ -137,9 +137,11 @@ def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
     source = str(path)
     data = b"" if path.is_dir() else read_bytes(path, form.endings)
     digest = folder_sha256(path) if path.is_dir() else hashlib.sha256(data).hexdigest()
-    reader = _reader(form)
+    module, _, function = form.reader.partition(":")
+    library(form.needs, f"{form.name} files", form.extra)
+    reader = getattr(import_module(f".{module}", __package__), function)
     try:
-        found = reader(path, data)
+        found: Iterable[Any] = reader(path, data)
         table = table_of(
             (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in found),
             source,
@@ -168,12 +170,6 @@ def folder_sha256(path: Path) -> str:
         with open(file, "rb") as opened:
             digest.update(hashlib.file_digest(opened, "sha256").digest())
     return digest.hexdigest()
-
-
-def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
-    module, _, function = form.reader.partition(":")
-    library(form.needs, f"{form.name} files", form.extra)
-    return getattr(import_module(f".{module}", __package__), function)
 
 
 @contextmanager
@@ -214,7 +210,7 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     """
     budget = MemoryBudget(str(path), len(data))
     if path.suffix.lower() == ".npy":
-        yield from _columns(path.stem, data, len(data), str(path))
+        yield from _columns(path.stem, data, str(path))
         return
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         for member in archive.infolist():
@@ -222,14 +218,13 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
                 continue
             name = member.filename.removesuffix(".npy")
             budget.take(member.file_size)
-            with archive.open(member) as file:
-                head = file.read(4096)
-            _check_header(head, member.file_size, f"{path}: array `{name}`")
-            yield from _columns(name, archive.read(member), member.file_size, str(path))
+            with archive.open(member) as file:  # before all of it is unpacked
+                _check_header(file.read(4096), member.file_size, f"{path}: array `{name}`")
+            yield from _columns(name, archive.read(member), str(path))
 
 
-def _columns(name: str, data: bytes, size: int, source: str) -> Iterator[tuple[str, np.ndarray]]:
-    _check_header(data[:4096], size, f"{source}: array `{name}`")
+def _columns(name: str, data: bytes, source: str) -> Iterator[tuple[str, np.ndarray]]:
+    _check_header(data[:4096], len(data), f"{source}: array `{name}`")
     array = np.load(io.BytesIO(data), allow_pickle=False)
     if array.dtype.names:
         for field in array.dtype.names:

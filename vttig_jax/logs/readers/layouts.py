@@ -37,7 +37,10 @@ from .column_names import TIME_UNITS, fold, is_units_row, read_name, unit_in, un
 from .delimited import is_value, looks_like_number, split, to_number
 from .table import Table
 from .text import Lines, printable
-from .times import looks_like_stamp, read_stamps
+from .times import FILETIME, epoch_unit, looks_like_stamp, read_stamps
+
+WHOLE = 0.9
+"""Least share of the rows that have the usual form; others are damaged (chosen)."""
 
 SPARE = 16
 """Number of first lines of a text in which a layout is recognised (chosen)."""
@@ -128,9 +131,6 @@ _HEAD = 60
 """Number of first lines that may describe the channels (chosen)."""
 
 END = "EOF"
-_LEAST_FILETIME = 10**17
-"""FILETIME of 1917 (chosen): 18 digits, which a float does not hold."""
-
 _SAMPLE_TIME = re.compile(r"SampleTime(?:\[ms\])?(?=[\t;, :])")
 """First field of the row with the sample times, before one of the delimiters of the export."""
 
@@ -152,9 +152,6 @@ _SAID = {
 _SAID_BY = {key: said for said, keys in _SAID.items() for key in keys.split()}
 _CLOCK = re.compile(r"inc(rement)?\b|sampl\w* ?(interval|rate)|hresolution", re.IGNORECASE)
 _QUANTITY = re.compile(r"([-+]?(?:\d[\d.,]*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ]*)")
-_WHOLE = 0.9
-"""Fraction of the rows that hold a number in a column beside a header (chosen)."""
-
 _HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "ghz": 1e9}
 _VOLTS = re.compile(r"([A-Z]+\d*)\s*V")
 """Name of a channel of Rigol with its unit, such as `CH1V`."""
@@ -181,7 +178,8 @@ def read_twincat(text: Lines, source: str) -> Found | None:
     columns = []
     for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
         stamps = column_of(rows, first, f"time {group}", decimal, source)
-        if stamps.dtype == np.int64 and len(stamps) and stamps.min() >= _LEAST_FILETIME:
+        epoch = epoch_unit(stamps) if len(stamps) else None
+        if epoch is not None and epoch.unit == FILETIME:
             seconds = (stamps - int(rows[0][1][times[0]])) * TIME_UNITS["100ns"]
         else:
             seconds = stamps * TIME_UNITS["ms"]
@@ -341,8 +339,8 @@ def _beside(head: Sequence[Sequence[str]]) -> dict[int, str]:
     columns = zip(*rows, strict=False)
     kinds = [np.mean([looks_like_number(one) for one in column]) for column in columns]
     start, names, named = 0, list[str](), dict[int, str]()
-    for k in (k for k, share in enumerate(kinds) if share > _WHOLE):
-        if k == 0 or kinds[k - 1] <= _WHOLE:
+    for k in (k for k, share in enumerate(kinds) if share > WHOLE):
+        if k == 0 or kinds[k - 1] <= WHOLE:
             said = _stated([row[start:k] for row in rows])
             if "step" not in said:
                 return {}
@@ -391,20 +389,15 @@ def _above(
 def _clock(said: Mapping[str, list[str]], source: str) -> tuple[float, float]:
     """Return the first stamp and the increment of the time in s."""
     axis, blocks = said.get("axis", ["s"])[0], said.get("blocks", ["1"])[0]
-    starts = _sizes(said.get("start", ["0"]), TIME_UNITS, axis)
-    steps = _sizes(said.get("step", []), TIME_UNITS, axis)
-    steps = steps or {1 / one for one in _sizes(said.get("rate", []), _HERTZ, "hz") if one}
+    starts, steps = (_sizes(said.get(key, ["0"]), TIME_UNITS, axis) for key in ("start", "step"))
+    if "step" not in said:
+        steps = {1 / one for one in _sizes(said["rate"], _HERTZ, "hz") if one}
+    what = "states no start and increment of the time in s that all channels share"
+    what += f" (`{', '.join(said.get('step', []))}`); export channels over time with one rate."
     if blocks != "1":
-        raise LogError(
-            f"its {blocks} blocks (`BlockNumber`) were recorded one after the other; export one.",
-            where=source,
-        )
-    if len(starts) != 1 or len(steps) != 1 or not min(steps) > 0:
-        raise LogError(
-            "the header states no start and increment of the time in s that all channels share"
-            f" (`{', '.join(said.get('step', []))}`); export channels over time with one rate.",
-            where=source,
-        )
+        what = f"names {blocks} blocks (`BlockNumber`), one recorded after the other; export one."
+    if blocks != "1" or len(starts) != 1 or len(steps) != 1 or not min(steps) > 0:
+        raise LogError(f"the header {what}", where=source)
     return starts.pop(), steps.pop()
 
 

@@ -227,15 +227,11 @@ def matlab_leaves(
         check_tags(data, budget)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
-        variables = loadmat(io.BytesIO(data), **_sparse_option(loadmat))
+        sparse = {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
+        variables = loadmat(io.BytesIO(data), **sparse)  # newer versions of SciPy ask for it
     for name, value in variables.items():
         if not name.startswith("__"):
             yield from leaves(name, value, _numbers)
-
-
-def _sparse_option(loadmat: Callable[..., dict]) -> dict[str, bool]:
-    """Return the argument for sparse arrays that newer versions of SciPy expect, or no argument."""
-    return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
 
 
 def _numbers(path: str, value: Any) -> Leaves:
