@@ -34,6 +34,22 @@ def test_mean_and_first_order(dial, vttig_json):
     assert found["largest"]["driving_deg"] == pytest.approx(40.0, abs=10.0)
 
 
+def test_a_dial_gauge_at_a_radius(dial, vttig_json, vttig):
+    """At 50 mm one degree is 873 µm; the gap is told in degrees, and in µm in words."""
+    _, expected = vttig_json("fit", "--readings", dial, "--ratio", "45:1")
+    angles, gaps = np.loadtxt(dial, delimiter=",", skiprows=1).T
+    rows = zip(angles, 50e3 * np.radians(gaps), strict=True)
+    dial.write_text("driving_deg,backlash_um\n" + "".join(f"{a},{g}\n" for a, g in rows))
+    words = ("fit", "--readings", dial, "--ratio", "45:1")
+    code, found = vttig_json(*words, "--radius-mm", "50")
+    assert code == 0 and found["backlash_deg"] == pytest.approx(expected["backlash_deg"])
+    _, told, _ = vttig(*words, "--radius-mm", "50")
+    assert f"{50e3 * np.radians(found['backlash_deg']):.4g} ±" in told
+    code, _, refusal = vttig(*words)
+    assert code == 3 and "--radius-mm" in refusal
+    assert vttig(*words, "--radius-mm", "50", "--lead-mm", "314")[0] == 2
+
+
 def test_the_rounding_of_a_display_does_not_average_out(dial, vttig_json):
     """Five equal readings at each place tell what one does: q/√12 at twelve places."""
     step = 0.01

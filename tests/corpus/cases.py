@@ -108,6 +108,8 @@ def keywords(words: list[str]) -> dict[str, Any]:
             found.setdefault(name, []).append(value)
         else:
             found[name] = float(value) if name in ("sample_rate", "lead_mm") else value
+    if "radius_mm" in found:
+        found["lead_mm"] = 2 * np.pi * float(found.pop("radius_mm"))
     if "column" in found:
         found["column"] = dict(one.split("=", 1) for one in found["column"])
     if "=" in "".join(found.get("unit", "")):

@@ -285,8 +285,10 @@ _OF_READING = (
         help="Leave out the rows in which a column that is used has no number.",
     ),
     click.option("--lead-mm", type=POSITIVE, help="Travel in one turn of an axis in mm or µm."),
+    click.option("--radius-mm", type=POSITIVE, help="Radius of a dial gauge that shows mm or µm."),
 )
-"""Options of `ReadingOptions`; `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`."""
+"""Options of `ReadingOptions`; `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`, and
+`--radius-mm` is the `--lead-mm` of its circumference."""
 
 
 def log_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -296,7 +298,12 @@ def log_options(function: Callable[..., None]) -> Callable[..., None]:
     def wrapper(*arguments: Any, quadrature: tuple[str, ...], **options: Any) -> None:
         counted = (one.partition("=") for one in quadrature)
         columns = tuple(f"{role}=quadrature({channels})" for role, _, channels in counted)
-        function(*arguments, **{**options, "columns": (*options["columns"], *columns)})
+        options["columns"] = (*options["columns"], *columns)
+        if (radius_mm := options.pop("radius_mm")) is not None:
+            if options["lead_mm"] is not None:
+                raise UsageError("--radius-mm and --lead-mm are both given; keep one of them.")
+            options["lead_mm"] = math.tau * radius_mm
+        function(*arguments, **options)
 
     return with_options(wrapper, _OF_READING)
 

@@ -117,8 +117,7 @@ class Inspection(TextResult):
                 ],
                 title="what a fit can use",
             ),
-            _motion_table(self),
-            _plateau_table(self),
+            *_motion_tables(self),
             _spectrum_table(self),
             _lines(self),
             bullets("note", _remarks(self)),
@@ -208,26 +207,22 @@ MOST_LINES = 12
 """Largest number of rows of a table of the report (chosen)."""
 
 
-def _motion_table(report: "Inspection") -> str:
+def _motion_tables(report: "Inspection") -> list[str]:
+    """Return the tables of the motion and of the steady speeds; none of readings at standstill."""
     if report.segments.still:
-        return ""
-    motion = report.segments.motion
+        return []
+    motion, steady = report.segments.motion, report.plateaus
     rows = [(m.kind, str(m.start), str(m.stop), f"{60 * m.speed / REV:.4g}") for m in motion]
-    return text_table(_first(rows), ["motion", "from sample", "to", ("mean speed", "rpm")])
+    found = [text_table(_first(rows), ["motion", "from sample", "to", ("mean speed", "rpm")])]
+    rows = [(p.flank, f"{p.speed_rpm:.5g}", str(p.segments), str(p.samples)) for p in steady]
+    heads = ["flank", ("mean driving speed", "rpm"), "segments", "samples"]
+    return [*found, text_table(_first(rows), heads)] if rows else found
 
 
 def _first(rows: list[tuple[str, str, str, str]]) -> list[tuple[str, str, str, str]]:
     """Return the first `MOST_LINES` rows of a table, and how many more there are."""
     more = (f"and {len(rows) - MOST_LINES} more", "", "", "")
     return [*rows[:MOST_LINES], *[more] * (len(rows) > MOST_LINES)]
-
-
-def _plateau_table(report: "Inspection") -> str:
-    if not report.plateaus or report.segments.still:
-        return ""
-    seen = report.plateaus
-    rows = [(p.flank, f"{p.speed_rpm:.5g}", str(p.segments), str(p.samples)) for p in seen]
-    return text_table(_first(rows), ["flank", ("mean driving speed", "rpm"), "segments", "samples"])
 
 
 def _spectrum_table(report: "Inspection") -> str:

@@ -62,22 +62,17 @@ def missing_notes(table: Table, arrays: Mapping[int, Real[np.ndarray, " _"]]) ->
     cells are counted.
     """
     what = "empty cells", "NaN or infinite"
-    lacking: dict[int, Any] = {
-        k: np.flatnonzero(~np.isfinite(values)) for k, values in arrays.items()
-    }
-    size = {k: len(values) for k, values in arrays.items()}
+    held: dict[int, np.ndarray] = {k: np.isfinite(values) for k, values in arrays.items()}
     others = [k for k in range(table.own) if k not in arrays]
     if isinstance(table, TextTable) and others:
         rows = [row for _, row in table.rows()]
-        for k in others:
-            lacking[k] = [n for n, row in enumerate(rows) if not (k < len(row) and row[k].strip())]
-            size[k] = len(rows)
+        held |= {k: np.array([k < len(row) and row[k] != "" for row in rows]) for k in others}
     return [
-        f"column `{table.names[k]}`: {len(rows)} of {size[k]} rows"
-        f" {'holds' if len(rows) == 1 else 'hold'} no number ({what[k in arrays]}),"
-        f" row {rows[0] + 1} first; {_CURE}"
-        for k, rows in lacking.items()
-        if len(rows)
+        f"column `{table.names[k]}`: {np.count_nonzero(~own)} of {len(own)} rows"
+        f" {'holds' if np.count_nonzero(~own) == 1 else 'hold'} no number ({what[k in arrays]}),"
+        f" row {np.argmin(own) + 1} first; {_CURE}"
+        for k, own in held.items()
+        if not own.all()
     ]
 
 

@@ -70,7 +70,8 @@ def read_log(
     - `start`, `stop`: first and last time in s since the first sample, or turns of the driving
       shaft since then, such as "3rev". `cut`: parts that are left out, such as "18:21".
     - `missing`: "skip" leaves out the rows in which a column that is used has no number.
-    - `lead_mm`: travel in one turn of a shaft that is logged in mm or µm.
+    - `lead_mm`: travel in one turn of a shaft that is logged in mm or µm; 2π r for lengths that a
+      dial gauge showed at the radius r in mm.
 
     **Raises** `LogError` naming the file, line or channel and the cure; `UsageError` for HDF5
     without the package h5py.

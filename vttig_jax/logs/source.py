@@ -68,40 +68,26 @@ PAUSE = 5.0
 
 def check_time(time: Float[np.ndarray, " n"], source: Source) -> list[str]:
     """Return notes on the time stamps; raise `LogError` for too few or decreasing stamps."""
+
+    def refuse(message: str, row: int | None = None) -> None:
+        raise LogError(message, where=source.at("time", row))
+
     if len(time) < FEWEST_SAMPLES:
-        raise LogError(
-            f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.",
-            where=source.at("time"),
-        )
-    late = np.flatnonzero(np.abs(time) > LONGEST_S)
-    if late.size:
-        raise LogError(
-            f"{time[late[0]]:g} s is no time stamp of a log; correct the unit of the time column or"
-            " the sample rate.",
-            where=source.at("time", int(late[0])),
-        )
-    duration = float(np.ptp(time))
-    if 0 < duration < SHORTEST_S:
-        raise LogError(
-            f"the log lasts only {duration:.3g} s; correct the unit of the time column or the"
-            " sample rate.",
-            where=source.at("time"),
-        )
+        refuse(f"the log has only {len(time)} samples; record at least {FEWEST_SAMPLES}.")
+    cure = "correct the unit of the time column or the sample rate."
+    if (late := np.flatnonzero(np.abs(time) > LONGEST_S)).size:
+        refuse(f"{time[late[0]]:g} s is no time stamp of a log; {cure}", int(late[0]))
+    if 0 < (duration := float(np.ptp(time))) < SHORTEST_S:
+        refuse(f"the log lasts only {duration:.3g} s; {cure}")
     interval = np.diff(time)
-    if np.any(interval < 0):
-        row = int(np.argmax(interval < 0)) + 1
-        raise LogError(
-            f"time runs backwards, from {time[row - 1]:.9g} s to {time[row]:.9g} s; sort the log"
-            " or cut it there.",
-            where=source.at("time", row),
-        )
+    if (back := np.flatnonzero(interval < 0)).size:
+        before, after = time[back[0] : back[0] + 2]
+        told = f"time runs backwards, from {before:.9g} s to {after:.9g} s"
+        refuse(f"{told}; sort the log or cut it there.", int(back[0]) + 1)
     repeated = int(np.count_nonzero(interval == 0))
     if 2 * repeated > len(interval):
-        raise LogError(
-            f"{repeated} of {len(interval)} time steps are zero; write the time with more digits or"
-            " give --sample-rate.",
-            where=source.at("time"),
-        )
+        told = f"{repeated} of {len(interval)} time steps are zero"
+        refuse(f"{told}; write the time with more digits or give --sample-rate.")
     notes = [f"time: {repeated} stamps repeat the one before"] if repeated else []
     long = interval > PAUSE * np.median(interval)
     if long.any():

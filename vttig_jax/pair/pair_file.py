@@ -123,23 +123,13 @@ def _check_centre_distance(spec: PairSpec, distance: float) -> None:
     contact = shifted - depth * spec.rack.clearance
     apart = shifted + depth * 2 * spec.rack.addendum
     expectation = f"these tooth counts and this module need about {expected:.6g} mm"
-    if distance <= base:
-        raise PairError(
-            f"{distance:g} mm lets the base circles overlap (their radii sum to {base:.3f} mm);"
-            f" {expectation}.",
-            where=where,
-        )
-    if distance < contact:
-        raise PairError(
-            f"{distance:g} mm is too short: the tips touch the roots at {contact:g} mm;"
-            f" {expectation}.",
-            where=where,
-        )
-    if distance >= apart:
-        raise PairError(
-            f"{distance:g} mm is too long: the teeth lose contact at {apart:g} mm; {expectation}.",
-            where=where,
-        )
+    for wrong, said in (
+        (distance <= base, f"lets the base circles overlap (their radii sum to {base:.3f} mm)"),
+        (distance < contact, f"is too short: the tips touch the roots at {contact:g} mm"),
+        (distance >= apart, f"is too long: the teeth lose contact at {apart:g} mm"),
+    ):
+        if wrong:
+            raise PairError(f"{distance:g} mm {said}; {expectation}.", where=where)
 
 
 def _backlash_free_distance(spec: PairSpec, reference: float, shift_mm: float) -> float:

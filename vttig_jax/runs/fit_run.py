@@ -71,7 +71,8 @@ def readings_alone(
     from ..pair.gear_pair import pair_from_spec
 
     spec = drive.spec() if pair is None else spec_of_file(pair, drive)
-    found = read_backlash_readings(readings, decimal=options.reading.decimal)
+    lead_mm = options.reading.lead_mm or spec.log.lead_mm
+    found = read_backlash_readings(readings, decimal=options.reading.decimal, lead_mm=lead_mm)
     return fit_readings(found, pair_from_spec(spec))
 
 
@@ -88,11 +89,12 @@ def perform(record: RunRecord) -> "tuple[Fit, RunRecord]":
     enable_x64()
     pair = pair_from_spec(record.spec)
     logs = [one.log for one in record.opened]
-    keywords = record.options.reading.keywords()
-    logs = logs or [read_log(path, pair, **keywords) for path in record.logs]
+    reading = record.options.reading
+    logs = logs or [read_log(path, pair, **reading.keywords()) for path in record.logs]
     readings = None
     if record.readings is not None:
-        readings = read_backlash_readings(record.readings, decimal=record.options.reading.decimal)
+        lead_mm = reading.lead_mm or pair.log.lead_mm
+        readings = read_backlash_readings(record.readings, decimal=reading.decimal, lead_mm=lead_mm)
     result = fit(logs, pair, settings=record.options.settings, readings=readings)
     digest = "" if readings is None else readings.sha256
     return result, replace(record, sha256=tuple(log.sha256 for log in logs), readings_sha256=digest)

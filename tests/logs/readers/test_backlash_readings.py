@@ -52,6 +52,13 @@ def test_units(tmp_path, driving, backlash):
     assert_read(read_backlash_readings(write(tmp_path, text)), [2, 3, 4, 5, 6])
 
 
+@pytest.mark.parametrize(("name", "size"), [("Spiel [µm]", 50e3), ("dial_gauge_mm", 50.0)])
+def test_a_length_at_a_radius(tmp_path, name, size):
+    text = table(f"driving_deg,{name}", backlash=BACKLASH * DEG * size)
+    readings = read_backlash_readings(write(tmp_path, text), lead_mm=2 * np.pi * 50.0)
+    assert_read(readings, [2, 3, 4, 5, 6])
+
+
 def test_other_dress(tmp_path):
     rows = [f"{b}\t{k}\t{a}" for k, (a, b) in enumerate(zip(DRIVING, BACKLASH, strict=True))]
     text = "bench, 12 May\n\nbacklash (°)\tpass\tdriving_deg\n" + "\n".join(rows)
@@ -84,7 +91,7 @@ H = "driving_deg,backlash_deg\n"
         (H + "0,5,0,03\n", "line 2"),
         ("\n", ""),
         ("angle_deg,backlash_deg\n0,0.03\n", ""),
-        ("driving_deg,backlash_mm\n0,0.03\n", ""),
+        ("driving_deg,backlash_mm\n0,0.03\n", "column `backlash_mm`"),
         ("driving_deg,backlash_deg,backlash_rad\n0,0,0\n", ""),
         ("driving_deg,backlash\n0,0.03\n", "column `backlash`"),
         ("driving_deg,backlash_deg [rad]\n0,0.03\n", "column `backlash_deg [rad]`"),

@@ -101,7 +101,8 @@ def command(
         if out is not None or require:
             raise UsageError("readings alone have no run folder and no parameters; leave that out.")
         found = readings_alone(readings, pair, drive.request, options_of(options))
-        output.emit(found.to_json(), found)
+        length = _as_length(found.backlash_deg, found.std_deg, options["lead_mm"])
+        output.emit(found.to_json(), "\n\n".join([str(found), *length]))
         return
     if not drive.explain_columns:
         refuse_existing(out, overwrite=overwrite, resumes=False)
@@ -123,10 +124,7 @@ def command(
     parts = [in_words(result.pair.ratio)] if drive.request.names_a_drive else []
     parts += [str(result), *([_noise_to_plan(result)] if output.verbose else [])]
     gap, lead_mm = result.checks.gap_over_angles_covered, run.options.reading.lead_mm
-    lead_mm = lead_mm or run.spec.log.lead_mm
-    if lead_mm is not None and gap.value is not None and gap.std is not None:
-        value, std = (1e3 * lead_mm / 360 * one for one in (gap.value, gap.std))
-        parts.append(f"gap on the axis of {lead_mm:g} mm a turn: {value:.4g} ± {std:.2g} µm")
+    parts += _as_length(gap.value, gap.std, lead_mm or run.spec.log.lead_mm)
     output.emit(result.to_json(), "\n\n".join([*parts, *written]))
     _check_required(result, require)
     if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
@@ -136,18 +134,21 @@ def command(
             f"only the gap over the covered angles: {gap.in_words}; the reasons are listed above."
         )
         said = f"the log determines no parameter, {said}"
-        if result.outcome == "contradicts":
-            said = _contradiction(result)
+        if result.outcome == "contradicts":  # the log is not that of a drive
+            slugs = ("column-computed", "gap-below-zero")
+            said = next(one.text for one in result.findings if one.slug in slugs) + "."
         LOGGER.error("%s: %s", result.source, said)
         raise click.exceptions.Exit(NoAnswerError.exit_code)
     if result.outcome in ("not_converged", "not_determined"):
         raise NoAnswerError(_FAILURES[result.outcome], where=result.source)
 
 
-def _contradiction(result: "Fit") -> str:
-    """Return what shows that the log is not that of a drive."""
-    slugs = ("column-computed", "gap-below-zero")
-    return next(one.text for one in result.findings if one.slug in slugs) + "."
+def _as_length(value_deg: float | None, std_deg: float | None, lead_mm: float | None) -> list[str]:
+    """Return a line with the gap as a length, if the travel in one turn is stated."""
+    if value_deg is None or std_deg is None or lead_mm is None:
+        return []
+    value, std = (1e3 * lead_mm / 360 * one for one in (value_deg, std_deg))
+    return [f"gap as a length ({lead_mm:.6g} mm a turn): {value:.4g} ± {std:.2g} µm"]
 
 
 _FAILURES = {

@@ -6,7 +6,7 @@ Reader of measured flank and pitch deviations, with one point or tooth on each l
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ...base.errors import InputError, LogError
 from ...base.files.text_tables import key_values
-from ...base.units import ANGLE_UNITS, DEG, REV
+from ...base.units import ANGLE_UNITS, DEG, LENGTH_UNITS, REV, radians_of
 from ...geometry.deviations import Deviations, FlankMap
 from ...geometry.tooth import SHAFTS
 from ...pair.gear_pair import GearPair
@@ -26,7 +26,7 @@ from .column_names import BACKLASH, name_and_unit, read_name, words_of
 from .delimited import TextTable, find_table
 from .text import read_text
 
-UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad")}
+UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad", "um", "mm")}
 """Columns of a file of readings, and usual units with which their names may end."""
 
 MOST_DRIVING = 1e6 * REV
@@ -117,17 +117,22 @@ class BacklashReadings:
         return key_values(rows, title=self.source)
 
 
-def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> BacklashReadings:
+def read_backlash_readings(
+    path: str | Path, *, decimal: str | None = None, lead_mm: float | None = None
+) -> BacklashReadings:
     """Read a text file (CSV, TSV, TXT) of backlash readings.
 
     The file has one header line and one reading per line. It needs a column `driving_deg` (or
     `_rad`, `_rev`) and a column `backlash_deg` (or `_arcsec`, `_urad`, `_rad`) with the angle of
-    the driven gear, or names that say the same in a log, such as `motor [°]` and `play [°]`. Other
-    columns are ignored; several readings may have the same angle.
+    the driven gear, or names that say the same in a log, such as `motor [°]` and `play [°]`. The
+    backlash may be in µm or mm, as a dial gauge shows it: at the radius r its angle is
+    length / r. Other columns are ignored; several readings may have the same angle.
 
     **Arguments**
     - `path`: path of the file.
     - `decimal`: decimal mark "." or ","; required only if the file is ambiguous.
+    - `lead_mm`: travel in one turn of the driven shaft, for a backlash in µm or mm: 2π r for a dial
+      gauge at the radius r in mm.
 
     **Raises** `LogError` for a file that cannot be read, a missing or repeated column, an empty or
     non-finite field, and a negative backlash, which results from a subtraction in the wrong order.
@@ -164,28 +169,39 @@ def read_backlash_readings(path: str | Path, *, decimal: str | None = None) -> B
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     lines = np.array([number for number, _ in table.rows()], np.int64)
     driving, backlash = (
-        _radians(role, one, table.names[index], ANGLE_UNITS[unit], source, lines)
+        _radians(role, one, table.names[index], _size(table, index, unit, lead_mm), source, lines)
         for (role, (index, unit)), one in zip(columns.items(), values, strict=True)
     )
     return BacklashReadings(driving, backlash, source, digest, lines)
 
 
+def _size(table: TextTable, index: int, unit: str, lead_mm: float | None) -> float:
+    """Return the angle in rad of a reading 1 of a column."""
+    radians = radians_of(unit, None, lead_mm)
+    if radians is None:
+        raise LogError(
+            f"{unit} is a length; give --radius-mm, the radius in mm at which a dial gauge stands,"
+            " or --lead-mm, the travel of a linear axis in one turn.",
+            where=f"{table.source}: column `{table.names[index]}`",
+        )
+    return radians
+
+
 def _column(table: TextTable, role: str) -> tuple[int, str]:
     """Return the index and unit of the column of a role, by the words that say it in a log too."""
-    units = UNITS[role]
+    first, *others, last = UNITS[role]
+    suggested = f"{role}_{first}{''.join(f', _{unit}' for unit in others)} or _{last}"
     matches: list[tuple[int, str]] = []
     for index, name in enumerate(table.names):
         where = f"{table.source}: column `{name}`"
-        stem, unit = name_and_unit(name, tuple(ANGLE_UNITS), where)
+        known = (*ANGLE_UNITS, *(LENGTH_UNITS if role == "backlash" else ()))
+        stem, unit = name_and_unit(name, known, where)
         gap = not BACKLASH.isdisjoint(words_of(stem))
         said = gap if role == "backlash" else not gap and read_name(name, where).role == role
         if stem.lower() != role and not (said and unit):
             continue
         if unit is None:
-            raise LogError(
-                f"the name has no unit; rename it {_suggested_names(role, units)}.",
-                where=f"{table.source}: column `{name}`",
-            )
+            raise LogError(f"the name has no unit; rename it {suggested}.", where=where)
         matches.append((index, unit))
     if len(matches) > 1:
         names = ", ".join(table.names[index] for index, _ in matches)
@@ -195,17 +211,11 @@ def _column(table: TextTable, role: str) -> tuple[int, str]:
         )
     if not matches:
         raise LogError(
-            f"there is no column {_suggested_names(role, units)}; the file has"
+            f"there is no column {suggested}; the file has"
             f" {', '.join(table.names)}: rename or convert the right one.",
             where=table.source,
         )
     return matches[0]
-
-
-def _suggested_names(role: str, units: Sequence[str]) -> str:
-    first, *others, last = units
-    rest = "".join(f", _{unit}" for unit in others)
-    return f"{role}_{first}{rest} or _{last}"
 
 
 def _radians(
@@ -243,8 +253,8 @@ _MOST_MODULES = 0.25
 Place = tuple[int, int]
 """Indices of gear (driving, driven) and flank (A, B)."""
 
-Rows = list[tuple[str, tuple[float, ...]]]
-"""Place in the file and values of the lines of one flank."""
+Points = dict[tuple[float, ...], tuple[str, float]]
+"""Point or tooth of one flank → its place in the file, and the deviation in µm."""
 
 Made = TypeVar("Made")
 
@@ -301,7 +311,7 @@ def _by_flank(
     path: str | Path,
     columns: tuple[str, ...],
     pair: GearPair,
-    made: Callable[[Place, Rows, GearPair], Made],
+    made: Callable[[Place, Points, GearPair], Made],
 ) -> dict[Place, Made]:
     source, header = str(path), ("gear", "flank", *columns)
     text, _, _ = read_text(path, None)
@@ -323,7 +333,7 @@ def _by_flank(
     words = [table.texts(place) for place in places[:2]]
     numbers = np.stack(table.own_columns(places[2:], keep_last=True), axis=-1).astype(float)
     most = _MOST_MODULES * 1e3 * float(pair.module_mm)
-    rows: dict[Place, Rows] = {}
+    flanks: dict[Place, Points] = {}
     for (line, _), gear, flank, values in zip(table.rows(), *words, numbers, strict=True):
         where = f"{source}: line {line}"
         if gear not in SHAFTS or flank not in ("A", "B"):
@@ -340,17 +350,25 @@ def _by_flank(
                 where=where,
             )
         place = SHAFTS.index(gear), "AB".index(flank)
-        rows.setdefault(place, []).append((where, tuple(values.tolist())))
-    return {place: made(place, found, pair) for place, found in rows.items()}
+        points, point = flanks.setdefault(place, {}), tuple(values[:-1].tolist())
+        if point in points:
+            raise InputError(
+                f"{_named(place)} has a second line for {point}; keep one of them.", where=where
+            )
+        points[point] = where, float(values[-1])
+    return {place: made(place, points, pair) for place, points in flanks.items()}
 
 
-def _map(place: Place, rows: Rows, pair: GearPair) -> FlankMap:
-    gear, side = place
-    name = f"{SHAFTS[gear]} flank {'AB'[side]}"
+def _named(place: Place) -> str:
+    return f"{SHAFTS[place[0]]} flank {'AB'[place[1]]}"
+
+
+def _map(place: Place, points: Points, pair: GearPair) -> FlankMap:
+    (gear, side), name = place, _named(place)
     base, tip = float(pair.base_radii[gear, side]), float(pair.tip_radii[gear])
     longest = math.sqrt(max(tip**2 - base**2, 0.0))
     half = float(getattr(pair, SHAFTS[gear]).face_width_mm) / 2
-    for where, (roll, z, _) in rows:
+    for (roll, z), (where, _) in points.items():
         # The flank may end half a module above the tip circle of the drawing.
         if not 0 <= roll <= longest + 0.5 * float(pair.module_mm):
             raise InputError(
@@ -364,9 +382,8 @@ def _map(place: Place, rows: Rows, pair: GearPair) -> FlankMap:
                 " heights from the middle of the face.",
                 where=where,
             )
-    points = _unique(name, rows, 2)
     rolls, heights = (sorted({point[k] for point in points}) for k in (0, 1))
-    where = rows[0][0]
+    where = next(iter(points.values()))[0]
     if len(rolls) < 2 or len(heights) < 2:
         raise InputError(
             f"{name} has {len(rolls)} roll lengths at {len(heights)} heights; give two or more of"
@@ -381,31 +398,17 @@ def _map(place: Place, rows: Rows, pair: GearPair) -> FlankMap:
                     f" {len(rolls)} × {len(heights)} points of its grid.",
                     where=where,
                 )
-    return FlankMap(rolls, heights, [[points[roll, z] for z in heights] for roll in rolls])
+    return FlankMap(rolls, heights, [[points[roll, z][1] for z in heights] for roll in rolls])
 
 
-def _pitch(place: Place, rows: Rows, pair: GearPair) -> Float[np.ndarray, " teeth"]:
-    name = f"{SHAFTS[place[0]]} flank {'AB'[place[1]]}"
-    count = getattr(pair, SHAFTS[place[0]]).teeth
-    teeth = _unique(name, rows, 1)
+def _pitch(place: Place, teeth: Points, pair: GearPair) -> Float[np.ndarray, " teeth"]:
+    name, count = _named(place), getattr(pair, SHAFTS[place[0]]).teeth
     for number in (*(tooth for (tooth,) in teeth), *range(1, count + 1)):
         if (number,) not in teeth or number not in range(1, count + 1):
             raise InputError(
                 f"tooth {number:g} of the {name} is"
                 f" {'missing' if (number,) not in teeth else 'no tooth'}; give all teeth from 1 to"
                 f" {count}.",
-                where=rows[-1][0],
+                where=[*teeth.values()][-1][0],
             )
-    return np.array([teeth[tooth,] for tooth in range(1, count + 1)])
-
-
-def _unique(name: str, rows: Rows, count: int) -> dict[tuple[float, ...], float]:
-    """Return a dictionary from the first `count` values of each row to its last value."""
-    found: dict[tuple[float, ...], float] = {}
-    for where, values in rows:
-        if values[:count] in found:
-            raise InputError(
-                f"{name} has a second line for {values[:count]}; keep one of them.", where=where
-            )
-        found[values[:count]] = values[-1]
-    return found
+    return np.array([teeth[tooth,][1] for tooth in range(1, count + 1)])

@@ -18,14 +18,14 @@ import sys
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
 from math import prod
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -33,7 +33,7 @@ from jaxtyping import Float, Real
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import PART, MemoryBudget
 from .table import Table, matrix_columns
-from .text import printable, read_bytes
+from .text import library, printable, read_bytes
 from .times import since_first
 
 
@@ -107,13 +107,14 @@ _TDMS = "TDMS: the time of a waveform is its increment times the number of the s
 _MDF = "MDF: every group of channels has its own time stamps"
 _ROS = "ROS: stamps are those in the headers of the messages, else those of the recording"
 FORMATS = (
+    Format("MATLAB or HDF5", (".mat", ".h5", ".hdf5"), "matlab:nested_columns", "numpy"),
     Format("NumPy", (".npy", ".npz"), "binary:numpy_columns", "numpy"),
     Format("Arrow", _ARROW, "binary:arrow_columns", "pyarrow"),
     Format("TDMS", (".tdms",), "binary:tdms_columns", "nptdms", "tdms", _TDMS),
     Format("MDF", (".mf4", ".mdf", ".mf3"), "binary:mdf_columns", "asammdf", "mdf", _MDF),
     Format("ROS", (".mcap", ".bag", ".db3"), "rosbag:rosbag_columns", "rosbags", "ros", _ROS),
 )
-"""Binary formats other than MATLAB and HDF5."""
+"""Binary formats."""
 
 BAG = "metadata.yaml"
 """File in the folder of a ROS 2 bag."""
@@ -136,9 +137,15 @@ def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
     source = str(path)
     data = b"" if path.is_dir() else read_bytes(path, form.endings)
     digest = folder_sha256(path) if path.is_dir() else hashlib.sha256(data).hexdigest()
-    reader = _reader(form)
+    module, _, function = form.reader.partition(":")
+    library(form.needs, f"{form.name} files", form.extra)
+    reader = getattr(import_module(f".{module}", __package__), function)
     try:
-        table = _table(reader(path, data), source)
+        found: Iterable[Any] = reader(path, data)
+        table = table_of(
+            (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in found),
+            source,
+        )
     except (InputError, UsageError, MemoryError):
         raise
     except Exception:  # damaged bytes raise various exceptions
@@ -148,7 +155,9 @@ def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
         ) from None
     if not table.names:
         raise LogError(
-            f"the {form.name} file has no channel of numbers; export the log again.", where=source
+            f"the {form.name} file has no array or channel of numbers; save numbers, or export the"
+            " log as CSV.",
+            where=source,
         )
     return table, digest, (form.note,) if form.note and table.clocks else ()
 
@@ -161,28 +170,6 @@ def folder_sha256(path: Path) -> str:
         with open(file, "rb") as opened:
             digest.update(hashlib.file_digest(opened, "sha256").digest())
     return digest.hexdigest()
-
-
-def _reader(form: Format) -> Callable[[Path, bytes], Iterable[Any]]:
-    module, _, function = form.reader.partition(":")
-    try:
-        import_module(form.needs)
-    except ImportError:
-        raise UsageError(
-            f"{form.name} files need the package {form.needs}; install it with"
-            f' `pip install "vttig-jax[{form.extra}]"`.'
-        ) from None
-    return getattr(import_module(f".{module}", __package__), function)
-
-
-def _table(columns: Iterable[tuple[str, np.ndarray] | ClockedColumn], source: str) -> Table:
-    """Return the table of named arrays or of channels with separate time stamps."""
-    return table_of(
-        (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in columns), source
-    )
-
-
-_Item = TypeVar("_Item")
 
 
 @contextmanager
@@ -212,21 +199,6 @@ def silent(*loggers: str) -> Iterator[None]:
             logging.getLogger(name).setLevel(level)
 
 
-def each_silent(items: Generator[_Item, None, None], *loggers: str) -> Generator[_Item, None, None]:
-    """Yield the items of a generator that runs within `silent`; the code between them does not."""
-    try:
-        while True:
-            with silent(*loggers):
-                try:
-                    item = next(items)
-                except StopIteration:
-                    return
-            yield item
-    finally:
-        with silent(*loggers):
-            items.close()
-
-
 def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names and columns; each row or column of a matrix is a separate column.
 
@@ -238,7 +210,7 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     """
     budget = MemoryBudget(str(path), len(data))
     if path.suffix.lower() == ".npy":
-        yield from _columns(path.stem, data, len(data), str(path))
+        yield from _columns(path.stem, data, str(path))
         return
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         for member in archive.infolist():
@@ -246,14 +218,13 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
                 continue
             name = member.filename.removesuffix(".npy")
             budget.take(member.file_size)
-            with archive.open(member) as file:
-                head = file.read(4096)
-            _check_header(head, member.file_size, f"{path}: array `{name}`")
-            yield from _columns(name, archive.read(member), member.file_size, str(path))
+            with archive.open(member) as file:  # before all of it is unpacked
+                _check_header(file.read(4096), member.file_size, f"{path}: array `{name}`")
+            yield from _columns(name, archive.read(member), str(path))
 
 
-def _columns(name: str, data: bytes, size: int, source: str) -> Iterator[tuple[str, np.ndarray]]:
-    _check_header(data[:4096], size, f"{source}: array `{name}`")
+def _columns(name: str, data: bytes, source: str) -> Iterator[tuple[str, np.ndarray]]:
+    _check_header(data[:4096], len(data), f"{source}: array `{name}`")
     array = np.load(io.BytesIO(data), allow_pickle=False)
     if array.dtype.names:
         for field in array.dtype.names:
@@ -558,26 +529,23 @@ def _links_3(data: bytes, place: int) -> Iterator[int]:
 _SAMPLE = 16  # bytes of a sample and its time stamp
 
 
-def mdf_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
-    """Yield every channel of a file under the name `Channel [unit]`.
+def mdf_columns(path: Path, data: bytes) -> list[ClockedColumn]:
+    """Return every channel of a file under the name `Channel [unit]`.
 
     A repeated name is preceded by its group: `group 2/Channel [unit]`.
     Damaged bytes raise various exceptions of asammdf.
     """
+    from asammdf import MDF
+
     budget = MemoryBudget(str(path), len(data))
     check_links(data)
     take_mdf(data, budget)
-    yield from each_silent(_opened_channels(data, budget), "asammdf")
-
-
-def _opened_channels(data: bytes, budget: MemoryBudget) -> Generator[ClockedColumn, None, None]:
-    from asammdf import MDF
-
-    try:
-        with MDF(io.BytesIO(data)) as file:
-            yield from _channels(file, budget)
-    finally:
-        gc.collect()  # runs noisy destructors of half-open files where nobody sees their messages
+    with silent("asammdf"):
+        try:
+            with MDF(io.BytesIO(data)) as file:
+                return list(_channels(file, budget))
+        finally:
+            gc.collect()  # runs noisy destructors of half-open files while they are silent
 
 
 def _channels(file: Any, budget: MemoryBudget) -> Iterator[ClockedColumn]:

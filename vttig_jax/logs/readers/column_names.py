@@ -304,7 +304,7 @@ def _normalised(name: str) -> str:
     return name.lower().replace(" ", "").removeprefix("/")
 
 
-NO_UNITS = frozenset(("", "-", "–", "none", "(none)", "n/a", "1"))
+NO_UNITS = frozenset(("", "-", "–", "none", "(none)", "n/a", "1", "sequence"))
 """Fields in a row of units that mean "no unit"."""
 
 _BRACKETS = {"[": "]", "(": ")"}

@@ -182,6 +182,10 @@ def is_value(field: str) -> bool:
     return looks_like_number(field) or looks_like_stamp(field)
 
 
+class RowTooLong(LogError):
+    """A row with more fields than the header has names: no column of it is certain."""
+
+
 class TextTable(Table):
     """Table in a text. The rows start after the line `header`, −1 for a text without header.
 
@@ -240,6 +244,8 @@ class TextTable(Table):
         indices = list(filter(self.starts_with_a_number, range(self.own)))
         try:
             return dict(zip(indices, self.own_columns(indices), strict=True))
+        except RowTooLong:
+            raise
         except LogError:
             pass
         found: dict[int, np.ndarray] = {}
@@ -399,6 +405,9 @@ class TextTable(Table):
             found = {k: one[0] for k, one in alone.items() if one is not None}
         last, fields = self._last[0][0] + 1, self._last[0][2]
         slow = [k for k in indices if k not in found]
+        for number, row in self.rows() if slow else [(last, fields)]:
+            if len(row) > self.own:
+                raise _more_fields(row, self.names, self.delimiter, f"{self.source}: line {number}")
         rows = [
             [self._value(number, row, k, decimal) for k in slow]
             for number, row in (self.rows() if slow else ())
@@ -659,7 +668,8 @@ def _check_width(
     lines: Lines, start: int, names: list[str], delimiter: str | None, source: str
 ) -> None:
     """Raise `LogError` for a row with more fields than names, and for a table on its side."""
-    width = len(split(lines[start], delimiter))
+    fields = split(lines[start], delimiter)
+    width = len(fields)
     if len(lines) - start < width > MOST_COLUMNS:
         rows = sum(1 for line in lines.starting_at(start) if line.strip())
         raise LogError(
@@ -673,15 +683,18 @@ def _check_width(
             where=f"{source}: line {start}",
         )
     if width > len(names):
-        cure = (
-            "save it with semicolons if it has decimal commas."
-            if delimiter == ","
-            else "correct the header."
-        )
-        raise LogError(
-            f"this row has {width} fields, but the header has {len(names)}; {cure}",
-            where=f"{source}: line {start + 1}",
-        )
+        raise _more_fields(fields, names, delimiter, f"{source}: line {start + 1}")
+
+
+def _more_fields(
+    fields: Sequence[str], names: Sequence[str], delimiter: str | None, where: str
+) -> RowTooLong:
+    cure = "correct the line or the header"
+    if delimiter == ",":
+        cure = "correct it, or save the log with semicolons if it has decimal commas"
+    return RowTooLong(
+        f"this row has {len(fields)} fields, but the header has {len(names)}; {cure}.", where=where
+    )
 
 
 def _headerless(

@@ -12,8 +12,9 @@ LabVIEW measurement (LVM): the file header says how many columns of time the row
 channels, one for each (`Multi`), or none, where X0 and Delta_X of the segment header give the
 stamps. Format: National Instruments, Specification for the LabVIEW Measurement File.
 
-Oscilloscopes (Rigol): the header states the first stamp and the increment of the time, under the
-names `Start` and `Increment` or as `t0 = …, tInc = …`.
+Oscilloscopes: the header states the first stamp and the increment of the time, or the rate, in rows
+such as `HResolution,5e-2,5e-2` (Yokogawa), under the names `Start` and `Increment` or as `t0 = …,
+tInc = …` (Rigol). Older ones of Tektronix have such rows beside the table.
 
 Files in sections: several tables in one text, each with a header and perhaps a heading.
 
@@ -25,17 +26,21 @@ are named `2/motor` for column `motor` of section 2.
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Real
+from jaxtyping import Real
 
 from ...base.errors import LogError
 from .binary import ClockedColumn, table_of
-from .column_names import TIME_UNITS, is_units_row, unit_in, with_units
+from .column_names import TIME_UNITS, fold, is_units_row, read_name, unit_in, unit_spelt, with_units
 from .delimited import is_value, looks_like_number, split, to_number
 from .table import Table
 from .text import Lines, printable
-from .times import looks_like_stamp, read_stamps
+from .times import FILETIME, epoch_unit, looks_like_stamp, read_stamps
+
+WHOLE = 0.9
+"""Least share of the rows that have the usual form; others are damaged (chosen)."""
 
 SPARE = 16
 """Number of first lines of a text in which a layout is recognised (chosen)."""
@@ -83,11 +88,14 @@ def decimal_of(rows: Sequence[Row], mark: str) -> str:
     return "," if commas else "."
 
 
-def cells_of(rows: Sequence[Row], k: int, source: str, what: str) -> list[Cell]:
-    """Return the fields of column `k`; short channels end with empty fields.
+def column_of(
+    rows: Sequence[Row], k: int, name: str, decimal: str, source: str
+) -> Real[np.ndarray, " n"]:
+    """Return column `k` as `numbers` does; short channels end with empty fields.
 
-    **Raises** `LogError` for an empty field above other ones; `what` names the column.
+    **Raises** `LogError` for an empty field above other ones, and for one that is no number.
     """
+    what = f"column `{name}`"
     found = [(number, row[k]) for number, row in rows if k < len(row) and row[k]]
     for (number, _), (own, _) in zip(rows, found, strict=False):
         if number != own:
@@ -95,7 +103,7 @@ def cells_of(rows: Sequence[Row], k: int, source: str, what: str) -> list[Cell]:
                 "the field is empty; write a value or remove the line.",
                 where=f"{source}: line {number}, {what}",
             )
-    return found
+    return numbers(found, decimal, source, what)
 
 
 def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real[np.ndarray, " n"]:
@@ -123,9 +131,6 @@ _HEAD = 60
 """Number of first lines that may describe the channels (chosen)."""
 
 END = "EOF"
-_FILETIME = re.compile(r"1\d{17}")
-"""FILETIME of the years 1917 to 2234: 18 digits, which a float does not hold."""
-
 _SAMPLE_TIME = re.compile(r"SampleTime(?:\[ms\])?(?=[\t;, :])")
 """First field of the row with the sample times, before one of the delimiters of the export."""
 
@@ -133,7 +138,21 @@ START, END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
 _KEYS = ("Channels", "Samples", "X0", "Delta_X")
 """Keys of a segment header; the file header has none of them."""
 
-_STATED = re.compile(r"\bt0\s*=\s*([^\s,s]+)s?\s*,\s*tInc\s*=\s*([^\s,s]+)")
+_SAID = {
+    "step": "increment tinc xinc xincrement sampleinterval hresolution",
+    "start": "start t0 xorg xorigin hoffset",
+    "rate": "samplerate samplingrate",
+    "name": "tracename source",
+    "unit": "vunit unit verticalunits",
+    "axis": "hunit horizontalunits",
+    "blocks": "blocknumber",
+}
+"""What the header of an oscilloscope says → its keys, in small letters without blanks."""
+
+_SAID_BY = {key: said for said, keys in _SAID.items() for key in keys.split()}
+_CLOCK = re.compile(r"inc(rement)?\b|sampl\w* ?(interval|rate)|hresolution", re.IGNORECASE)
+_QUANTITY = re.compile(r"([-+]?(?:\d[\d.,]*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµμ]*)")
+_HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "ghz": 1e9}
 _VOLTS = re.compile(r"([A-Z]+\d*)\s*V")
 """Name of a channel of Rigol with its unit, such as `CH1V`."""
 
@@ -158,16 +177,15 @@ def read_twincat(text: Lines, source: str) -> Found | None:
     notes = [f"TwinCAT Scope: {len(times)} {kind} with a time of its own", *cut]
     columns = []
     for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
-        cells = cells_of(rows, first, source, f"column `time {group}`")
-        if cells and all(_FILETIME.fullmatch(text) for _, text in cells):
-            origin = int(rows[0][1][times[0]])
-            seconds = np.array([int(text) - origin for _, text in cells]) * TIME_UNITS["100ns"]
+        stamps = column_of(rows, first, f"time {group}", decimal, source)
+        epoch = epoch_unit(stamps) if len(stamps) else None
+        if epoch is not None and epoch.unit == FILETIME:
+            seconds = (stamps - int(rows[0][1][times[0]])) * TIME_UNITS["100ns"]
         else:
-            seconds = numbers(cells, decimal, source, f"column `time {group}`") * TIME_UNITS["ms"]
+            seconds = stamps * TIME_UNITS["ms"]
         for k in range(first + 1, last):
             if name := _name(described, k):
-                place = source, f"column `{name}`"
-                values = numbers(cells_of(rows, k, *place), decimal, *place)
+                values = column_of(rows, k, name, decimal, source)
                 columns.append(ClockedColumn(name, values, seconds))
     return table_of(columns, source, start=0.0), tuple(notes)
 
@@ -240,79 +258,156 @@ def read_lvm(text: Lines, source: str) -> Found | None:
         raise LogError(
             f"its Decimal_Separator is `{decimal}`; write `.` or `,` there.", where=source
         )
-    columns = _channels(names, rows, header, decimal, source)
+    own = header.get("X_Columns", ["One"])[0]
+    places = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
+    stated = {key: [one for one in header.get(key, []) if one] for key in (*_KEYS, "Y_Unit_Label")}
+    columns = []
+    for place, k in enumerate(places):
+        values = column_of(rows, k, names[k], decimal, source)
+        said = {key: one[place] for key, one in stated.items() if len(one) == len(places)}
+        if own == "No":
+            first, step = (to_number(said.get(key, ""), decimal) for key in ("X0", "Delta_X"))
+            time = (first or 0.0) + (step or 0.0) * np.arange(len(values))
+        else:
+            clock = k - 1 if own == "Multi" else 0
+            time = column_of(rows, clock, names[clock], decimal, source)[: len(values)] * 1.0
+        unit = said.get("Y_Unit_Label", "")
+        name = f"{names[k]} [{unit}]" if unit_in(unit) else names[k]
+        columns.append(ClockedColumn(name, values, time))
     table = table_of(columns, source, start=0.0)
     if len(set(table.clocks.values())) < 2:
         return replace(table, clocks={}), ("LabVIEW measurement", *cut)
     return table, ("LabVIEW measurement: channels with stamps of their own", *cut)
 
 
-def _channels(
-    names: Sequence[str],
-    rows: Sequence[Row],
-    header: Mapping[str, Sequence[str]],
-    decimal: str,
-    source: str,
-) -> list[ClockedColumn]:
-    values = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
-    own = header.get("X_Columns", ["One"])[0]
+def read_waveforms(text: Lines, source: str) -> Found | None:
+    """Return the channels of an oscilloscope whose header says what their columns do not.
 
-    def column(k: int) -> Float[np.ndarray, " n"]:
-        place = source, f"column `{names[k] if k < len(names) else k + 1}`"
-        return numbers(cells_of(rows, k, *place), decimal, *place)
+    The header stands above rows without a time, or beside the rows of a table without names: in
+    the columns before a time and its channels. Else the result is None.
 
-    def entry(key: str, place: int) -> str:
-        """Return the entry of a channel in a row of the segment header, or "" without one."""
-        entries = [field for field in header.get(key, []) if field]
-        return entries[place] if len(entries) == len(values) else ""
+    **Raises** `LogError` for an increment that is no number, another axis than time, blocks that
+    were recorded one after the other, and rows that have other columns than the header names.
+    """
+    lines = text[:_HEAD]
+    if not any(map(_CLOCK.search, lines)):
+        return None
+    last = next(line for line in reversed(lines) if line.strip())
+    mark = next((mark for mark in ";\t," if mark in last), ",")
+    head = [split(line.lstrip("#%/ "), mark, trim=False) for line in lines]
+    are_rows = [any(row) and all(looks_like_number(one) for one in row if one) for row in head]
+    first, said = next((k for k, both in enumerate(pairwise(are_rows)) if all(both)), 0), {}
+    named = _beside(head)
+    if named:
+        first = 0
+    elif first:
+        said = _stated(head[:first])
+        named = _above(head[:first], head[first], said, source)
+    if not named:
+        return None
+    rows, cut = rows_from(list(text), first, mark)
+    decimal, columns = decimal_of(rows, mark), {}
+    for k, name in named.items():
+        values = column_of(rows, k, name, decimal, source)
+        same = name not in columns or np.array_equal(columns[name], values)
+        columns[name if same else f"{name} #{k + 1}"] = values
+    note = "oscilloscope: the header names the channels"
+    if not any(name.startswith("time [") for name in columns):
+        start, step = _clock(said, source)
+        counted = columns.pop("X", np.arange(len(rows)))
+        columns = {"time [s]": start + step * counted, **columns}
+        note = f"oscilloscope: time = {start:g} s + {step:g} s × sample, as the header states"
+    return table_of([ClockedColumn(*one) for one in columns.items()], source), (note, *cut)
 
-    def stamps(place: int, k: int, size: int) -> np.ndarray:
-        if own != "No":
-            return column(k - 1 if own == "Multi" else 0)[:size] * 1.0
-        first, step = (to_number(entry(key, place), decimal) for key in ("X0", "Delta_X"))
-        return (first or 0.0) + (step or 0.0) * np.arange(size)
 
-    found = []
-    for place, k in enumerate(values):
-        channel, unit = column(k), entry("Y_Unit_Label", place)
-        name = f"{names[k]} [{unit}]" if unit_in(unit) else names[k]
-        found.append(ClockedColumn(name, channel, stamps(place, k, len(channel))))
+def _stated(head: Sequence[Sequence[str]]) -> dict[str, list[str]]:
+    """Return key of `_SAID` → words after the key, below it, or behind an equals sign or colon."""
+    found: dict[str, list[str]] = {}
+    for fields, below in zip(head, [*head[1:], []], strict=True):
+        for k, text in enumerate(fields):
+            key, *value = re.split("[=:]", text, maxsplit=1)
+            said = _SAID_BY.get(re.sub(r"[\W_]", "", fold(key)))
+            values = [one for one in value or (below[k : k + 1] if k else fields[1:]) if one]
+            if said and values:
+                found.setdefault(said, values)
     return found
 
 
-def read_increment(text: Lines, source: str) -> Found | None:
-    """Return time and channels of an oscilloscope; the column `X` counts the samples, or nothing.
+def _beside(head: Sequence[Sequence[str]]) -> dict[int, str]:
+    """Return index → name of the columns beside a header: a time and its channels; else none."""
+    rows = [row for row in head if any(row)]
+    columns = zip(*rows, strict=False)
+    kinds = [np.mean([looks_like_number(one) for one in column]) for column in columns]
+    start, names, named = 0, list[str](), dict[int, str]()
+    for k in (k for k, share in enumerate(kinds) if share > WHOLE):
+        if k == 0 or kinds[k - 1] <= WHOLE:
+            said = _stated([row[start:k] for row in rows])
+            if "step" not in said:
+                return {}
+            names = [_time_in(said), *with_units(said.get("name", []), said.get("unit", []))]
+        named[k] = names.pop(0) if names else f"#{k + 1}"
+        start = k + 1
+    return named
 
-    The header states the first stamp and the increment of the time; else the result is None.
+
+def _time_in(said: Mapping[str, list[str]]) -> str:
+    return f"time [{said.get('axis', ['s'])[0]}]"
+
+
+def _above(
+    head: Sequence[Sequence[str]], row: Sequence[str], said: Mapping[str, list[str]], source: str
+) -> dict[int, str]:
+    """Return index → name of the columns below a header that states a clock.
+
+    There is none if the line of names above the rows has a time.
     """
-    names, stated = split(text[0], ","), _STATED.search(text[0])
-    if stated is None and names[-2:] != ["Start", "Increment"]:
-        return None
-    lines = list(text)
-    units, first = split(lines[1], ","), 2
-    if stated is not None:
-        texts, units, first = stated.groups(), [], 1
-        names = [name for name in names if "=" not in name]
-        names = [_VOLTS.sub(r"\1 [V]", name) for name in names]
-    else:
-        texts, names, units = units[-2:], names[:-2], units[:-2]
-    start, step = (to_number(text, ".") for text in texts)
-    rows, cut = rows_from(lines, first, ",")
-    if start is None or step is None or not rows:
+    if "step" not in said and not {"rate", "name"} <= said.keys():
+        return {}  # a rate above other tables may be that before averaging
+    places, names = [k for k, one in enumerate(row) if one], said.get("name", [])
+    units, size = said.get("unit", []), len(places)
+    if not names:
+        last = [fields[:size] for fields in head if any(fields)][-2:]
+        if is_units_row(last[-1]):
+            units = last.pop()
+        names = [_VOLTS.sub(r"\1 [V]", name) for name in last[-1]]
+        if len(names) < size or any(map(looks_like_number, names)):
+            names = [f"#{k + 1}" for k in places]
+    elif len(names) == size - 1:
+        names, units = [_time_in(said), *names], ["", *units]
+    if len(names) != size:
         raise LogError(
-            "the header states no start and increment of the time above rows of numbers; export"
-            " the channels again.",
+            f"the rows have {size} columns, but the header names {len(names)}: "
+            f"`{'`, `'.join(names)}`; export the channels again.",
             where=source,
         )
-    named = with_units(names, units)
-    columns = {
-        name: numbers(cells_of(rows, k, source, f"`{name}`"), ".", source, f"`{name}`")
-        for k, name in enumerate(named)
-    }
-    counted = columns.pop("X", np.arange(len(rows)))
-    notes = (f"oscilloscope: time = {start:g} s + {step:g} s × sample", *cut)
-    columns = {"time [s]": start + step * counted, **columns}
-    return table_of([ClockedColumn(*column) for column in columns.items()], source), notes
+    names = with_units(names, units)
+    read = [read_name(name, source) for name in names[: None if "name" not in said else 0]]
+    timed = any(one.role == "time" or one.unit in TIME_UNITS for one in read)
+    return {} if timed else dict(zip(places, names, strict=True))
+
+
+def _clock(said: Mapping[str, list[str]], source: str) -> tuple[float, float]:
+    """Return the first stamp and the increment of the time in s."""
+    axis, blocks = said.get("axis", ["s"])[0], said.get("blocks", ["1"])[0]
+    starts, steps = (_sizes(said.get(key, ["0"]), TIME_UNITS, axis) for key in ("start", "step"))
+    if "step" not in said:
+        steps = {1 / one for one in _sizes(said["rate"], _HERTZ, "hz") if one}
+    what = "states no start and increment of the time in s that all channels share"
+    what += f" (`{', '.join(said.get('step', []))}`); export channels over time with one rate."
+    if blocks != "1":
+        what = f"names {blocks} blocks (`BlockNumber`), one recorded after the other; export one."
+    if blocks != "1" or len(starts) != 1 or len(steps) != 1 or not min(steps) > 0:
+        raise LogError(f"the header {what}", where=source)
+    return starts.pop(), steps.pop()
+
+
+def _sizes(texts: Sequence[str], units: Mapping[str, float], unit: str) -> set[float]:
+    """Return the different values of texts such as `20 MHz`; those without a unit are in `unit`."""
+    found = _QUANTITY.findall(" ".join(texts))
+    values = (
+        (to_number(one, "," if "," in one else "."), unit_spelt(own or unit)) for one, own in found
+    )
+    return {value * units.get(own, np.nan) for value, own in values if value is not None}
 
 
 DELIMITERS = (",", ";", "\t")

@@ -29,6 +29,9 @@ import numpy as np
 
 from ...base.errors import UsageError
 from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget, kept_bytes
+from ...base.logger import LOGGER
+from .table import matrix_columns
+from .text import library
 from .times import since_first
 
 MATRIX, COMPRESSED = 14, 15
@@ -176,6 +179,31 @@ def _element(data: bytes, place: int, stop: int, order: str) -> tuple[int, int, 
     return kind, begin, begin + length
 
 
+def nested_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and columns of the arrays in a MATLAB or HDF5 file; MATLAB v7.3 files are HDF5.
+
+    No code in the file is executed, and no other file is read. Damaged bytes raise various
+    exceptions.
+
+    **Raises** `UsageError` for MATLAB tables without the package mat-io, unless the file has plain
+    arrays.
+    """
+    hdf5 = HDF5_SIGNATURE in (data[:8], data[512:520])
+    columns: dict[str, np.ndarray] = {}
+    budget = MemoryBudget(str(path), len(data))
+    for name, array in (hdf5_leaves if hdf5 else matlab_leaves)(data, budget):
+        columns.update(matrix_columns(name, array))
+    if check_objects(data, hdf5=hdf5, budget=budget):
+        try:
+            for name, array in object_leaves(path):
+                columns.update(matrix_columns(name, array))
+        except UsageError as error:  # tables need a package
+            if not columns:
+                raise
+            LOGGER.warning("%s: they are left out: %s", path, error.message)
+    yield from columns.items()
+
+
 DEEPEST = 16
 """Largest nesting depth of structs and cells that are read (chosen)."""
 
@@ -199,15 +227,11 @@ def matlab_leaves(
         check_tags(data, budget)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
-        variables = loadmat(io.BytesIO(data), **_sparse_option(loadmat))
+        sparse = {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
+        variables = loadmat(io.BytesIO(data), **sparse)  # newer versions of SciPy ask for it
     for name, value in variables.items():
         if not name.startswith("__"):
             yield from leaves(name, value, _numbers)
-
-
-def _sparse_option(loadmat: Callable[..., dict]) -> dict[str, bool]:
-    """Return the argument for sparse arrays that newer versions of SciPy expect, or no argument."""
-    return {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
 
 
 def _numbers(path: str, value: Any) -> Leaves:
@@ -428,18 +452,11 @@ def object_leaves(path: Path) -> Iterator[tuple[str, np.ndarray]]:
     Columns are named `T.column`, and `T.column [unit]` if the table states units. Damaged bytes
     raise various exceptions. **Raises** `UsageError` without the library.
     """
-    try:
-        from matio import load_from_mat
-    except ImportError:
-        raise UsageError(
-            "tables and other objects of MATLAB need the package mat-io; install it with"
-            ' `pip install "vttig-jax[matlab]"`, or convert the table in MATLAB with'
-            ' `table2struct(T, "ToScalar", true)`.',
-            where=str(path),
-        ) from None
+    cure = 'convert the table in MATLAB with `table2struct(T, "ToScalar", true)`'
+    matio = library("matio", "tables and other objects of MATLAB", "matlab", str(path), cure)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        variables = _load(load_from_mat, path)
+        variables = _load(matio.load_from_mat, path)
         for name, value in variables.items():
             if not name.startswith("__"):
                 yield from leaves(name, value, _objects, lone_cells=False)

@@ -3,28 +3,24 @@
 Text layouts that are recognised, in the order in which they are tested.
 """
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from ...base.errors import InputError, LogError, UsageError
-from ...base.files.limits import STDIN, MemoryBudget, keep, read_standard_input
-from ...base.logger import LOGGER
+from ...base.errors import LogError, UsageError
+from ...base.files.limits import STDIN, keep, read_standard_input
 from ...pair.schema import LogLayout
 from .binary import format_of, read_binary
 from .column_names import ROLES, number_of
 from .delimited import find_table
-from .layouts import read_increment, read_lvm, read_sections, read_twincat
-from .matlab import HDF5_SIGNATURE, check_objects, hdf5_leaves, matlab_leaves, object_leaves
+from .layouts import read_lvm, read_sections, read_twincat, read_waveforms
+from .matlab import HDF5_SIGNATURE
 from .records import read_brackets, read_json, read_pairs, read_side
 from .samples import read_changes, read_frames, read_guide_log, read_halsampler, read_long
-from .table import Table, matrix_columns, one_pass, with_computed
-from .text import NESTED, printable, read_bytes, read_text
+from .table import Table, one_pass, with_computed
+from .text import read_text
 
 LAYOUTS = (
-    *(read_json, read_twincat, read_lvm, read_increment, read_frames, read_changes),
+    *(read_json, read_twincat, read_lvm, read_waveforms, read_frames, read_changes),
     *(read_halsampler, read_guide_log, read_long, read_side, read_pairs, read_brackets),
     read_sections,
 )
@@ -77,8 +73,6 @@ def open_table(path: str | Path, layout: LogLayout = LogLayout()) -> Table:
     requested = [getattr(layout, role) for role in ROLES]
     if (binary := format_of(Path(path))) is not None:
         table, table.digest, table.notes = read_binary(Path(path), binary)
-    elif Path(path).suffix.lower() in NESTED:
-        table = _read_nested(path)
     else:
         lines, digest, notes = read_text(path, layout.encoding)
         own = LAYOUTS if layout.delimiter is None else ()
@@ -90,50 +84,6 @@ def open_table(path: str | Path, layout: LogLayout = LogLayout()) -> Table:
             table, notes = found[0], (*notes, *found[1])
         table.digest, table.notes = digest, (*notes, *table.notes)
     return with_computed(one_pass(table, requested), requested)
-
-
-def _read_nested(path: str | Path) -> Table:
-    """Return the table of the arrays in a MATLAB or HDF5 file; MATLAB v7.3 files are HDF5.
-
-    No code in the file is executed, and no other file is read.
-
-    **Raises** `LogError` for a missing, damaged or unreadable file or one without numeric arrays,
-    `UsageError` for MATLAB tables without the package mat-io, unless the file has plain arrays.
-    """
-    data = read_bytes(path, NESTED)
-    source = str(path)
-    hdf5 = HDF5_SIGNATURE in (data[:8], data[512:520])
-    leaves = hdf5_leaves if hdf5 else matlab_leaves
-    columns: dict[str, np.ndarray] = {}
-    budget = MemoryBudget(source, len(data))
-    try:
-        for name, array in leaves(data, budget):
-            columns.update(matrix_columns(name, array))
-        if check_objects(data, hdf5=hdf5, budget=budget):
-            try:
-                for name, array in object_leaves(Path(path)):
-                    columns.update(matrix_columns(name, array))
-            except UsageError as error:  # tables need a package
-                if not columns:
-                    raise
-                LOGGER.warning("%s: they are left out: %s", path, error.message)
-    except (UsageError, InputError, MemoryError):
-        raise
-    except Exception:  # damaged bytes raise various exceptions
-        raise LogError(
-            "the file is damaged or not a MATLAB or HDF5 file; save it again, or export the log as"
-            " CSV.",
-            where=source,
-        ) from None
-    if not columns:
-        raise LogError(
-            "the file has no numeric array; save arrays, structs or tables of numbers, or export"
-            " the log as CSV.",
-            where=source,
-        )
-    names = tuple(map(printable, columns))
-    digest = hashlib.sha256(data).hexdigest()
-    return Table(names, tuple(columns.values()), source, digest=digest)
 
 
 def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:

@@ -195,7 +195,10 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     Damaged bytes raise various exceptions of rosbags.
     """
     del data  # rosbags reads the file or the folder
-    budget = _budget(path)
+    files = [one for one in path.rglob("*") if one.is_file()] if path.is_dir() else [path]
+    budget = MemoryBudget(str(path), sum(one.stat().st_size for one in files))
+    for one in files:
+        take_bag(one, budget)
     with silent("rosbags"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -219,15 +222,6 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
             yield ClockedColumn(name, np.array(values), seconds)
 
 
-def _budget(path: Path) -> MemoryBudget:
-    """Return the memory budget of a bag minus the unpacked sizes of its files."""
-    files = [one for one in path.rglob("*") if one.is_file()] if path.is_dir() else [path]
-    budget = MemoryBudget(str(path), sum(one.stat().st_size for one in files))
-    for one in files:
-        take_bag(one, budget)
-    return budget
-
-
 def _header_ns(message: Any) -> int:
     """Return the stamp in the header of a message in ns since 1970, or 0 without a stamp."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
@@ -239,7 +233,9 @@ def _header_ns(message: Any) -> int:
 def _numbers(path: str, message: Any, depth: int) -> Iterator[tuple[str, float]]:
     """Yield path and value of every numeric field of a message and of the messages in it."""
     if type(message).__name__.endswith(JOINTS):
-        yield from _joints(path, message)
+        for field, unit in JOINT_FIELDS.items():
+            for joint, value in zip(message.name, getattr(message, field), strict=False):
+                yield f"{path}/{joint}/{field} [{unit}]", float(value)
         return
     if depth > DEEPEST:
         return
@@ -253,10 +249,3 @@ def _numbers(path: str, message: Any, depth: int) -> Iterator[tuple[str, float]]
             yield f"{path}/{field}", value.item() if isinstance(value, np.number) else value
         elif hasattr(value, "__dataclass_fields__"):
             yield from _numbers(f"{path}/{field}", value, depth + 1)
-
-
-def _joints(path: str, message: Any) -> Iterator[tuple[str, float]]:
-    for field, unit in JOINT_FIELDS.items():
-        values = getattr(message, field)
-        for joint, value in zip(message.name, values, strict=False):
-            yield f"{path}/{joint}/{field} [{unit}]", float(value)

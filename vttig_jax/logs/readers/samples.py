@@ -36,7 +36,7 @@ from ..source import Source
 from .binary import ClockedColumn, table_of
 from .column_names import WAYS, fold
 from .delimited import looks_like_number, split, to_number
-from .layouts import SPARE, Cell, Found, Row, content, cut_at, numbers
+from .layouts import SPARE, WHOLE, Found, Row, content, cut_at, numbers
 from .table import MOST_COLUMNS, Table
 from .text import Lines, printable
 from .times import exact_numbers, looks_like_stamp, read_stamps
@@ -60,51 +60,38 @@ SAMPLE = 400
 _MOST_CHANNELS = 50
 """Largest number of different channel names in these rows (chosen)."""
 
-WHOLE = 0.9
-"""Least share of these rows that have the usual form; others are damaged (chosen)."""
-
 _FEWEST = 4
 """Least mean number of rows per channel (chosen)."""
 
 
-@dataclass
-class Channels:
-    """Stamps and values of the channels as text, collected line by line."""
-
-    stamps: dict[str, list[str]] = field(default_factory=dict)
-    cells: dict[str, list[Cell]] = field(default_factory=dict)
+class Channels(dict[str, list[tuple[int, str, str]]]):
+    """Line, stamp and value of each sample as text, by the name of its channel."""
 
     def add(self, name: str, stamp: str, value: str, line: int) -> None:
         """Append one sample."""
-        self.stamps.setdefault(name, []).append(stamp)
-        self.cells.setdefault(name, []).append((line, value))
+        self.setdefault(name, []).append((line, stamp, value))
 
     def found(self, source: str, notes: Sequence[str], *, held: bool = False) -> Found:
         """Return the numeric channels with their stamps in s since the earliest one, and the notes.
 
         **Raises** `LogError` for a file without numbers and for stamps that cannot be read.
         """
-        kept = {
-            name: cells
-            for name, cells in self.cells.items()
-            if len(cells) > 1 and looks_like_number(cells[-1][1])
-        }
+        kept = {k: one for k, one in self.items() if len(one) > 1 and looks_like_number(one[-1][2])}
         if not kept:
             raise LogError(
                 "no channel of this file holds numbers; export the log again.", where=source
             )
-        stamps = [stamp for name in kept for stamp in self.stamps[name]]
-        dated = looks_like_stamp(stamps[0])
-        lines = [line for cells in kept.values() for line, _ in cells]
-        place = Source(source, line_of=lines.__getitem__)
+        lines, stamps, _ = zip(*(sample for one in kept.values() for sample in one), strict=True)
+        dated, place = looks_like_stamp(stamps[0]), Source(source, line_of=lines.__getitem__)
         seconds = read_stamps(stamps, partial(place.at, ""))[0] if dated else exact_numbers(stamps)
         if seconds is None:
             raise LogError("the time stamps are no numbers; export the log again.", where=source)
-        ends = np.cumsum([len(cells) for cells in kept.values()])[:-1]
-        columns = (
-            ClockedColumn(name, numbers(cells, ".", source, f"channel `{name}`"), own)
-            for (name, cells), own in zip(kept.items(), np.split(seconds, ends), strict=True)
-        )
+        ends = np.cumsum([len(one) for one in kept.values()])[:-1]
+        columns = []
+        for (name, one), own in zip(kept.items(), np.split(seconds, ends), strict=True):
+            cells = [(line, value) for line, _, value in one]
+            values = numbers(cells, ".", source, f"channel `{name}`")
+            columns.append(ClockedColumn(name, values, own))
         return table_of(columns, source, held=held, start=float(seconds.min())), tuple(notes)
 
 
@@ -156,7 +143,7 @@ def read_frames(text: Lines, source: str) -> Found | None:
             unit = f" [{signal['unit']}]" if signal["unit"] else ""
             name = f"{message['name']}.{signal['name']}{unit}"
             channels.add(name, stamp, signal["value"], number)
-    if not channels.cells:
+    if not channels:
         raise LogError("no frame of this file is decoded; give cantools the DBC.", where=source)
     notes = ["cantools decode: every message has its own time stamps"]
     if cut:

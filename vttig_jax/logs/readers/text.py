@@ -19,6 +19,7 @@ import re
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from datetime import date, datetime, time, timedelta
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
 from typing import Any, overload
@@ -45,6 +46,9 @@ def _zstd(file: io.BytesIO) -> Any:
     return pa.CompressedInputStream(file, "zstd")
 
 
+_PACKAGES = {"python_calamine": "python-calamine", "matio": "mat-io"}
+"""Import name → name of the package, where they differ."""
+
 _WORKBOOK = b"PK\x03\x04"
 _OPENERS: dict[bytes, Callable[[io.BytesIO], Any]] = {
     b"\x1f\x8b": lambda file: gzip.GzipFile(fileobj=file),
@@ -55,6 +59,23 @@ _OPENERS: dict[bytes, Callable[[io.BytesIO], Any]] = {
 
 PACKED_ENDINGS = (".gz", ".bz2", ".xz", ".zst")
 """File endings that follow the ending of the packed text, as in `log.csv.gz`."""
+
+
+def library(name: str, what: str, extra: str, where: str = "", cure: str = "") -> Any:
+    """Return an optional package; raise `UsageError` if it is missing.
+
+    `what` are the files that need it, in the plural, `extra` is the extra of vttig-jax that
+    installs it, and `cure` is a way without it.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        package = _PACKAGES.get(name, name)
+        raise UsageError(
+            f'{what} need the package {package}; install it with `pip install "vttig-jax[{extra}]"`'
+            f"{cure and ', or '}{cure}.",
+            where=where,
+        ) from None
 
 
 def unpacked(data: bytes, where: str) -> bytes:
@@ -84,16 +105,11 @@ def unpacked(data: bytes, where: str) -> bytes:
 
 
 def _text_of_workbook(data: bytes, budget: MemoryBudget) -> str:
-    try:
-        from python_calamine import load_workbook
-    except ImportError:
-        raise UsageError(
-            "workbooks need the package python-calamine; install it with"
-            ' `pip install "vttig-jax[sheets]"`, or export the log as CSV.',
-            where=budget.where,
-        ) from None
+    calamine = library(
+        "python_calamine", "workbooks", "sheets", budget.where, "export the log as CSV"
+    )
     _take_sheets(data, budget)
-    book = load_workbook(io.BytesIO(data))
+    book = calamine.load_workbook(io.BytesIO(data))
     sheets = {
         name: ["\t".join(map(_field, row)) for row in sheet.to_python(skip_empty_area=False)]
         for name in book.sheet_names
@@ -168,9 +184,6 @@ ENDINGS = (
     *(".json", ".jsonl", ".ndjson", ".xlsx", ".xlsm", ".ods"),
 )
 """File endings of delimited text, of JSON, and of workbooks, which are read as such a text."""
-
-NESTED = (".mat", ".h5", ".hdf5")
-"""File endings of nested arrays."""
 
 BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"),

@@ -672,7 +672,8 @@ class Search:
         return ask(slug, where, role=role, columns=[one], options=[told], scale=scale)
 
     def _no_lead(self, role: str, one: Candidate) -> Question:
-        told = "give --lead-mm with its travel in mm in one turn of the shaft"
+        told = "give --lead-mm with its travel in mm in one turn of the shaft, or --radius-mm with"
+        told += " the radius of a dial gauge"
         if self.statement.in_file:
             told = "write its travel in mm in one turn, such as `lead_mm = 5`, in [log]"
         return self._ask("no-lead", role=role, columns=[one], options=[told])
