@@ -11,9 +11,6 @@ from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
-from ..logs.checks.ratio import SeenRatio
-from ..logs.encoder_log import EncoderLog
-from ..logs.lines.search import Line
 from ..logs.motion.segments import Segments
 from ..model.components import NEEDED, likelihood_ratio
 from ..model.density import LAGS, whitening
@@ -22,6 +19,7 @@ from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
 from ..model.rows import BENDS
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
+from .door import Identified
 from .orders import SIDES, mounted_exact
 from .records import (
     Checks,
@@ -32,6 +30,7 @@ from .records import (
     JumpComparison,
     Noise,
     RatioCheck,
+    ReadingsComparison,
     Reversal,
 )
 from .repeats import closure, reversal_jumps
@@ -40,18 +39,15 @@ _SPEEDS, _APART = 8, 0.15
 
 
 def checks_of(
-    core: MixedFit,
+    found: Identified,
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
-    *,
-    logs: Sequence[EncoderLog],
-    segments: Sequence[Segments],
-    ratios: Sequence[SeenRatio],
-    lines: Sequence[Line],
     curves: tuple[TECurve, ...],
     model: FlankModel,
+    readings: ReadingsComparison | None,
 ) -> Checks:
     """Return the checks of a fit."""
+    core = found.core
     needed = {
         group: likelihood_ratio(core, group) for group in ("drift", "delay_parts", "gap_by_speed")
     }
@@ -60,7 +56,7 @@ def checks_of(
     constant = parameters["constant_backlash_deg"].value
     if len(core.scope.flanks) < 2 and isinstance(pair, GearPair) and isinstance(model, OrderModel):
         model, constant = _first_orders(core, pair, parameters, model), 0.0
-    reversals = _reversals(core, segments, gap, model, constant)
+    reversals = _reversals(core, found.segments, gap, model, constant)
     return Checks(
         gap_over_angles_covered=gap,
         gap_by_speed=gap_by_speed(core, needed["gap_by_speed"] > NEEDED),
@@ -71,13 +67,17 @@ def checks_of(
         outliers=1 - float(good_rows(core).mean()),
         passes=core.passes,
         solver_steps=core.steps,
-        lines=tuple(FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in lines),
+        lines=tuple(
+            FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in found.lines
+        ),
         ratio=tuple(
-            RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause) for one in ratios
+            RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause)
+            for one in found.ratios
         ),
         closure=closure(curves, pair),
         reversals=reversals,
         jumps=_jumps(reversals, gap, constant),
+        readings=readings,
         drawing_backlash_deg=None
         if isinstance(pair, Drive)
         else float(pair.drawing_backlash) / DEG,

@@ -556,14 +556,6 @@ def given_parameters(
     return found
 
 
-def solved_given(told: Quantities, given: GivenModel) -> GivenModel:
-    """Return the flank model with the parameters of the fit."""
-    found = dict(zip(told.names, told.mean, strict=True))
-    return given.at(
-        [found.get(name, value) for name, value in zip(given.names, given.values, strict=True)]
-    )
-
-
 class FittedModel(ImplicitModel):
     """Sum of a given flank model with its fitted parameters, and of the free orders and offsets.
 
@@ -604,8 +596,11 @@ class FittedModel(ImplicitModel):
         return given + self.orders.at_both_angles(driving_angle, driven_angle, flank)
 
 
-def fitted_model(given: GivenModel, orders: OrderModel) -> FittedModel:
+def fitted_model(told: Quantities, given: GivenModel, orders: OrderModel) -> FittedModel:
     """Return the flank model of a fit from the given model at the solution and the free orders."""
+    found = dict(zip(told.names, told.mean, strict=True))
+    values = zip(given.names, given.values, strict=True)
+    given = given.at([found.get(name, value) for name, value in values])
     numbers = jax.tree.map(
         lambda leaf: jnp.asarray(leaf) if hasattr(leaf, "dtype") else leaf, given.fitted
     )

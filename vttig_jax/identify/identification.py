@@ -1,23 +1,21 @@
 """Identification of a rig from its logs: checks at the door, the mixed model, and its result."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from ..base.errors import NoAnswerError
 from ..base.runtime import require_x64
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, DEG
-from ..logs.checks.ratio import SeenRatio, check_ratio
+from ..logs.checks.ratio import check_ratio
 from ..logs.checks.slip import refuse_slip
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.flank_assignment import assigned_segments
-from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.columns import Assumptions
 from ..model.lines import found_lines, refined, short_lines
@@ -37,8 +35,8 @@ from ..model.starts import Turns, start_of
 from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
-from .door import require_distinct, require_pair, stated_drive, usable
-from .findings import Case, contradicts, findings_of
+from .door import Identified, require_distinct, require_pair, stated_drive, usable
+from .findings import Case, Finding, contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
 from .given import (
     GIVEN_INSTEAD,
@@ -49,7 +47,6 @@ from .given import (
     given_quantities,
     prepared,
     searched,
-    solved_given,
 )
 from .orders import SIDES, order_model, order_table
 from .readings import compared, updated
@@ -138,34 +135,10 @@ def fit(
         )
     wanted = orders or (pair.fit if model is None else HarmonicOrders((), (), 0))
     found = identified(logs, pair, settings, wanted, model)
-    result = result_of(
-        found.core,
-        pair,
-        settings,
-        logs=logs,
-        segments=found.segments,
-        ratios=found.ratios,
-        lines=found.lines,
-        readings=readings,
-        short=found.short,
-        given=found.given,
-    )
     first, *others = (one.keywords for one in logs)
     common = {k: value for k, value in first.items() if all(o.get(k) == value for o in others)}
     paths = tuple(one.path for one in logs)
-    return replace(result, request=FitRequest(settings, wanted, common, paths))
-
-
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """The mixed model fitted to logs, and what was seen of them at the door."""
-
-    core: MixedFit
-    lines: list[Line]
-    segments: list[Segments]
-    ratios: list[SeenRatio]
-    short: tuple[str, ...]
-    given: GivenModel | None = None
+    return result_of(found, pair, FitRequest(settings, wanted, common, paths), readings)
 
 
 def identified(
@@ -203,7 +176,7 @@ def identified(
     require_one_rig(core, [one.source for one in logs])
     if given is None:
         lines = [*lines, *short_lines(core)]
-    return Identified(core, lines, segments, ratios, short, given)
+    return Identified(logs, core, lines, segments, ratios, short, given)
 
 
 def told_by(
@@ -322,69 +295,36 @@ def fitted(
 
 
 def result_of(
-    core: MixedFit,
+    found: Identified,
     pair: GearPair | Drive,
-    settings: FitSettings,
-    *,
-    logs: Sequence[EncoderLog],
-    segments: Sequence[Segments],
-    ratios: Sequence[SeenRatio],
-    lines: Sequence[Line],
+    request: FitRequest,
     readings: BacklashReadings | None,
-    short: Sequence[str],
-    given: GivenModel | None = None,
 ) -> Fit:
     """Return the result of a fit of the mixed model."""
+    core, logs, given, settings = found.core, found.logs, found.given, request.settings
     source = ", ".join(one.source for one in logs)
     compared_with = None if readings is None else compared(core, readings, settings)
     if readings is not None and settings.use_readings:
         core = updated(core, readings)
+        found = replace(found, core=core)
     told, parameters = told_by(core, pair if given is None else Drive(pair.ratio), settings, source)
     model, whole = order_model(core), None
     if given is not None:
         told = given_quantities(core, told, given)
         parameters = given_parameters(parameters, told, pair, given)
-        given = solved_given(told, given)
-        whole = fitted_model(given, model)
+        whole = fitted_model(told, given, model)
     curves, residuals = curves_of(core)
-    checks = checks_of(
-        core,
-        pair,
-        parameters,
-        logs=logs,
-        segments=segments,
-        ratios=ratios,
-        lines=lines,
-        curves=curves,
-        model=model if whole is None else whole,
-    )
-    checks = msgspec.structs.replace(checks, readings=compared_with)
+    flank_model = model if whole is None else whole
+    checks = checks_of(found, pair, parameters, curves, flank_model, compared_with)
     if parameters["constant_backlash_deg"].determined:
         parameters.pop("gap_over_angles_covered", None)
     records = log_records(core, logs)
-    rms = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) / DEG
-    case = Case(
-        core,
-        pair,
-        settings,
-        logs,
-        segments,
-        ratios,
-        parameters,
-        regressors := regressors_of(core, told),
-        checks,
-        noise := noise_of(core),
-        records,
-        rms,
-        short,
-    )
-    flanks = tuple(SIDES[side] for side in core.scope.flanks)
-    return Fit(
+    fit = Fit(
         pair=pair,
         source=source,
         sha256=logs[0].sha256,
-        outcome=outcome_of(parameters, case),
-        flanks=flanks,
+        outcome="ok",
+        flanks=tuple(SIDES[side] for side in core.scope.flanks),
         samples={key: sum(one.samples[key] for one in records) for key in records[0].samples},
         zero=logs[0].zero,
         zero_readings=records[0].zero_readings,
@@ -392,20 +332,23 @@ def result_of(
         parameters=parameters,
         orders=order_table(core),
         model=model,
-        noise=noise,
-        residual_rms_deg=rms,
+        noise=noise_of(core),
+        residual_rms_deg=float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) / DEG,
         curves=curves,
         residuals=residuals,
         covariance=told.covariance,
         covariance_names=told.names,
         values=told.mean,
         checks=checks,
-        findings=findings_of(case),
-        regressors=regressors,
+        findings=(),
+        regressors=regressors_of(core, told),
         logs=records,
         core=core,
         given=whole,
+        request=request,
     )
+    findings = findings_of(Case(fit, found, settings))
+    return replace(fit, findings=findings, outcome=outcome_of(fit, findings))
 
 
 def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
@@ -430,12 +373,13 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
+def outcome_of(fit: Fit, findings: Sequence[Finding]) -> Outcome:
     """Return the outcome of the fit; parameters that the settings exclude do not count.
 
     A delay that the log shows is an answer, but a log that does not tell it may be complete.
     """
-    if contradicts(case):
+    parameters = fit.parameters
+    if contradicts(fit, findings):
         return "contradicts"
     asked = [
         p

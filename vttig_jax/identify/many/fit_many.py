@@ -1,8 +1,8 @@
 """Fits of many logs, each from a rig of its own: one table row for each log."""
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from typing import Any, NamedTuple
 
 import msgspec
@@ -135,10 +135,16 @@ def fit_columns(
         except VttigError as error:
             return _failed(log.source, error)
 
-    rows = []
-    for found in _in_turn(row, _of_one_design(logs, pair), threads or usable_cores()):
-        rows.append(found)
-        progress(1)
+    rows: list[Row] = []
+    threads = min(threads or usable_cores(), _MOST_THREADS)
+    logs = _of_one_design(logs, pair)
+    # Threads overlap, because NumPy and compiled programs release Python's lock. A few logs at a
+    # time, because `map` takes all that it is given into memory.
+    with ThreadPoolExecutor(threads) as pool:
+        while some := list(islice(logs, 2 * threads)):
+            for found in pool.map(row, some):
+                rows.append(found)
+                progress(1)
     return table_of(rows, parameter_names(pair))
 
 
@@ -159,28 +165,6 @@ def _of_one_design(
                 where=log.source,
             )
         yield log
-
-
-def _in_turn(
-    row: Callable[[EncoderLog | Unread], Row], logs: Iterable[EncoderLog | Unread], threads: int
-) -> Iterator[Row]:
-    """Yield the row of every log in the order of the logs; only a few logs are in memory.
-
-    Threads overlap, because NumPy and compiled programs release Python's lock.
-    """
-    threads = min(threads, _MOST_THREADS)
-    with ThreadPoolExecutor(threads) as pool:
-        running: deque[Future[Row]] = deque()
-        try:
-            for log in logs:
-                running.append(pool.submit(row, log))
-                if len(running) > 2 * threads:
-                    yield running.popleft().result()
-            while running:
-                yield running.popleft().result()
-        finally:
-            for future in running:
-                future.cancel()
 
 
 def row_of(
