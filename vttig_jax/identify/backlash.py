@@ -60,7 +60,8 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
         fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2
     given = constant_backlash_deg is not None
-    _refuse_unknown_gap(fit, given=not both and given)
+    if both or not given:
+        refuse_unknown_gap(fit)
     shift = None if given else shift_of_delay(fit)
     if isinstance(fit.pair, Drive) or fit.given is not None:
         if not both:
@@ -89,9 +90,10 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     return with_coverage(BacklashMap(model, first_order, fit.pair, shift=shift), fit, given)
 
 
-def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
+def refuse_unknown_gap(fit: Fit) -> None:
+    """Raise `NoAnswerError` if a fit tells neither the constant gap nor that of some angles."""
     gap = fit.parameters["constant_backlash_deg"]
-    if gap.determined or given or fit.checks.gap_over_angles_covered.determined:
+    if gap.determined or fit.checks.gap_over_angles_covered.determined:
         return
     cure = "record more turns."
     if len(fit.flanks) != 2:

@@ -64,7 +64,7 @@ def checks_of(
         explained=explained(core),
         likelihood_ratio=needed,
         drift_arcsec=drift_arcsec(core),
-        outliers=1 - float(good_rows(core).mean()),
+        outliers=1 - float(core.good.mean()),
         passes=core.passes,
         solver_steps=core.steps,
         lines=tuple(
@@ -157,23 +157,15 @@ def delay_by_parts(core: MixedFit) -> tuple[DelayOfPart, ...]:
 
 def explained(core: MixedFit) -> float | None:
     """Return the share of the variance that the harmonics explain beside the other columns."""
-    left = core.residual
+    left, good = core.residual, core.good
     waved = {(wave.shaft, wave.order) for wave in core.waves}
     others = core.posterior.coefficients.copy()
     for place, column in enumerate(core.posterior.problem.columns):
         if column.row[:2] in waved:
             others[place] = 0.0
     before = np.concatenate(residuals(core.posterior.problem.columns, core.rows, others))
-    good = good_rows(core)
     variance = float(np.var(before[good]))
     return 1 - float(np.var(left[good])) / variance if variance > 0 else None
-
-
-def good_rows(core: MixedFit) -> np.ndarray:
-    """Return the mask of the rows that are no outliers."""
-    if core.weights is None:
-        return np.ones(sum(len(rows.table) for rows in core.rows), bool)
-    return np.concatenate(core.weights) > 0.5
 
 
 def drift_arcsec(core: MixedFit) -> float:
@@ -190,10 +182,8 @@ def drift_arcsec(core: MixedFit) -> float:
 
 def noise_of(core: MixedFit) -> Noise:
     """Return the noise of the rows."""
-    theta = np.asarray(core.posterior.theta)
-    partial = 0.9999 * np.tanh(theta[:LAGS])
-    taps = np.asarray(whitening(partial))
-    innovation = core.posterior.problem.unit * math.exp(theta[LAGS])
+    partial, innovation = np.asarray(core.posterior.partial), core.posterior.innovation_std
+    taps = np.asarray(whitening(core.posterior.partial))
     variance = innovation**2 / float(np.prod(1 - partial**2))
     row_s = core.rows[0].samples.shape[1] * core.shafts[0].interval_s
     return Noise(
@@ -210,7 +200,7 @@ def noise_of(core: MixedFit) -> Noise:
 def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " n"], ...]]:
     """Return the rows of every run, less the delay, as curves, and their residuals, rad."""
     curves, found, place = [], [], 0
-    left, good = core.residual, good_rows(core)
+    left, good = core.residual, core.good
     for shafts, rows in zip(core.shafts, core.rows, strict=True):
         late = shafts.driving - shafts.delayed(core.delay_s)[0]
         error = (shafts.error + shafts.ratio * late)[rows.samples].mean(1)

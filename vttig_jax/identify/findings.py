@@ -277,8 +277,9 @@ def gap_crossed_late(case: Case) -> Iterator[Finding]:
         "crossing-short",
         "warning",
         f"{case.found.name(number)}the teeth need {gap.value / ratio:.3g}° of the driving shaft to"
-        f" cross the fitted gap of {gap.value:.3g}°, but only {crossing / DEG:.3g}° after a reversal"
-        " are left out, so that samples inside the gap may count as a flank and make it too small",
+        f" cross the fitted gap of {gap.value:.3g}°, but only {crossing / DEG:.3g}° after a"
+        " reversal are left out, so that samples inside the gap may count as a flank and make it"
+        " too small",
         "log longer strokes, or remove these samples from the log",
         {"gap_deg": gap.value, "left_out_deg": crossing / DEG},
     )

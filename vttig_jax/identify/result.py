@@ -20,7 +20,7 @@ from ..kinematics.harmonic import OrderModel
 from ..kinematics.hunting_coverage import HuntingCoverage
 from ..kinematics.te_curve import TECurve
 from ..model.mixed_fit import MixedFit
-from ..model.parameter import Parameter
+from ..model.parameter import Parameter, open_reasons
 from ..pair.gear_pair import Drive, Eccentricities, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .accuracy import Accuracy, Measured, accuracy_of, measured
@@ -119,11 +119,7 @@ class Fit(PlottedResult):
     @property
     def open_reasons(self) -> list[str]:
         """Lines with undetermined parameters and the reason, which several may share."""
-        together: dict[str, list[str]] = {}
-        for parameter in (*self.parameters.values(), *self.regressors):
-            if not parameter.determined:
-                together.setdefault(parameter.reason or "", []).append(parameter.name)
-        return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
+        return open_reasons((*self.parameters.values(), *self.regressors))
 
     @cached_property
     def coverage(self) -> HuntingCoverage:

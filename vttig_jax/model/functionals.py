@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from scipy.special import stdtrit
 
 from ..base.arrays import Numbers
-from .density import LAGS, Compressed, Solved, log_density, normal
+from .density import LAGS, Compressed, Solved, log_density, normal, partial_of
 from .problem import Problem
 
 _MOST_FREEDOM = 1e4
@@ -64,6 +64,16 @@ class Posterior:
             lambda s: (s.beta, s.spread), self.at, (jnp.asarray(beta), jnp.asarray(spread))
         )
         return Posterior(self.problem, self.theta, at, readings)
+
+    @property
+    def partial(self) -> Float[Array, " lags"]:
+        """Partial autocorrelations of the noise of the rows."""
+        return partial_of(self.theta)
+
+    @property
+    def innovation_std(self) -> float:
+        """Standard deviation of the innovations of the noise of the rows, rad."""
+        return self.problem.unit * float(np.exp(self.theta[LAGS]))
 
     @property
     def theta_spread(self) -> Float[np.ndarray, "p p"]:

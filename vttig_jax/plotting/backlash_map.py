@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from ..base.errors import NoAnswerError
 from ..base.units import DEG, REV
 from ..kinematics.backlash_map import BacklashMap, Extreme
-from ..posterior.summary.bands import BandedMap, millimetres
+from ..posterior.summary.bands import BandedMap
+from ..posterior.summary.draws import millimetres
 from .curves import thinned
-from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, grid, legend, new_figure, title
+from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, legend, new_figure, panel, title
 
 _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 
@@ -66,13 +67,12 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int | None
     if not backlash.unknown:
         marks += _mark(ax, backlash.smallest, "v", "smallest", shown)
         marks += _mark(ax, backlash.largest, "^", "largest", shown)
-    ax.set_ylabel("backlash, angle of the driven gear [°]")
     _add_mm_axis(ax, backlash)
-    rows = math.ceil(len(marks + lines) / 2)
+    keys = marks + lines
     seen = "backlash, and where it is smallest" if marks else "backlash of the fitted orders"
-    title(ax, seen, backlash.pair.name, _span(shown, period), legend_rows=rows)
-    grid(ax)
-    legend(ax, marks + lines)
+    words, rows = (seen, backlash.pair.name, _span(shown, period)), math.ceil(len(keys) / 2)
+    label = "backlash, angle of the driven gear [°]"
+    panel(ax, *words, y=label, keys=keys, legend_rows=rows)
     return figure_of(ax)
 
 
@@ -202,9 +202,8 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     if low < 0:
         ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
     ax.set_xlim(*span_deg)
-    ax.set_ylabel("backlash [° of the driven gear]")
     _add_mm_axis(ax, banded.map)
-    grid(ax)
+    panel(ax, y="backlash [° of the driven gear]")
     driving_axis(ax)
     return keys
 

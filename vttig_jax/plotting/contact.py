@@ -16,7 +16,7 @@ from ..geometry.outline import Counts, gear_profile, section_curve
 from ..geometry.tooth import Tooth
 from ..kinematics.flank_model import flank_index
 from ..pair.gear_pair import GearPair
-from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
+from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, heading, new_figure, panel
 
 _TEETH = 3
 """Number of teeth of each gear drawn on either side of the line of centres; a chosen value."""
@@ -103,10 +103,9 @@ def _draw_mesh(ax: Axes, contacts: Contacts, place: int) -> None:
     ax.set_xlim(pitch_point - half, pitch_point + half)
     ax.set_ylim(-1.5 * half, 1.5 * half)
     ax.set_aspect("equal")
-    ax.set_xlabel("x, from axis to axis [mm]")
-    ax.set_ylabel("y [mm]")
-    title(ax, f"section z = {z:.4g} mm", legend_rows=1)
-    legend(ax, ax.get_legend_handles_labels()[0])
+    keys = ax.get_legend_handles_labels()[0]
+    words = f"section z = {z:.4g} mm"
+    panel(ax, words, x="x, from axis to axis [mm]", y="y [mm]", keys=keys, legend_rows=1)
 
 
 def _complex(point: Plane) -> complex:
@@ -165,11 +164,9 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
         )
     if not math.isnan(half := float(driving.face_width_mm) / 2):
         ax.set_xlim(-1.25 * half, 1.25 * half)
-    ax.set_xlabel("z [mm]")
-    ax.set_ylabel("radius on the driving gear [mm]")
     several = f"{len(chosen)} angles within a pitch, light to dark"
-    title(ax, several if len(chosen) > 1 else "one angle")
-    grid(ax)
+    words = several if len(chosen) > 1 else "one angle"
+    panel(ax, words, x="z [mm]", y="radius on the driving gear [mm]")
 
 
 def _shade(share: float) -> Float[np.ndarray, "3"]:

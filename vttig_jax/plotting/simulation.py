@@ -22,7 +22,7 @@ from .style import (
     grid,
     heading,
     new_figure,
-    title,
+    panel,
     unit_size,
 )
 
@@ -213,10 +213,7 @@ def _draw_whole(ax: Axes, rows: _Rows, whole: Span, spans: list[Span], label: st
     for span in spans:
         ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
     ax.set_xlim(*whole)
-    ax.set_ylabel(label)
-    ax.set_xlabel("time [s]")
-    title(ax, "whole run; the shaded spans are enlarged below")
-    grid(ax)
+    panel(ax, "whole run; the shaded spans are enlarged below", x="time [s]", y=label)
 
 
 def _draw_row(
@@ -257,25 +254,15 @@ def _draw_displacement(ax: Axes, rows: _Rows) -> Handles:
     }
     beyond = rows.command > rows.closed
     if beyond.any():
-        handles["commanded too far"] = ax.fill_between(
-            rows.time,
-            rows.closed,
-            rows.command,
-            where=beyond.tolist(),
-            color=_CLOSED,
-            alpha=0.3,
-            linewidth=0,
-            zorder=1,
-        )
+        look = {"color": _CLOSED, "alpha": 0.3, "linewidth": 0, "zorder": 1}
+        area = ax.fill_between(rows.time, rows.closed, rows.command, where=beyond.tolist(), **look)
+        handles["commanded too far"] = area
     return handles
 
 
 def _draw_output(ax: Axes, rows: _Rows) -> Handles:
-    return {
-        "driven shaft less i φ₁ of the reference": _line(
-            ax, rows.time, rows.output, MODEL_COLOUR, 1.2
-        )
-    }
+    line = _line(ax, rows.time, rows.output, MODEL_COLOUR, 1.2)
+    return {"driven shaft less i φ₁ of the reference": line}
 
 
 def _draw_speed(ax: Axes, rows: _Rows) -> Handles:
@@ -311,12 +298,6 @@ def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Handles:
 
 def _legend(ax: Axes, handles: Handles) -> None:
     """Draw a legend at the right of a row."""
-    ax.legend(
-        list(handles.values()),
-        list(handles),
-        loc="upper left",
-        bbox_to_anchor=(1.0, 1.0),
-        frameon=False,
-        fontsize="small",
-        handlelength=1.5,
-    )
+    look = {"frameon": False, "fontsize": "small", "handlelength": 1.5}
+    place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    ax.legend(list(handles.values()), list(handles), **place | look)

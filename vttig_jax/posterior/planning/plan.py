@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
@@ -15,45 +14,16 @@ from ...identify.orders import SIDES
 from ...model.parameters import FULL_TURN
 from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ...pair.schema import HarmonicOrders
-from .assumptions import DELAY, assumed_values
-from .expected import expected_fit
+from .expected import DELAY, assumed_values, expected_fit
 from .noise import PlannedNoise, counting_std
 from .result import Plan, notes, outcome_of, planned_parameter
-from .run import Directions, PlannedRun
+from .run import Directions, PlannedRun, speeds_of
 
 DelayChoice = Literal["auto", "off"] | float
 """Values of the setting `delay` of a fit: "auto", "off", or a number of seconds."""
 
 BESIDE = ("gap_over_angles_covered", "backlash_plus_delay_deg")
 """Parameters of a fit that depend on the angles of its log; a plan leaves them out."""
-
-
-@dataclass(frozen=True)
-class Assumptions:
-    """Assumptions of a plan besides the run: the rig, and the model of the fit.
-
-    **Arguments**
-    - `values`: amplitudes, phases and delay by the parameter names of a fit.
-    - `noise`, `orders`, `perfect_encoders`, `delay`: see `plan`.
-    """
-
-    values: Mapping[str, float]
-    noise: PlannedNoise
-    orders: HarmonicOrders
-    perfect_encoders: bool
-    delay: DelayChoice
-
-    def __post_init__(self):
-        if self.settings.delay != "auto" and DELAY in self.values:
-            raise ValueError(
-                'Argument `assumed` must hold a delay_s only if `delay` is "auto", but'
-                f" `delay` is {self.delay!r}, so that no delay is fitted."
-            )
-
-    @property
-    def settings(self) -> FitSettings:
-        """Settings of the fit for which the run is planned."""
-        return FitSettings(perfect_encoders=self.perfect_encoders, delay=self.delay)
 
 
 @one_blas_thread
@@ -120,88 +90,45 @@ def plan(
     ```
     """
     require_x64("plan")
-    run, assumptions = asked(
-        pair,
-        turns=turns,
-        rate_hz=rate_hz,
-        noise=noise,
-        speed_rpm=speed_rpm,
-        directions=directions,
-        passes=passes,
-        dwell_s=dwell_s,
-        ramp_s=ramp_s,
-        eccentricities=eccentricities,
-        assumed=assumed,
-        orders=orders,
-        perfect_encoders=perfect_encoders,
-        delay=delay,
-    )
-    return plan_of_run(pair, run, assumptions, {})
-
-
-def asked(
-    pair: GearPair | Drive,
-    *,
-    noise: PlannedNoise,
-    speed_rpm: float | Sequence[float] = 60.0,
-    eccentricities: Eccentricities | None = None,
-    assumed: Mapping[str, float] | None = None,
-    orders: HarmonicOrders | None = None,
-    perfect_encoders: bool = False,
-    delay: DelayChoice = "auto",
-    **run: Any,
-) -> tuple[PlannedRun, Assumptions]:
-    """Return the run and the assumptions of the arguments of `plan`."""
-    speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
     values = assumed_values(pair, eccentricities, assumed)
-    assumptions = Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay)
-    return PlannedRun(speeds_rpm=speeds, **run), assumptions
-
-
-def plan_of_run(
-    pair: GearPair | Drive,
-    run: PlannedRun,
-    assumptions: Assumptions,
-    wanted: Mapping[str, float],
-) -> Plan:
-    """Return the plan of a run; the report compares the expected standard errors with `wanted`."""
-    noise, counting = assumptions.noise, counting_std(pair)
+    settings = FitSettings(perfect_encoders=perfect_encoders, delay=delay)
+    if settings.delay != "auto" and DELAY in values:
+        raise ValueError(
+            'Argument `assumed` must hold a delay_s only if `delay` is "auto", but'
+            f" `delay` is {delay!r}, so that no delay is fitted."
+        )
+    run = PlannedRun(turns, speeds_of(speed_rpm), rate_hz, directions, passes, dwell_s, ramp_s)
+    counting = counting_std(pair)
     if not (noise.std_deg or noise.white_std_deg or counting):
         raise ValueError(
             "Argument `noise` must not be zero if the pair file gives no counts of the encoders,"
             " but it is: every standard error would be zero."
         )
-    settings = assumptions.settings
-    fit, passes = expected_fit(run, pair, assumptions.orders, noise, assumptions.values, settings)
+    orders = orders or pair.fit
+    fit, steady = expected_fit(run, pair, orders, noise, values, settings)
     fitted = told_by(fit, pair, settings, "planned run")[1]
     fitted = {name: p for name, p in fitted.items() if name not in BESIDE}
-    parameters = {
-        name: planned_parameter(parameter, assumptions.values.get(name), wanted.get(name))
-        for name, parameter in fitted.items()
-    }
-    short = tuple(shaft for shaft, turns in fit.scope.turns.items() if turns < FULL_TURN)
     outcome = outcome_of(fitted)
     if outcome == "not_determined":
         raise NoAnswerError(
-            f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns;"
+            f"no shaft makes a full revolution at a steady speed in passes of {turns:g} turns;"
             " plan more turns.",
             where="planned run",
         )
     (rows,) = fit.rows
-    flanks = tuple(SIDES[side] for side in fit.scope.flanks)
     size = rows.samples.shape[1]
     return Plan(
         pair=pair,
-        parameters=parameters,
+        parameters={name: planned_parameter(p, values.get(name)) for name, p in fitted.items()},
         run=run,
         used=rows.samples.size,
         noise=noise,
         counting_std_deg=counting / DEG,
-        row_s=size / run.rate_hz,
-        row_std_deg=math.sqrt(noise.autocovariance(size, run.rate_hz, 1, counting)[0]) / DEG,
-        flanks=flanks,
+        row_s=size / rate_hz,
+        row_std_deg=math.sqrt(noise.autocovariance(size, rate_hz, 1, counting)[0]) / DEG,
+        flanks=tuple(SIDES[side] for side in fit.scope.flanks),
         conditional_on=conditions_of(fit, pair, settings, fitted),
         outcome=outcome,
-        short=short,
-        notes=notes(pair, run, assumptions.orders, noise, fit, passes),
+        short=tuple(shaft for shaft, turned in fit.scope.turns.items() if turned < FULL_TURN),
+        notes=notes(pair, run, orders, noise, fit, steady),
     )

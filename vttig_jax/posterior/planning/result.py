@@ -11,7 +11,7 @@ from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
-from ...model.parameter import Parameter
+from ...model.parameter import Parameter, open_reasons
 from ...model.parameters import LEFT_OUT
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
@@ -147,31 +147,21 @@ class Plan(TextResult):
         parts = [head, text_table(rows, titles, align="l" + "r" * (len(titles) - 2) + "l")]
         if self.conditional_on:
             parts.append("conditional on: " + ", ".join(self.conditional_on).replace("_", " "))
-        by_reason: dict[str, list[str]] = {}
-        for p in self.parameters.values():
-            if not p.determined:
-                by_reason.setdefault(p.reason or "", []).append(p.name)
-        parts += listed("undetermined", [f"{', '.join(n)}: {r}" for r, n in by_reason.items()])
+        parts += listed("undetermined", open_reasons(self.parameters.values()))
         return "\n\n".join([*parts, *listed("notes", self.notes)])
 
 
-def planned_parameter(
-    parameter: Parameter, assumed: float | None, wanted: float | None
-) -> PlannedParameter:
-    """Return the expected accuracy of a parameter of the planned fit.
-
-    `assumed` is its assumed value and `wanted` its requested standard error; both may be None.
-    """
-    is_assumed = assumed is not None
+def planned_parameter(parameter: Parameter, assumed: float | None) -> PlannedParameter:
+    """Return the expected accuracy of a parameter of the planned fit, with its assumed value."""
+    told, known = parameter.determined, assumed is not None
     return PlannedParameter(
-        name=parameter.name,
-        unit=parameter.unit,
-        std=parameter.std,
-        assumed=assumed,
-        determined=parameter.determined,
-        significant=parameter.determined and (parameter.significant or not is_assumed),
-        reason=parameter.reason if is_assumed or not parameter.determined else None,
-        wanted=wanted,
+        parameter.name,
+        parameter.unit,
+        parameter.std,
+        assumed,
+        determined=told,
+        significant=told and (parameter.significant or not known),
+        reason=parameter.reason if known or not told else None,
     )
 
 

@@ -7,16 +7,14 @@ from typing import Any
 
 from ...base.errors import NoAnswerError
 from ...base.runtime import require_x64
-from ...base.threads import one_blas_thread
 from ...pair.gear_pair import Drive, GearPair
-from .plan import Assumptions, asked, plan_of_run
+from .plan import plan
 from .result import Plan
-from .run import MOST_SAMPLES, PlannedRun
+from .run import MOST_SAMPLES, PlannedRun, speeds_of
 
 MOST_TURNS = 1000.0  # default of the largest number of turns of a pass (chosen)
 
 
-@one_blas_thread
 def shortest_run(
     pair: GearPair | Drive,
     target: Mapping[str, float],
@@ -61,57 +59,38 @@ def shortest_run(
             raise ValueError(
                 f"Argument `target` must hold positive standard errors, but {name} is {value!r}."
             )
-    longest, assumptions = asked(pair, turns=most_turns, **planned)
-    return _search(pair, longest, assumptions, target)
-
-
-def _search(
-    pair: GearPair | Drive,
-    longest: PlannedRun,
-    assumptions: Assumptions,
-    target: Mapping[str, float],
-) -> Plan:
-    """Return the plan with the fewest turns: double the run until it suffices, then bisect.
-
-    `longest` has the most turns allowed.
-    """
-    most = _most_turns(longest)
+    own = {name: planned[name] for name in PlannedRun.__dataclass_fields__ if name in planned}
+    longest = PlannedRun(most_turns, speeds_of(planned.get("speed_rpm", 60.0)), **own)
+    samples = sum(60 / speed for speed in longest.speeds_rpm) * longest.pass_count * longest.rate_hz
+    most = max(1, math.floor(min(most_turns, 0.95 * MOST_SAMPLES / samples)))
     least = max(1, math.ceil(longest.least_turns))
     few, many = least - 1, min(least, most)
-
-    def attempt(turns: int) -> Plan | NoAnswerError:
-        return _attempt(pair, replace(longest, turns=float(turns)), assumptions, target)
-
-    best = attempt(many)
+    best = _attempt(pair, many, target, planned)
     while not _reaches_target(best, target):
         if many == most:
             raise _unreachable(best, target, longest, most)
         if isinstance(best, Plan):
             _require_possible(best, target)
         few, many = many, min(2 * many, most)
-        best = attempt(many)
+        best = _attempt(pair, many, target, planned)
     while many - few > 1:
         middle = (few + many) // 2
-        result = attempt(middle)
+        result = _attempt(pair, middle, target, planned)
         if _reaches_target(result, target):
             best, many = result, middle
         else:
             few = middle
     assert isinstance(best, Plan)  # because it reaches the target
-    return best
-
-
-def _most_turns(longest: PlannedRun) -> int:
-    """Return the largest whole number of turns that the user and the memory allow."""
-    samples = sum(60 / speed for speed in longest.speeds_rpm) * longest.pass_count * longest.rate_hz
-    return max(1, math.floor(min(longest.turns, 0.95 * MOST_SAMPLES / samples)))
+    own = {name: replace(p, wanted=target.get(name)) for name, p in best.parameters.items()}
+    return replace(best, parameters=own)
 
 
 def _attempt(
-    pair: GearPair | Drive, run: PlannedRun, assumptions: Assumptions, target: Mapping[str, float]
+    pair: GearPair | Drive, turns: int, target: Mapping[str, float], planned: dict[str, Any]
 ) -> Plan | NoAnswerError:
+    """Return the plan with these turns per pass, or why it has no answer."""
     try:
-        result = plan_of_run(pair, run, assumptions, target)
+        result = plan(pair, turns=float(turns), **planned)
     except NoAnswerError as error:
         return error
     for name in target:
