@@ -6,7 +6,7 @@ With the filter f of the autoregression (f₀ = 1) the whitened normal equations
 
     [X | y]ᵀ Σ⁻¹ [X | y] = G = Σ_{i ≤ j} f_i f_j D_ij / σ²
 
-(the exact form of Box and Jenkins; `windows.py` makes the D_ij), so that the cost of the likelihood
+(the exact form of Box and Jenkins; `problem.py` makes the D_ij), so that the cost of the likelihood
 does not depend on the length of the logs. With D = diag(prior precision), M = G_xx + D and
 β̂ = M⁻¹ (G_xy − D c), where c is the value at which the columns are centred,
 

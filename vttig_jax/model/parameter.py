@@ -7,6 +7,7 @@ from typing import Any
 from ..base.units import ARCSEC, DEG, REV
 
 BELOW = "below three standard errors"
+UPPER = f"{BELOW}: an upper limit only"
 LARGEST = {"arcsec": REV / ARCSEC, "deg": REV / DEG}
 """Unit → one revolution. An error of a gear is far smaller, so a wider interval says nothing."""
 

@@ -20,7 +20,7 @@ from .columns import KNOWN
 from .functionals import Posterior
 from .gears import Gears, fitted_gears
 from .mixed_fit import MixedFit
-from .parameter import BELOW, LARGEST, OPEN, Parameter, undetermined
+from .parameter import BELOW, LARGEST, OPEN, UPPER, Parameter, undetermined
 from .rows import SHAFTS
 
 FULL_TURN = 0.99
@@ -171,17 +171,11 @@ def polar(
     quantile = float(stdtrit(freedom, 0.975))
     if amplitude < SIGNIFICANT * std:
         upper = upper_limit(amplitude, spread / scale**2)
-        reason = "below three standard errors: an upper limit only"
+        more = {"reason": UPPER, "upper95": upper}
+        reason = f"{names[0]} is below three standard errors"
         return (
-            Parameter(
-                names[0], unit, amplitude, std, 0.0, upper, True, reason=reason, upper95=upper
-            ),
-            Parameter(
-                names[1],
-                "deg",
-                determined=True,
-                reason=f"{names[0]} is below three standard errors",
-            ),
+            Parameter(names[0], unit, amplitude, std, 0.0, upper, True, **more),
+            Parameter(names[1], "deg", determined=True, reason=reason),
         )
     return tuple(
         Parameter(name, u, v, s, v - quantile * s, v + quantile * s, True, True, freedom=freedom)

@@ -131,8 +131,7 @@ def command(
 
 
 def _planned(rig: Any, turns: float | None, wanted: dict[str, float], keywords: dict) -> Any:
-    from ...posterior.planning.plan import plan
-    from ...posterior.planning.shortest_run import MOST_TURNS, shortest_run
+    from ...posterior.planning.plan import MOST_TURNS, plan, shortest_run
 
     if wanted:
         return shortest_run(rig, wanted, most_turns=turns or MOST_TURNS, **keywords)

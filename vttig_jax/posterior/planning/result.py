@@ -8,7 +8,7 @@ import numpy as np
 
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
-from ...base.units import ARCSEC, DEG
+from ...base.units import ARCSEC, DEG, duration_text
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
 from ...model.parameter import Parameter, open_reasons
@@ -96,23 +96,13 @@ class Plan(TextResult):
             "schema": "vttig.plan/1",
             "pair": self.pair.name,
             "outcome": self.outcome,
-            "run": {
-                "turns": run.turns,
-                "speeds_rpm": list(run.speeds_rpm),
-                "directions": run.directions,
-                "passes": run.pass_count,
-                "rate_hz": run.rate_hz,
-                "dwell_s": run.dwell_s,
-                "ramp_s": run.ramp_s,
-            },
+            "run": asdict(run) | {"speeds_rpm": list(run.speeds_rpm), "passes": run.pass_count},
             "duration_s": self.duration_s,
             "samples": {"total": self.samples, "used": self.used},
             "flanks": list(self.flanks),
             "conditional_on": list(self.conditional_on),
-            "noise": {
-                "std_deg": self.noise.std_deg,
-                "correlation_s": self.noise.correlation_s,
-                "white_std_deg": self.noise.white_std_deg,
+            "noise": asdict(self.noise)
+            | {
                 "counting_std_deg": self.counting_std_deg,
                 "block_s": self.row_s,
                 "block_std_deg": self.row_std_deg,
@@ -140,7 +130,8 @@ class Plan(TextResult):
         titles = ["parameter", "expected std", *(["wanted"] if any_wanted else []), "at", "unit"]
         rows = []
         for p in shown:
-            expected = _number(p.std) if p.significant else f"{_number(p.std)} (not significant)"
+            expected = "–" if p.std is None else f"{p.std:.2g}"
+            expected += "" if p.significant else " (not significant)"
             wanted = ["" if p.wanted is None else f"{p.wanted:g}"] if any_wanted else []
             at = "" if p.assumed is None else f"{p.assumed:g}"
             rows.append([p.name, expected, *wanted, at, p.unit])
@@ -165,10 +156,6 @@ def planned_parameter(parameter: Parameter, assumed: float | None) -> PlannedPar
     )
 
 
-def _number(std: float | None) -> str:
-    return "–" if std is None else f"{std:.2g}"
-
-
 def _time(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.1f} s"
@@ -176,13 +163,11 @@ def _time(seconds: float) -> str:
     return f"{seconds:.0f} s ({longer})"
 
 
-def _memory(seconds: float) -> str:
-    return f"{seconds:g} s" if seconds >= 1 else f"{1e3 * seconds:g} ms"
-
-
 def _noise(plan: Plan) -> str:
     noise = plan.noise
-    memory = f", correlated over {_memory(noise.correlation_s)}" if noise.correlation_s else ""
+    memory = (
+        f", correlated over {duration_text(noise.correlation_s)}" if noise.correlation_s else ""
+    )
     parts = [f"{noise.std_deg:g}°{memory}"] if noise.std_deg else []
     parts += [f"{noise.white_std_deg:g}° white"] if noise.white_std_deg else []
     counting = plan.counting_std_deg

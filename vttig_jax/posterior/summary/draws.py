@@ -12,7 +12,7 @@ from ...base.errors import NoAnswerError
 from ...base.numerics.polar_spread import polar_spread
 from ...base.units import ARCSEC, DEG, REV
 from ...identify.result import Fit
-from ...model.parameter import BELOW, Parameter
+from ...model.parameter import BELOW, UPPER, Parameter
 from ...model.parameters import SIGNIFICANT
 from ...pair.gear_pair import Drive, GearPair
 
@@ -66,7 +66,6 @@ def circular_summary(
 
 
 _TAILS = (0.025, 0.5, 0.975)  # ends of the 95 % interval, and the median
-_UPPER = "below three standard errors: an upper limit only"
 _BATCHES = 8
 """Number of batches of successive steps into which the draws of one ensemble are split (chosen)."""
 
@@ -177,7 +176,7 @@ def polar_of_draws(
     _, median, _ = spread = np.quantile(length, _TAILS)
     if value < SIGNIFICANT * std:
         upper = float(np.quantile(length, 0.95))
-        amplitude = _told(names[0], unit, value, std, (0.0, median, upper), False, _UPPER)
+        amplitude = _told(names[0], unit, value, std, (0.0, median, upper), False, UPPER)
         reason = f"{names[0]} is below three standard errors"
         phase = PosteriorParameter(names[1], "deg", determined=True, reason=reason)
         return replace(amplitude, upper95=upper), phase
