@@ -211,8 +211,7 @@ def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarr
     curves, found, place = [], [], 0
     left, good = core.residual, core.good
     for shafts, rows in zip(core.shafts, core.rows, strict=True):
-        late = shafts.driving - shafts.delayed(core.delay_s)[0]
-        error = (shafts.error + shafts.ratio * late)[rows.samples].mean(1)
+        error = shafts.on_time(core.delay_s)[1][rows.samples].mean(1)
         for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
             own = np.arange(first, last + 1)
             own = own[good[place + own]]
@@ -252,9 +251,7 @@ def _reversals(
     for number, (shafts, own) in enumerate(zip(core.shafts, segments, strict=True), 1):
         if own.still:
             continue
-        moved, _ = shafts.delayed(core.delay_s)
-        error = shafts.error + shafts.ratio * (shafts.driving - moved)
-        found += reversal_jumps(moved, error, own.segments, number, beyond)
+        found += reversal_jumps(*shafts.on_time(core.delay_s), own.segments, number, beyond)
     if constant is None or not found:
         return tuple(found)
     angles = np.array([one.driving_deg for one in found]) * DEG

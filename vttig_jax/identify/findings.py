@@ -166,8 +166,8 @@ def shown_delay(case: Case) -> Iterator[Finding]:
     ratio to the stated d₀ is (ν + 1) ln(1 + (d − d₀)²/(ν s²)).
     """
     core = case.fit.core
-    own = any(name.startswith("model") for name in case.fit.parameters)
-    if case.settings.delay == "auto" or own or len(core.scope.flanks) < 2:
+    fitted = case.settings.delay == "auto" or case.fit.given is not None
+    if fitted or len(core.scope.flanks) < 2:
         return
     lines = [wave.order for wave in core.waves if wave.shaft == "line"]
     free = mixed_fit(core.shafts, case.fit.pair, core.orders, lines=lines, after=core)

@@ -36,7 +36,7 @@ from ..kinematics.flank_error import FlankError
 from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel, flank_index
 from ..kinematics.harmonic import OrderModel
 from ..model.columns import Assumptions, embedding
-from ..model.mixed_fit import MixedFit, design_of, mixed_fit
+from ..model.mixed_fit import MixedFit, design_of
 from ..model.parameter import Parameter, undetermined
 from ..model.parameters import Quantities
 from ..model.rows import Rows, Shafts
@@ -384,7 +384,7 @@ def _minimised(
     found = optx.least_squares(
         left,
         optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9),
-        jnp.zeros_like(start),
+        jnp.zeros(len(start)),
         max_steps=_MOST_STEPS,
         throw=False,
     )
@@ -398,47 +398,26 @@ def _least_squares(given: GivenModel, misfit: _Misfit) -> Float[np.ndarray, " p"
     told = size > _RANK * whole
     unit = float(np.std(misfit.readings)) or 1.0
     scale = np.where(told, unit / np.where(told, size, 1.0), 0.0)
-    columns = jnp.asarray(misfit.columns)
-    found = np.asarray(
-        _minimised(
-            given.tree,
-            jnp.asarray(given.values),
-            jnp.asarray(scale),
-            misfit.angles,
-            misfit.readings,
-            columns,
-        )
-    )
+    rows = misfit.angles, misfit.readings, misfit.columns
+    found = np.asarray(_minimised(given.tree, given.values, scale, *rows))
     return found if np.all(np.isfinite(found)) else given.values
 
 
 def fitted_given(
     given: GivenModel,
     shafts: Sequence[Shafts],
-    drive: Drive,
-    orders: HarmonicOrders,
-    *,
-    lines: Sequence[float] = (),
-    delay_s: float = 0.0,
+    fit: Callable[..., MixedFit],
     after: MixedFit | None = None,
-    assumed: Assumptions,
 ) -> tuple[MixedFit, GivenModel]:
     """Fit the mixed model with the derivatives of a flank model until its parameters stand still.
+
+    `fit` is a function of the logs, the flank model and the fit before.
 
     **Raises** `NoAnswerError` if they do not settle.
     """
     moved = {}
     for _ in range(_MOST_FITS):
-        core = mixed_fit(
-            shafts,
-            drive,
-            orders,
-            lines=lines,
-            delay_s=delay_s,
-            after=after,
-            assumed=assumed,
-            given=given,
-        )
+        core = fit(shafts, given=given, after=after)
         moved = {
             name: core.posterior.one(core.posterior.row(("given", name)), moved=True)
             for name in given.told

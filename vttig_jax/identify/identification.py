@@ -253,25 +253,22 @@ def fitted(
     fixed_s = known_delay(settings)
     if all(one.still for one in shafts):
         assumed, fixed_s = replace(assumed, delay="known"), 0.0
-    drive = Drive(pair.ratio)  # a flank model takes the place of the gears
     if given is not None:
         if not isinstance(pair, Drive):
             mesh = (k * pair.driving.teeth for k in range(1, orders.mesh_orders + 1))
             driving = (*orders.driving_orders, *mesh)
             orders = HarmonicOrders(driving, orders.driven_orders, 0)
             assumed = replace(assumed, ratio=0.0)
-        given = searched(given, shafts, drive, orders, assumed)
-
-    fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed)
-    own = partial(fitted_given, drive=drive, orders=orders, assumed=assumed)
+        pair = Drive(pair.ratio)  # the flank model takes the place of the gears
+        given = searched(given, shafts, pair, orders, assumed)
+    fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed, delay_s=fixed_s)
     turns = None
     if given is None:
         core, turns = turned(
-            fit(shafts, delay_s=fixed_s),
-            lambda shafts, turns, after: fit(shafts, given=turns, after=after),
+            fit(shafts), lambda shafts, turns, after: fit(shafts, given=turns, after=after)
         )
     else:
-        core, given = own(given, shafts, delay_s=fixed_s)
+        core, given = fitted_given(given, shafts, fit)
     first = core
     lines = [
         replace(one, cycles_per_rev=float(f"{one.cycles_per_rev:.7g}")) for one in found_lines(core)
@@ -280,7 +277,7 @@ def fitted(
         return core, lines, given
     cycles = [one.cycles_per_rev for one in lines]
     if given is not None:
-        core, given = own(given, core.shafts, lines=cycles, after=core)
+        core, given = fitted_given(given, core.shafts, partial(fit, lines=cycles), core)
     elif any(any(one.start.spread) for one in shafts):
         # A line has a phase of its own in a log whose whole turns since the first one are unknown.
         shafts = [replace(one, start=start_of(core, log)) for log, one in enumerate(core.shafts)]

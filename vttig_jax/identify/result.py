@@ -254,13 +254,25 @@ def require_rig(fit: Fit) -> None:
             "a drive without gear geometry has no eccentricities to simulate; give [pair].",
             where=fit.source,
         )
+    refuse_unknown_gap(fit, covered=False)
+
+
+def refuse_unknown_gap(fit: Fit, *, covered: bool = True) -> None:
+    """Raise `NoAnswerError` if a fit tells neither the constant gap nor, if `covered`, that of
+    some angles.
+    """
     gap = fit.parameters["constant_backlash_deg"]
-    if not gap.determined:
-        raise NoAnswerError(
-            f"the constant backlash is undetermined ({gap.reason}), so that there is no gap to"
-            " simulate; record both directions.",
-            where=fit.source,
+    if gap.determined or (covered and fit.checks.gap_over_angles_covered.determined):
+        return
+    cure = "record more turns."
+    if len(fit.flanks) != 2:
+        cure = (
+            "record both directions, or give the constant backlash measured in another way"
+            " (--constant-backlash-deg)."
         )
+    raise NoAnswerError(
+        f"the constant backlash is undetermined ({gap.reason}); {cure}", where=fit.source
+    )
 
 
 _CLEAR, _MOST_ORDERS = 4.0, 8

@@ -17,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.special import stdtrit
 
 from ..base.arrays import Numbers
 from .density import LAGS, Compressed, Solved, log_density, normal, partial_of
@@ -37,11 +36,6 @@ class Estimate:
     value: float
     std: float
     freedom: float
-
-    @property
-    def half(self) -> float:
-        """Half width of the 95 % interval."""
-        return float(stdtrit(self.freedom, 0.975)) * self.std
 
 
 Readings = tuple[Float[np.ndarray, "r all"], Float[np.ndarray, " r"], float]

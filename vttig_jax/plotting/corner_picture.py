@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from ..base.units import DEG
 from ..posterior.summary.draws import GAPS
 from ..posterior.summary.posterior import Posterior
-from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure
+from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure, with_margin
 
 _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
 _LABEL_WIDTH = 11  # letters in a line of a label, without the unit; chosen value
@@ -62,9 +62,9 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
                 pair = [column, row]
                 _draw_ellipses(ax, value[pair], covariance[np.ix_(pair, pair)])
             _ticks(ax, column == 0 and row > 0, row == count - 1, count)
-    labels = [_label(name, unit) for name, (unit, _) in zip(names, units, strict=True)]
     size = "small" if count <= 6 else "x-small"
-    for index, label in enumerate(labels):
+    for index, (name, (unit, _)) in enumerate(zip(names, units, strict=True)):
+        label = "\n".join(wrap(name.replace("_", " "), _LABEL_WIDTH)) + f" [{unit}]" * bool(unit)
         axes[count - 1, index].set_xlabel(label, fontsize=size)
         if index:
             axes[index, 0].set_ylabel(label, fontsize=size)
@@ -91,16 +91,12 @@ def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
         for column in range(row + 1):
             shared = axes.get((row - 1, column))
             ax = figure.add_subplot(grid[row, column], sharex=shared)
-            _place_labels(ax, figure, below_in=_LABELS_IN[0 if count > 5 else 1])
+            # Matplotlib would measure all tick labels to find the places of the labels.
+            box, below = ax.get_position(), _LABELS_IN[0 if count > 5 else 1]
+            ax.xaxis.set_label_coords(0.5, -below / (box.height * figure.get_figheight()))
+            ax.yaxis.set_label_coords(-_LABELS_IN[2] / (box.width * figure.get_figwidth()), 0.5)
             axes[row, column] = ax
     return axes
-
-
-def _place_labels(ax: Axes, figure: Figure, *, below_in: float) -> None:
-    """Set the places of the labels. Matplotlib would measure all tick labels to find them."""
-    box = ax.get_position()
-    ax.xaxis.set_label_coords(0.5, -below_in / (box.height * figure.get_figheight()))
-    ax.yaxis.set_label_coords(-_LABELS_IN[2] / (box.width * figure.get_figwidth()), 0.5)
 
 
 def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
@@ -110,11 +106,6 @@ def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
         return "°", DEG
     display = {"mm": ("µm", 1e-3), "rad": ("″", DEG / 3600), "s": ("µs", 1e-6)}
     return display.get(unit, ("" if unit in ("1", "log rad") else unit, 1.0))
-
-
-def _label(name: str, unit: str) -> str:
-    words = "\n".join(wrap(name.replace("_", " "), _LABEL_WIDTH))
-    return f"{words} [{unit}]" if unit else words
 
 
 def _laplace(
@@ -155,7 +146,8 @@ class _Cells:
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, " n"]) -> "_Cells":
-        low, high = limits = _limits(draws)
+        # The axis has 99.9 % of the draws.
+        low, high = limits = with_margin(*np.quantile(draws, [0.0005, 0.9995]).tolist(), 0.08)
         cell = np.floor((draws - low) * (_CELLS / (high - low))).astype(np.int64)
         return cls(limits, np.where((cell >= 0) & (cell < _CELLS), cell, _CELLS))
 
@@ -193,13 +185,6 @@ def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.nda
     radius = np.sqrt(-2 * np.log(1 - level))
     half = radius * np.sqrt(np.maximum(values, 0.0))
     return vectors @ (half[:, None] * np.stack([np.cos(turn), np.sin(turn)]))
-
-
-def _limits(draws: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return axis limits that contain 99.9 % of the draws, with a margin."""
-    low, high = (float(part) for part in np.quantile(draws, [0.0005, 0.9995]))
-    margin = 0.08 * (high - low) or max(abs(low), 1.0) * 1e-6
-    return low - margin, high + margin
 
 
 def _ticks(ax: Axes, left: bool, bottom: bool, count: int) -> None:

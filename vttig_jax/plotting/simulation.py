@@ -108,7 +108,12 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
         height_ratios=[0.9, *heights] if spans else heights,
     )
     if spans:
-        _draw_whole(figure.add_subplot(cells[0, :]), rows, whole, spans, labels[0])
+        ax = figure.add_subplot(cells[0, :])
+        _draw_error(ax, rows)
+        for span in spans:
+            ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
+        ax.set_xlim(*whole)
+        panel(ax, "whole run; the shaded spans are enlarged below", x="time [s]", y=labels[0])
     columns = range(cells.ncols)
     axes = [[figure.add_subplot(cells[row, column]) for column in columns] for row in (-3, -2, -1)]
     handles = [
@@ -205,15 +210,6 @@ def _check(span: Span, rows: _Rows) -> None:
             f"Argument `span_s` must hold two samples or more of the {rows.time[0]:g} …"
             f" {rows.time[-1]:g} s of the trace, but is {span}."
         )
-
-
-def _draw_whole(ax: Axes, rows: _Rows, whole: Span, spans: list[Span], label: str) -> None:
-    """Draw the whole run with the enlarged spans shaded."""
-    _draw_error(ax, rows)
-    for span in spans:
-        ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
-    ax.set_xlim(*whole)
-    panel(ax, "whole run; the shaded spans are enlarged below", x="time [s]", y=label)
 
 
 def _draw_row(

@@ -137,6 +137,12 @@ def grid(ax: Axes) -> None:
     ax.spines[["top", "right"]].set_visible(False)
 
 
+def with_margin(low: float, high: float, share: float) -> tuple[float, float]:
+    """Return limits of an axis with a margin on both sides, also around a single value."""
+    margin = share * (high - low) or max(abs(low), 1.0) * 1e-6
+    return low - margin, high + margin
+
+
 def driving_axis(ax: Axes) -> None:
     """Label the driving angle axis, with ticks at whole turns if it covers three or more.
 

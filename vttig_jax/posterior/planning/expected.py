@@ -212,6 +212,15 @@ def expected_widths(
     return theta, at
 
 
+def too_short(run: PlannedRun) -> NoAnswerError:
+    """Return the refusal of a run that determines nothing."""
+    return NoAnswerError(
+        f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns; plan"
+        " more turns.",
+        where="planned run",
+    )
+
+
 def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
     """Return the shafts of the ideal log of a run, and the number of its steady passes."""
     try:
@@ -224,11 +233,7 @@ def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
         ) from None
     segments = find_segments(log)
     if not segments.segments:
-        raise NoAnswerError(
-            f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns;"
-            " plan more turns.",
-            where="planned run",
-        )
+        raise too_short(run)
     shafts = shafts_of(log, segments)
     every = tuple(sorted((*shafts.runs, *shafts.ramps)))
     return replace(shafts, runs=every, ramps=()), len(segments.segments)

@@ -15,7 +15,7 @@ from ...identify.orders import SIDES
 from ...model.parameters import FULL_TURN
 from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ...pair.schema import HarmonicOrders
-from .expected import DELAY, assumed_values, expected_fit
+from .expected import DELAY, assumed_values, expected_fit, too_short
 from .noise import PlannedNoise, counting_std
 from .result import Plan, notes, outcome_of, planned_parameter
 from .run import MOST_SAMPLES, Directions, PlannedRun, speeds_of
@@ -113,11 +113,7 @@ def plan(
     fitted = {name: p for name, p in fitted.items() if name not in BESIDE}
     outcome = outcome_of(fitted)
     if outcome == "not_determined":
-        raise NoAnswerError(
-            f"no shaft makes a full revolution at a steady speed in passes of {turns:g} turns;"
-            " plan more turns.",
-            where="planned run",
-        )
+        raise too_short(run)
     (rows,) = fit.rows
     size = rows.samples.shape[1]
     return Plan(

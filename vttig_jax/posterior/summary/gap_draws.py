@@ -57,16 +57,8 @@ class GapDraws:
     @cached_property
     def mean_model(self) -> OrderModel:
         """Flank model of the mean coefficients, the centre of all bands."""
-        return self.model(slice(None))
-
-    def model(self, draw: int | slice) -> OrderModel:
-        """Return the flank model of one draw, or of the mean of several."""
-        parts = (self.offset[draw], self.cosine[draw], self.sine[draw])
-        if isinstance(draw, slice):
-            parts = tuple(part.mean(axis=0) for part in parts)
-        return OrderModel(
-            jnp.asarray(float(self.pair.ratio)), self.terms, *(jnp.asarray(p) for p in parts)
-        )
+        means = (jnp.asarray(p.mean(axis=0)) for p in (self.offset, self.cosine, self.sine))
+        return OrderModel(jnp.asarray(float(self.pair.ratio)), self.terms, *means)
 
     def errors(self, driving_angle: Angles, flank: Flank) -> Curves:
         """Return the transmission error of every draw on one flank, rad, shape (angles, m)."""

@@ -1,6 +1,6 @@
 """Posterior of a fit: its draws, its report, and its export to arviz."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from textwrap import fill
@@ -17,8 +17,8 @@ from ...base.files.text_tables import decimals, key_values, listed, text_table
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...base.units import ARCSEC, duration_text
-from ...identify.backlash import refuse_unknown_gap, unknown_extremes
-from ...identify.result import Fit, parameter_cells
+from ...identify.backlash import unknown_extremes
+from ...identify.result import Fit, parameter_cells, refuse_unknown_gap
 from ...kinematics.harmonic import OrderModel
 from ...model.columns import FLAT, KNOWN
 from ...model.parameter import open_reasons
@@ -113,15 +113,9 @@ class Posterior(PlottedResult):
 
     def eccentricities(self) -> Eccentricities:
         """Return the rig of the posterior mean; an undetermined eccentricity counts as zero."""
-
-        def polar(shaft: str) -> tuple[float, float]:
-            if not self.fit.parameters[f"{shaft}_eccentricity_mm"].determined:
-                return 0.0, 0.0
-            x, y = (float(self.values(f"{shaft}_{axis}").mean()) for axis in "xy")
-            return float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)))
-
+        means = np.array([self.values(name).mean() for name in self.fit.covariance_names])
         gap = self.parameters["constant_backlash_deg"].value or 0.0
-        return Eccentricities(*polar("driving"), *polar("driven"), gap)
+        return replace(self.fit, values=means).eccentricities(gap)
 
     def model(self, draw: Any = slice(None)) -> OrderModel:
         """Return the flank model of a draw, or those of several, stacked along a first axis."""
