@@ -7,9 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Literal
 
-import msgspec
 import numpy as np
 
 from ..base.units import DEG, duration_text
@@ -21,47 +19,21 @@ from ..model.mixed_fit import mixed_fit, waves_of
 from ..pair.gear_pair import GearPair
 from .door import Identified
 from .fit_settings import FitSettings
-from .records import Record
+from .records import Finding
+from .result import Fit
 from .starts import disagreements
-
-if TYPE_CHECKING:
-    from .result import Fit
-
-Severity = Literal["warning", "question", "note"]
-
-
-class Finding(Record, frozen=True):
-    """One sentence on a fit.
-
-    **Arguments**
-    - `slug`: stable name of its kind. - `severity`: a "warning" changes a stated number or its
-      meaning, a "question" is settled by the user, a "note" is a detail.
-    - `sentence`, `cure`: what was seen, and what to do; the cure may be empty.
-    - `numbers`: numbers of the sentence, with their units at the end of their names.
-    """
-
-    slug: str
-    severity: Severity
-    sentence: str
-    cure: str = ""
-    numbers: dict[str, float] = msgspec.field(default_factory=dict)
-
-    @property
-    def text(self) -> str:
-        """The sentence with its cure."""
-        return f"{self.sentence}; {self.cure}" if self.cure else self.sentence
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
     """Everything that findings are made from: a fit still without findings, and its logs."""
 
-    fit: "Fit"
+    fit: Fit
     found: Identified
     settings: FitSettings
 
 
-def contradicts(fit: "Fit", findings: Sequence[Finding]) -> bool:
+def contradicts(fit: Fit, findings: Sequence[Finding]) -> bool:
     """Return whether the log cannot be that of a drive.
 
     A column was computed from the other, or the gap is below zero, beyond chance and the residual.

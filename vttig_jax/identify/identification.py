@@ -36,7 +36,7 @@ from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
 from .door import Identified, require_distinct, require_pair, stated_drive, usable
-from .findings import Case, Finding, contradicts, findings_of
+from .findings import Case, contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
 from .given import (
     GIVEN_INSTEAD,
@@ -50,7 +50,7 @@ from .given import (
 )
 from .orders import SIDES, order_model, order_table
 from .readings import compared, updated
-from .records import Outcome
+from .records import Finding, Outcome
 from .result import Fit, FitRequest
 from .starts import OWN, log_records, require_one_rig, turned
 

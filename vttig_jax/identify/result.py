@@ -25,11 +25,10 @@ from ..pair.gear_pair import Drive, Eccentricities, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .accuracy import Accuracy, Measured, accuracy_of, measured
 from .coverage import covered_errors, log_coverage
-from .findings import Finding
 from .fit_settings import FitSettings
 from .given import FittedModel, StoredModel
 from .orders import Order
-from .records import Checks, LogRecord, Noise, Outcome
+from .records import Checks, Finding, LogRecord, Noise, Outcome
 
 
 @dataclass(frozen=True)
