@@ -1,12 +1,11 @@
 """Corner picture of a posterior: every pair of coordinates, with the ellipses of the fit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import PurePath
 from textwrap import wrap
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -24,6 +23,8 @@ _MAX_DRAWS = 50_000  # draws used; a chosen value
 _MARGINS_IN = (0.88, 0.44)  # below and above the panels, for labels and heading; chosen values
 _LABELS_IN = (0.47, 0.24, 0.54)
 """From a panel to its labels: below it, with tick labels turned or level, and on its left."""
+
+Limits = tuple[float, float]
 
 _LEVELS = (0.68, 0.95)
 """Probability inside the ellipses."""
@@ -50,16 +51,17 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     value, covariance = _laplace(posterior, names, sizes)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
     axes = _axes(figure, count)
-    shades = [_Cells.of(own) for own in draws.T]
+    ends = np.quantile(draws, [0.0005, 0.9995], axis=0).T.tolist()  # an axis has 99.9 % of them
+    limits = [with_margin(low, high, 0.08) for low, high in ends]
     for row in range(count):
         for column in range(row + 1):
             ax = axes[row, column]
             if column == row:
                 _draw_histogram(ax, draws[:, row], value[row], np.sqrt(covariance[row, row]))
-                ax.set_xlim(*shades[row].limits)
+                ax.set_xlim(*limits[row])
             else:
-                _draw_density(ax, shades[column], shades[row])
                 pair = [column, row]
+                _draw_density(ax, draws[:, pair], [limits[column], limits[row]])
                 _draw_ellipses(ax, value[pair], covariance[np.ix_(pair, pair)])
             _ticks(ax, column == 0 and row > 0, row == count - 1, count)
     size = "small" if count <= 6 else "x-small"
@@ -134,37 +136,13 @@ def _draw_histogram(ax: Axes, draws: Float[np.ndarray, " n"], value: float, std:
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 
-@dataclass(frozen=True)
-class _Cells:
-    """One coordinate of a density in two dimensions: its limits, and the cell of every draw.
-
-    Draws outside the limits have the cell `_CELLS`, which is not drawn.
-    """
-
-    limits: tuple[float, float]
-    cell: Int[np.ndarray, " n"]
-
-    @classmethod
-    def of(cls, draws: Float[np.ndarray, " n"]) -> "_Cells":
-        # The axis has 99.9 % of the draws.
-        low, high = limits = with_margin(*np.quantile(draws, [0.0005, 0.9995]).tolist(), 0.08)
-        cell = np.floor((draws - low) * (_CELLS / (high - low))).astype(np.int64)
-        return cls(limits, np.where((cell >= 0) & (cell < _CELLS), cell, _CELLS))
-
-    @property
-    def edges(self) -> Float[np.ndarray, " n"]:
-        return np.linspace(*self.limits, _CELLS + 1)
-
-
-def _draw_density(ax: Axes, across: _Cells, up: _Cells) -> None:
-    size = _CELLS + 1
-    counts = np.bincount(up.cell * size + across.cell, minlength=size**2).reshape(size, size)
-    density = counts[:_CELLS, :_CELLS]
-    masked = np.ma.masked_equal(density, 0)
-    lowest = -0.15 * density.max()
-    ax.pcolormesh(across.edges, up.edges, masked, cmap="Blues", vmin=lowest, rasterized=True)
-    ax.set_xlim(*across.limits)
-    ax.set_ylim(*up.limits)
+def _draw_density(ax: Axes, draws: Float[np.ndarray, "n 2"], limits: Sequence[Limits]) -> None:
+    counts, across, up = np.histogram2d(*draws.T, _CELLS, limits)
+    masked = np.ma.masked_equal(counts.T, 0)
+    lowest = -0.15 * counts.max()
+    ax.pcolormesh(across, up, masked, cmap="Blues", vmin=lowest, rasterized=True)
+    ax.set_xlim(*limits[0])
+    ax.set_ylim(*limits[1])
     ax.spines[["top", "right"]].set_visible(False)
 
 

@@ -120,8 +120,9 @@ def rig_draws(
     if tie is not None and told.gears is not None:
         values[:, told.at(*tie.relation.names)] = parameters
         if "constant_backlash" in told.names:
-            constants = _constants(tie.relation, parameters) - told.gears.constants[-1]
-            values[:, told.at("constant_backlash")[0]] -= constants
+            added = [_constant(tie.relation, jnp.asarray(part)) for part in batches(parameters)]
+            added = np.concatenate(added)[: len(points)] - told.gears.constants[-1]
+            values[:, told.at("constant_backlash")[0]] -= added
     units = tuple(unit_of(fit, name) for name in told.names)
     return RigDraws(told.names, units, values, *flanks_of(fit, coefficients))
 
@@ -203,10 +204,5 @@ def _nearest(
 
 @eqx.filter_jit
 def _constant(relation: Relation, parameters: Float[Array, "m p"]) -> Float[Array, " m"]:
-    return jax.vmap(lambda p: relation.coefficients(p)[-1])(parameters)
-
-
-def _constants(relation: Relation, parameters: Float[np.ndarray, "m p"]) -> np.ndarray:
     """Return the gap that the gears add to the constant one, of every draw, rad."""
-    found = [_constant(relation, jnp.asarray(part)) for part in batches(parameters)]
-    return np.concatenate(found)[: len(parameters)]
+    return jax.vmap(lambda p: relation.coefficients(p)[-1])(parameters)
