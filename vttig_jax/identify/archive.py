@@ -105,13 +105,6 @@ def _of(kind: type, front: str, arrays: dict[str, np.ndarray]) -> dict:
     return {field.name: jnp.asarray(arrays[front + field.name]) for field in fields(kind)}
 
 
-def _readings(arrays: dict[str, np.ndarray]) -> Readings | None:
-    if _READINGS[0] not in arrays:
-        return None
-    rows, values, variance = (arrays[name] for name in _READINGS)
-    return rows, values, float(variance)
-
-
 def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
     """Return the fit of `_core_arrays`, without rows and samples."""
     text = json.loads(str(arrays["core"]))
@@ -124,12 +117,16 @@ def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
     compressed = Compressed(**_of(Compressed, _COMPRESSED, arrays))
     solved = Solved(**_of(Solved, _SOLVED, arrays))
     columns = msgspec.convert(text["columns"], tuple[Column, ...])
+    readings: Readings | None = None
+    if _READINGS[0] in arrays:
+        rows, values, variance = (arrays[name] for name in _READINGS)
+        readings = rows, values, float(variance)
     problem = Problem(columns, compressed, arrays["natural"], arrays["start"], unit)
     return MixedFit(
         shafts=(),
         rows=(),
         waves=tuple(Wave(*wave) for wave in text["waves"]),
-        posterior=Posterior(problem, arrays["theta"], solved, _readings(arrays)),
+        posterior=Posterior(problem, arrays["theta"], solved, readings),
         delay_s=delay_s,
         bends=arrays["bends"],
         outliers=outliers,

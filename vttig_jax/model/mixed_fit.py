@@ -195,8 +195,10 @@ def design_of(
     """Return the design of logs; the arguments are those of `mixed_fit`."""
     ratio = float(pair.ratio)
     waves = waves_of(pair, orders, lines)
-    if all(one.still for one in shafts):
-        waves = told_waves(shafts, waves, ratio)
+    if all(one.still for one in shafts):  # only harmonics that the places of the tables tell
+        angles = np.concatenate([one.driving[a:b] for one in shafts for a, b, _ in one.runs])
+        told = told_orders(angles, [wave.cycles(ratio) for wave in waves])
+        waves = tuple(wave for wave, one in zip(waves, told, strict=True) if one)
     shape = Shape(
         starts=tuple(one.start for one in shafts),
         both=len({run[2] for one in shafts for run in one.runs}) == 2,
@@ -215,7 +217,8 @@ def design_of(
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
     columns = tuple(columns_of(waves, shape, assumed))
-    table = range_of(shafts) < _TABLE
+    ends = [one.driving[[[a, b - 1] for a, b, _ in one.runs]] for one in shafts]
+    table = max(float(np.ptp(angles)) for angles in ends) / REV < _TABLE
     return Design(waves, columns, shape, row_s, bends, table, assumed, given)
 
 
@@ -339,13 +342,6 @@ def _once(table: Shafts) -> bool:
     return _TWICE * most > len(table.time)
 
 
-def told_waves(shafts: Sequence[Shafts], waves: Sequence[Wave], ratio: float) -> tuple[Wave, ...]:
-    """Return the harmonics that the places of tables tell."""
-    angles = [one.driving[a:b] for one in shafts for a, b, _ in one.runs]
-    told = told_orders(np.concatenate(angles), [wave.cycles(ratio) for wave in waves])
-    return tuple(wave for wave, one in zip(waves, told, strict=True) if one)
-
-
 def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
     """Return shaft and order of the higher orders with a common width that stand out of it."""
     own = [c for c in posterior.problem.columns if c.prior in ("driving", "driven")]
@@ -443,12 +439,6 @@ def usual_error(rows: Sequence[Rows]) -> float:
                 left.append(error - x @ np.linalg.lstsq(x, error, rcond=None)[0])
     every = np.concatenate(left)
     return max(1.4826 * float(np.median(np.abs(every - np.median(every)))), 1e-9)
-
-
-def range_of(shafts: Sequence[Shafts]) -> float:
-    """Return the range of the driving shaft in turns, in the log that covers most."""
-    ends = [one.driving[[[a, b - 1] for a, b, _ in one.runs]] for one in shafts]
-    return max(float(np.ptp(angles)) for angles in ends) / REV
 
 
 def row_duration(shafts: Sequence[Shafts], highest: float) -> float:

@@ -174,11 +174,8 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     ]
     keys: list[Artist] = []
     for low, high, colour, label in edges:
-        keys.append(
-            ax.fill_between(
-                angle, low[shown] / DEG, high[shown] / DEG, color=colour, linewidth=0, label=label
-            )
-        )
+        ends, look = (low[shown] / DEG, high[shown] / DEG), {"color": colour, "label": label}
+        keys.append(ax.fill_between(angle, *ends, linewidth=0, **look))
     x, y = thinned(angle, band.centre[shown] / DEG)
     keys += ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="mean of the draws")
     place, share = banded.smallest.place
@@ -188,16 +185,9 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     x = [place / DEG] if inside else [np.nan]
     ends = [[median - low], [high - median]]
     ax.errorbar(x, [median], yerr=ends, fmt="none", ecolor=MODEL_COLOUR, capsize=3, zorder=3)
-    keys += ax.plot(
-        x,
-        [median],
-        "o",
-        color=MODEL_COLOUR,
-        markersize=4,
-        markerfacecolor="none",
-        label=label if inside else label.replace("here", "not shown"),
-        zorder=3,
-    )
+    label = label if inside else label.replace("here", "not shown")
+    look = {"color": MODEL_COLOUR, "markersize": 4, "markerfacecolor": "none", "label": label}
+    keys += ax.plot(x, [median], "o", zorder=3, **look)
     keys += _shade(ax, banded.map, angle * DEG)
     if low < 0:
         ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)

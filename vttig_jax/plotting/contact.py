@@ -16,7 +16,7 @@ from ..geometry.outline import Counts, gear_profile, section_curve
 from ..geometry.tooth import Tooth
 from ..kinematics.flank_model import flank_index
 from ..pair.gear_pair import GearPair
-from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, heading, new_figure, panel
+from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, heading, legend, new_figure, panel, title
 
 _TEETH = 3
 """Number of teeth of each gear drawn on either side of the line of centres; a chosen value."""
@@ -103,9 +103,10 @@ def _draw_mesh(ax: Axes, contacts: Contacts, place: int) -> None:
     ax.set_xlim(pitch_point - half, pitch_point + half)
     ax.set_ylim(-1.5 * half, 1.5 * half)
     ax.set_aspect("equal")
-    keys = ax.get_legend_handles_labels()[0]
-    words = f"section z = {z:.4g} mm"
-    panel(ax, words, x="x, from axis to axis [mm]", y="y [mm]", keys=keys, legend_rows=1)
+    ax.set_xlabel("x, from axis to axis [mm]")
+    ax.set_ylabel("y [mm]")
+    title(ax, f"section z = {z:.4g} mm", legend_rows=1)
+    legend(ax, ax.get_legend_handles_labels()[0])
 
 
 def _complex(point: Plane) -> complex:

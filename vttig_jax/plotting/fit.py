@@ -156,12 +156,8 @@ def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveA
     for curve, residual in runs:
         inside = (curve.driving_angle >= low * DEG) & (curve.driving_angle <= high * DEG)
         if inside.any():
-            part = TECurve(
-                curve.flank,
-                curve.driving_angle[inside],
-                curve.transmission_error[inside],
-                curve.time[inside],
-            )
+            columns = curve.driving_angle, curve.transmission_error, curve.time
+            part = TECurve(curve.flank, *(column[inside] for column in columns))
             parts.append((part, residual[inside]))
     if not parts:
         angles = np.concatenate([curve.driving_angle for curve, _ in runs]) / DEG
