@@ -25,12 +25,12 @@ BOUNDS = {
     "kinematics": (1228, 23),  # 780
     "geometry": (3423, 56),  # 2800
     "logs": (10172, 273),  # 7400
-    "rig": (324, 1),  # 260
-    "model": (2145, 44),
-    "identify": (3765, 38),  # 9000 together with posterior
-    "posterior": (2980, 46),
+    "rig": (298, 1),  # 260
+    "model": (2131, 44),
+    "identify": (3592, 38),  # 9000 together with posterior
+    "posterior": (2773, 46),
     "control": (5613, 77),  # 3600
-    "plotting": (1896, 52),  # 2000 together with the report
+    "plotting": (1782, 52),  # 2000 together with the report
     "runs": (2591, 11),  # 900
     "cli": (3941, 19),  # 2600
     "report": (594, 5),
