@@ -137,7 +137,7 @@ def _draw_histogram(ax: Axes, draws: Float[np.ndarray, " n"], value: float, std:
 
 
 def _draw_density(ax: Axes, draws: Float[np.ndarray, "n 2"], limits: Sequence[Limits]) -> None:
-    counts, across, up = np.histogram2d(*draws.T, _CELLS, limits)
+    counts, across, up = np.histogram2d(draws[:, 0], draws[:, 1], _CELLS, limits)
     masked = np.ma.masked_equal(counts.T, 0)
     lowest = -0.15 * counts.max()
     ax.pcolormesh(across, up, masked, cmap="Blues", vmin=lowest, rasterized=True)

@@ -134,9 +134,9 @@ class PlannedRun:
         first, second = (
             gear.encoder.counts_per_rev or _FINE_COUNTS for gear in (pair.driving, pair.driven)
         )
-        gears = (GearTable(encoder=Encoder(counts_per_rev=count)) for count in (first, second))
-        ideal = Drive(pair.ratio, *gears)
+        one, other = (GearTable(encoder=Encoder(counts_per_rev=count)) for count in (first, second))
         counts = quantised(driving, first), quantised(float(pair.ratio) * driving, second)
+        ideal = Drive(pair.ratio, one, other)
         return EncoderLog.from_arrays(time, *counts, pair=ideal, source="planned run")
 
     def __str__(self) -> str:
