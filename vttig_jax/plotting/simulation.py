@@ -42,7 +42,7 @@ Handles = dict[str, Artist]
 Mark = tuple[float, str, ColorType]
 
 
-Rows = dict[str, Float[np.ndarray, " n"]]
+Rows = dict[str, Float[np.ndarray, " _"]]
 """Trace in the units of the picture.
 
 `time` is in s. True and `measured` TE (`error`) and flanks A and B (`lower`, `upper`) are in the
