@@ -51,7 +51,7 @@ from .pair.gear_pair import load_pair as load_pair
 from .plotting.dispatch import plot as plot
 from .posterior.planning.noise import PlannedNoise as PlannedNoise
 from .posterior.planning.plan import plan as plan
-from .posterior.planning.shortest_run import shortest_run as shortest_run
+from .posterior.planning.plan import shortest_run as shortest_run
 from .posterior.sampler import read_posterior as read_posterior
 from .posterior.sampler import sample as sample
 from .posterior.summary.bands import band_map as band_map

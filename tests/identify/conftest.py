@@ -1,9 +1,8 @@
 """Short simulated logs of the paper's rig and their fits, which many tests share."""
 
-from dataclasses import replace
-
 import pytest
 
+from tests.identify.quick import quick_rig as made_quick_rig
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -51,7 +50,7 @@ def clean_fit(clean_rig, clean_log) -> Fit:
 @pytest.fixture(scope="session")
 def quick_rig() -> SyntheticRig:
     """The noisy rig at the lowest sampling rate that its tooth mesh allows; a fit takes 0.1 s."""
-    return replace(make_paper_rig(0, PassMotion(reversal_deg=1800.0, dwell_s=0.5)), rate_hz=700.0)
+    return made_quick_rig(0)
 
 
 @pytest.fixture(scope="session")

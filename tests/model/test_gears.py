@@ -1,5 +1,6 @@
 """The exact relation as coefficients of harmonics, and eccentricities that were planted."""
 
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -175,11 +176,11 @@ def test_equal_gears_have_one_first_order():
 def test_constants_are_what_the_gears_add():
     pair = gear_pair(45, 80)
     fit = fitted(exact_log(pair, TRUTH), pair)
-    gears = fitted_gears(pair, fit.posterior, fit.waves, both=True, side=0)
+    gears = fitted_gears(pair, fit)
     assert gears is not None and gears.relation.names == (*GEARS, *ENCODERS)
     np.testing.assert_allclose(gears.constants, _projected(pair, TRUTH)[-2:], atol=2e-6)
-    perfect = fitted_gears(pair, fit.posterior, fit.waves, both=True, side=0, gears=False)
+    perfect = fitted_gears(pair, fit, gears=False)
     assert perfect is not None and perfect.relation.names == ENCODERS
-    alone = fitted_gears(pair, fit.posterior, fit.waves, both=True, side=0, encoders=False)
+    alone = fitted_gears(pair, fit, encoders=False)
     assert alone is not None and alone.relation.names == GEARS
-    assert fitted_gears(pair, fit.posterior, [], both=True, side=0) is None
+    assert fitted_gears(pair, replace(fit, waves=())) is None

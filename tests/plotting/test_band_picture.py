@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from tests.plotting.axes import legend_texts
 from tests.posterior.made import quick_posterior
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.pair.gear_pair import Drive
@@ -34,7 +35,7 @@ def heights(collection) -> np.ndarray:
 
 def test_both_bands_are_drawn_and_labelled_with_their_probability(figure, banded):
     whole = figure.axes[0]
-    words = [text.get_text() for text in whole.get_legend().get_texts()]
+    words = legend_texts(whole)
     assert words[:3] == [
         "95 % band of the whole map",
         "95 % band at one angle",
@@ -85,10 +86,7 @@ def test_title_says_how_much_of_the_period_there_is(banded, figure):
     )
     drawn = plot_band_map(part)
     assert "2 of the 16 turns" in drawn.axes[0].get_title(loc="left")
-    legend = drawn.axes[0].get_legend()
-    assert legend is not None
-    words = [text.get_text() for text in legend.get_texts()]
-    assert words[3].endswith("not shown")
+    assert legend_texts(drawn.axes[0])[3].endswith("not shown")
     assert drawn.axes[1].get_title(loc="left") == "part of the map"
 
 

@@ -2,25 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from msgspec.structs import replace as changed
 
+from tests.plotting.axes import data, legend_texts
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.records import GapAtSpeed
 from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.plotting.curves import MOST_POINTS, folded_turns
 from vttig_jax.plotting.fit import plot_fit
-
-
-def data(ax: Axes, line: int) -> tuple[np.ndarray, np.ndarray]:
-    x, y = ax.lines[line].get_data()
-    return np.asarray(x), np.asarray(y)
-
-
-def legend_texts(ax: Axes) -> list[str]:
-    legend = ax.get_legend()
-    assert legend is not None
-    return [text.get_text() for text in legend.get_texts()]
 
 
 @pytest.mark.parametrize(("unit", "size"), [("arcsec", ARCSEC), ("deg", DEG)])

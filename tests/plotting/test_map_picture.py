@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from tests.plotting.axes import data, legend_texts
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
@@ -23,19 +24,8 @@ def grid(paper_pair, paper_rig) -> BacklashMap:
     return BacklashMap(model, closed_model(paper_pair, paper_rig), paper_pair)
 
 
-def data(ax: Axes, line: int) -> tuple[np.ndarray, np.ndarray]:
-    x, y = ax.lines[line].get_data()
-    return np.asarray(x), np.asarray(y)
-
-
 def right_axis(ax: Axes):
     return next(iter(ax.child_axes), None)
-
-
-def legend_texts(ax: Axes) -> list[str]:
-    legend = ax.get_legend()
-    assert legend is not None
-    return [text.get_text() for text in legend.get_texts()]
 
 
 def test_lines_are_the_map_over_the_hunting_period(grid):

@@ -6,6 +6,7 @@ import pytest
 from msgspec.structs import replace as changed
 from scipy.signal import lfilter
 
+from tests.plotting.axes import legend_texts
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.identify.records import FoundLine, Noise
@@ -51,11 +52,7 @@ def test_three_panels_and_their_words(left):
         "lag [rows]",
         "cycles per driving revolution",
     ]
-    legend = axes[0].get_legend()
-    assert legend is not None and [t.get_text() for t in legend.get_texts()] == [
-        "flank A",
-        "flank B",
-    ]
+    assert legend_texts(axes[0]) == ["flank A", "flank B"]
     x, y = axes[0].lines[0].get_data()
     np.testing.assert_allclose(np.asarray(x), ANGLE / DEG)
     np.testing.assert_allclose(np.asarray(y), NOISE / ARCSEC)
@@ -106,9 +103,7 @@ def test_a_log_before_any_fit_shows_both_flanks_and_its_waves():
     figure = plot_log(log)
     figure.draw_without_rendering()
     top, bottom = figure.axes
-    legend = top.get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["flank A", "flank B"]
+    assert legend_texts(top) == ["flank A", "flank B"]
     assert "before any fit" in figure.get_suptitle() and "[arcsec]" in top.get_ylabel()
     shown = np.concatenate([np.asarray(line.get_ydata()) for line in top.lines])
     assert np.isin(shown, log.transmission_error / ARCSEC).all() and len(shown) > 1000

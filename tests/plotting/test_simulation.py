@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
+from tests.plotting.axes import data
 from vttig_jax.control.scenario.spec import parse_scenario_spec
 from vttig_jax.control.simulation.result import Simulation
 from vttig_jax.control.simulation.simulate import simulate
@@ -53,11 +54,6 @@ def with_times(run: Simulation, **times: float) -> Simulation:
     for name, value in times.items():
         motion = eqx.tree_at(lambda m, name=name: getattr(m, name), motion, np.asarray(value))
     return replace(run, case=eqx.tree_at(lambda case: case.motion, run.case, motion))
-
-
-def data(ax: Axes, line: int) -> tuple[np.ndarray, np.ndarray]:
-    x, y = ax.lines[line].get_data()
-    return np.asarray(x), np.asarray(y)
 
 
 def marks(ax: Axes) -> list[float]:

@@ -14,11 +14,6 @@ from vttig_jax.posterior.chains import read_chains
 from vttig_jax.posterior.until import Until
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "deep" / "posterior.h5"
-
-
 def test_what_is_written_is_read_back(path):
     target = plain(identity={"file": "é", "nested": {"list": [1, 2.5, None]}}, units=("mm", "°"))
     chains = sample(path, target, seed=2**70)

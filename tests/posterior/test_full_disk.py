@@ -13,11 +13,6 @@ from vttig_jax.posterior.chains import read_chains
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "deep" / "posterior.h5"
-
-
-@pytest.fixture
 def often(monkeypatch):
     """A generation every block."""
     monkeypatch.setattr(checkpoint, "SAVE_S", 0.0)

@@ -1,7 +1,6 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +11,6 @@ from tests.posterior.runs import REPOSITORY, only, same, sample, sentence
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.posterior.chains import read_chains
 from vttig_jax.posterior.until import Until
-
-
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "deep" / "posterior.h5"
 
 
 def test_killed_at_any_moment_it_goes_on_bit_for_bit(tmp_path):

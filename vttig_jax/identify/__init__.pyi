@@ -1,10 +1,10 @@
 from ..model.parameter import Parameter as Parameter
 from .archive import read_fit as read_fit
 from .backlash import backlash_map as backlash_map
-from .findings import Finding as Finding
 from .fit_settings import FitSettings as FitSettings
 from .identification import fit as fit
 from .many.fit_many import fit_many as fit_many
 from .many.table import FitTable as FitTable
 from .records import Checks as Checks
+from .records import Finding as Finding
 from .result import Fit as Fit

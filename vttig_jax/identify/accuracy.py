@@ -132,8 +132,7 @@ def _runs(core: MixedFit, orders: Orders) -> Iterator[Run]:
         if any(shafts.start.spread):
             continue
         (slope, level), start = shafts.nominal, shafts.start.angles
-        moved = shafts.delayed(core.delay_s)[0]
-        error = shafts.error + shafts.ratio * (shafts.driving - moved)
+        moved, error = shafts.on_time(core.delay_s)
         for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
             own = np.arange(rows.samples[first, 0], rows.samples[last, -1] + 1)
             own = own if shafts.good is None else own[shafts.good[own]]

@@ -29,11 +29,12 @@ from ..model.scope import Scope
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .accuracy import Measured
-from .findings import Finding
 from .given import StoredModel
-from .orders import Order
-from .records import Checks, LogRecord, Noise
 from .result import Fit
+
+_PLAIN = ("source", "sha256", "outcome", "flanks", "samples", "zero", "zero_readings", "orders")
+_PLAIN += ("conditional_on", "noise", "residual_rms_deg", "checks", "findings", "logs")
+"""Fields of a fit that stand in `fit.json` as they are."""
 
 _SOLVED, _COMPRESSED, _MEASURED = "solved_", "compressed_", "measured_"
 _READINGS = ("readings_rows", "readings_values", "readings_variance")
@@ -104,13 +105,6 @@ def _of(kind: type, front: str, arrays: dict[str, np.ndarray]) -> dict:
     return {field.name: jnp.asarray(arrays[front + field.name]) for field in fields(kind)}
 
 
-def _readings(arrays: dict[str, np.ndarray]) -> Readings | None:
-    if _READINGS[0] not in arrays:
-        return None
-    rows, values, variance = (arrays[name] for name in _READINGS)
-    return rows, values, float(variance)
-
-
 def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
     """Return the fit of `_core_arrays`, without rows and samples."""
     text = json.loads(str(arrays["core"]))
@@ -123,12 +117,16 @@ def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
     compressed = Compressed(**_of(Compressed, _COMPRESSED, arrays))
     solved = Solved(**_of(Solved, _SOLVED, arrays))
     columns = msgspec.convert(text["columns"], tuple[Column, ...])
+    readings: Readings | None = None
+    if _READINGS[0] in arrays:
+        rows, values, variance = (arrays[name] for name in _READINGS)
+        readings = rows, values, float(variance)
     problem = Problem(columns, compressed, arrays["natural"], arrays["start"], unit)
     return MixedFit(
         shafts=(),
         rows=(),
         waves=tuple(Wave(*wave) for wave in text["waves"]),
-        posterior=Posterior(problem, arrays["theta"], solved, _readings(arrays)),
+        posterior=Posterior(problem, arrays["theta"], solved, readings),
         delay_s=delay_s,
         bends=arrays["bends"],
         outliers=outliers,
@@ -273,18 +271,10 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
     ratio = jnp.asarray(float(pair.ratio))
     return Fit(
         pair=pair,
-        source=record["source"],
-        sha256=record["sha256"],
-        outcome=record["outcome"],
-        flanks=tuple(record["flanks"]),
-        samples=record["samples"],
-        zero=record["zero"],
-        zero_readings=record["zero_readings"],
-        conditional_on=tuple(record["conditional_on"]),
+        **{name: msgspec.convert(record[name], Fit.__annotations__[name]) for name in _PLAIN},
         parameters={
             name: Parameter(name=name, **own) for name, own in record["parameters"].items()
         },
-        orders=tuple(Order(**own) for own in record["orders"]),
         model=OrderModel(
             ratio=ratio,
             terms=tuple((int(first), int(second)) for first, second in arrays["terms"]),
@@ -292,15 +282,11 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
             cosine=jnp.asarray(arrays["cosine"]),
             sine=jnp.asarray(arrays["sine"]),
         ),
-        noise=msgspec.convert(record["noise"], Noise),
-        residual_rms_deg=record["residual_rms_deg"],
         curves=curves,
         residuals=tuple(pieces[3]),
         covariance=arrays["covariance"],
         covariance_names=tuple(str(name) for name in arrays["names"]),
         values=arrays["values"],
-        checks=msgspec.convert(record["checks"], Checks),
-        findings=msgspec.convert(record["findings"], tuple[Finding, ...]),
         core=_core(arrays, float(pair.ratio)),
         stored=_stored(arrays),
         given=None
@@ -309,7 +295,6 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
             ratio, str(given), tuple((flank, FlankError(**one)) for flank, one in errors)
         ),
         regressors=tuple(Parameter(name=name, **own) for name, own in record["regressors"].items()),
-        logs=msgspec.convert(record["logs"], tuple[LogRecord, ...]),
     )
 
 

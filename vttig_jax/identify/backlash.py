@@ -17,7 +17,7 @@ from ..kinematics.harmonic import OrderModel
 from ..pair.gear_pair import Drive, Flank
 from .given import StoredModel
 from .orders import mounted_closed, mounted_exact
-from .result import Fit
+from .result import Fit, refuse_unknown_gap
 
 
 def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> BacklashMap:
@@ -60,7 +60,8 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
         fit.given.refuse(fit.source)
     both = len(fit.flanks) == 2
     given = constant_backlash_deg is not None
-    _refuse_unknown_gap(fit, given=not both and given)
+    if both or not given:
+        refuse_unknown_gap(fit)
     shift = None if given else shift_of_delay(fit)
     if isinstance(fit.pair, Drive) or fit.given is not None:
         if not both:
@@ -89,21 +90,6 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     return with_coverage(BacklashMap(model, first_order, fit.pair, shift=shift), fit, given)
 
 
-def _refuse_unknown_gap(fit: Fit, *, given: bool) -> None:
-    gap = fit.parameters["constant_backlash_deg"]
-    if gap.determined or given or fit.checks.gap_over_angles_covered.determined:
-        return
-    cure = "record more turns."
-    if len(fit.flanks) != 2:
-        cure = (
-            "record both directions, or give the constant backlash measured in another way"
-            " (--constant-backlash-deg)."
-        )
-    raise NoAnswerError(
-        f"the constant backlash is undetermined ({gap.reason}); {cure}", where=fit.source
-    )
-
-
 def shift_of_delay(fit: Fit) -> tuple[float, float] | None:
     """Return the 95 % interval of the shift of the map, rad, where the logs do not tell the delay.
 
@@ -120,18 +106,13 @@ def _shifted(fit: Fit, constant_backlash_deg: float | None) -> FlankModel:
     """Return the fitted model with flank B shifted to the given constant backlash."""
     if constant_backlash_deg is None:
         return fit.flank_model
-    move = constant_backlash_deg - _constant(fit)
-    offset = fit.model.offset + jnp.array([0.0, move * DEG])
+    # The constant backlash also where the log tells only the gap of some angles.
+    fitted = fit.values[fit.covariance_names.index("constant_backlash")]
+    offset = fit.model.offset + jnp.array([0.0, constant_backlash_deg * DEG - fitted])
     orders = eqx.tree_at(lambda model: model.offset, fit.model, offset)
     if fit.given is None:
         return orders
     return eqx.tree_at(lambda model: model.orders, fit.given, orders)
-
-
-def _constant(fit: Fit) -> float:
-    """Return the constant backlash, °, also where the log tells only the gap of some angles."""
-    cartesian = dict(zip(fit.covariance_names, fit.values, strict=True))
-    return float(cartesian["constant_backlash"]) / DEG
 
 
 class Contact(FlankModel):

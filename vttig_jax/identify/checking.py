@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import msgspec
 import numpy as np
@@ -11,10 +12,7 @@ from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
-from ..logs.checks.ratio import SeenRatio
-from ..logs.encoder_log import EncoderLog
-from ..logs.lines.search import Line
-from ..logs.motion.segments import Segments
+from ..logs.motion.segments import Segment, Segments
 from ..model.components import NEEDED, likelihood_ratio
 from ..model.density import LAGS, whitening
 from ..model.mixed_fit import MixedFit, residuals
@@ -22,9 +20,11 @@ from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
 from ..model.rows import BENDS
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
+from .door import Identified
 from .orders import SIDES, mounted_exact
 from .records import (
     Checks,
+    Closure,
     CoveredGap,
     DelayOfPart,
     FoundLine,
@@ -32,26 +32,31 @@ from .records import (
     JumpComparison,
     Noise,
     RatioCheck,
+    ReadingsComparison,
     Reversal,
 )
-from .repeats import closure, reversal_jumps
 
 _SPEEDS, _APART = 8, 0.15
 
+_NEAR_DEG, _WINDOW_DEG = 1.0, 5.0
+"""The passes before and after a reversal are compared in a window of driving angles. These are its
+smallest distance from the turning point and its width, deg of the driving shaft; chosen values."""
+
+_GAPS = 1.5
+"""Smallest distance from the turning point to the window, in gaps; above 1 because the gap varies
+with the angle. Chosen value."""
+
 
 def checks_of(
-    core: MixedFit,
+    found: Identified,
     pair: GearPair | Drive,
     parameters: dict[str, Parameter],
-    *,
-    logs: Sequence[EncoderLog],
-    segments: Sequence[Segments],
-    ratios: Sequence[SeenRatio],
-    lines: Sequence[Line],
     curves: tuple[TECurve, ...],
     model: FlankModel,
+    readings: ReadingsComparison | None,
 ) -> Checks:
     """Return the checks of a fit."""
+    core = found.core
     needed = {
         group: likelihood_ratio(core, group) for group in ("drift", "delay_parts", "gap_by_speed")
     }
@@ -60,7 +65,7 @@ def checks_of(
     constant = parameters["constant_backlash_deg"].value
     if len(core.scope.flanks) < 2 and isinstance(pair, GearPair) and isinstance(model, OrderModel):
         model, constant = _first_orders(core, pair, parameters, model), 0.0
-    reversals = _reversals(core, segments, gap, model, constant)
+    reversals = _reversals(core, found.segments, gap, model, constant)
     return Checks(
         gap_over_angles_covered=gap,
         gap_by_speed=gap_by_speed(core, needed["gap_by_speed"] > NEEDED),
@@ -68,16 +73,20 @@ def checks_of(
         explained=explained(core),
         likelihood_ratio=needed,
         drift_arcsec=drift_arcsec(core),
-        outliers=1 - float(good_rows(core).mean()),
+        outliers=1 - float(core.good.mean()),
         passes=core.passes,
         solver_steps=core.steps,
-        lines=tuple(FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in lines),
+        lines=tuple(
+            FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in found.lines
+        ),
         ratio=tuple(
-            RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause) for one in ratios
+            RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause)
+            for one in found.ratios
         ),
         closure=closure(curves, pair),
         reversals=reversals,
         jumps=_jumps(reversals, gap, constant),
+        readings=readings,
         drawing_backlash_deg=None
         if isinstance(pair, Drive)
         else float(pair.drawing_backlash) / DEG,
@@ -157,23 +166,15 @@ def delay_by_parts(core: MixedFit) -> tuple[DelayOfPart, ...]:
 
 def explained(core: MixedFit) -> float | None:
     """Return the share of the variance that the harmonics explain beside the other columns."""
-    left = core.residual
+    left, good = core.residual, core.good
     waved = {(wave.shaft, wave.order) for wave in core.waves}
     others = core.posterior.coefficients.copy()
     for place, column in enumerate(core.posterior.problem.columns):
         if column.row[:2] in waved:
             others[place] = 0.0
     before = np.concatenate(residuals(core.posterior.problem.columns, core.rows, others))
-    good = good_rows(core)
     variance = float(np.var(before[good]))
     return 1 - float(np.var(left[good])) / variance if variance > 0 else None
-
-
-def good_rows(core: MixedFit) -> np.ndarray:
-    """Return the mask of the rows that are no outliers."""
-    if core.weights is None:
-        return np.ones(sum(len(rows.table) for rows in core.rows), bool)
-    return np.concatenate(core.weights) > 0.5
 
 
 def drift_arcsec(core: MixedFit) -> float:
@@ -190,10 +191,8 @@ def drift_arcsec(core: MixedFit) -> float:
 
 def noise_of(core: MixedFit) -> Noise:
     """Return the noise of the rows."""
-    theta = np.asarray(core.posterior.theta)
-    partial = 0.9999 * np.tanh(theta[:LAGS])
-    taps = np.asarray(whitening(partial))
-    innovation = core.posterior.problem.unit * math.exp(theta[LAGS])
+    partial, innovation = np.asarray(core.posterior.partial), core.posterior.innovation_std
+    taps = np.asarray(whitening(core.posterior.partial))
     variance = innovation**2 / float(np.prod(1 - partial**2))
     row_s = core.rows[0].samples.shape[1] * core.shafts[0].interval_s
     return Noise(
@@ -210,10 +209,9 @@ def noise_of(core: MixedFit) -> Noise:
 def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarray, " n"], ...]]:
     """Return the rows of every run, less the delay, as curves, and their residuals, rad."""
     curves, found, place = [], [], 0
-    left, good = core.residual, good_rows(core)
+    left, good = core.residual, core.good
     for shafts, rows in zip(core.shafts, core.rows, strict=True):
-        late = shafts.driving - shafts.delayed(core.delay_s)[0]
-        error = (shafts.error + shafts.ratio * late)[rows.samples].mean(1)
+        error = shafts.on_time(core.delay_s)[1][rows.samples].mean(1)
         for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
             own = np.arange(first, last + 1)
             own = own[good[place + own]]
@@ -253,9 +251,7 @@ def _reversals(
     for number, (shafts, own) in enumerate(zip(core.shafts, segments, strict=True), 1):
         if own.still:
             continue
-        moved, _ = shafts.delayed(core.delay_s)
-        error = shafts.error + shafts.ratio * (shafts.driving - moved)
-        found += reversal_jumps(moved, error, own.segments, number, beyond)
+        found += reversal_jumps(*shafts.on_time(core.delay_s), own.segments, number, beyond)
     if constant is None or not found:
         return tuple(found)
     angles = np.array([one.driving_deg for one in found]) * DEG
@@ -292,3 +288,97 @@ def _jumps(
     scatter = max(scatter, math.sqrt(np.mean([one.std_deg**2 for one in kept])))
     std = 1.25 * scatter / math.sqrt(len(jumps))
     return JumpComparison(len(jumps), median, std, gap.value, gap.std)
+
+
+def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> Closure | None:
+    """Compare the transmission error of every run with its values one hunting period later.
+
+    Fig. 12 of the paper shows this comparison.
+
+    **Returns** rms and mean of the difference, and the angle over which it was compared, in
+    degrees; None if no run is longer than the period.
+    """
+    period = pair.hunting_turns * REV
+    differences = []
+    for curve in curves:
+        order = np.argsort(curve.driving_angle)
+        angle, error = curve.driving_angle[order], curve.transmission_error[order]
+        early = angle[angle + period <= angle[-1]]
+        if len(early) > 1:
+            late = np.interp(early + period, angle, error)
+            differences.append(late - error[: len(early)])
+    if not differences:
+        return None
+    difference = np.concatenate(differences)
+    overlap = sum(max(0.0, float(np.ptp(c.driving_angle)) - period) for c in curves)
+    return Closure(
+        period_deg=period / DEG,
+        overlap_deg=overlap / DEG,
+        rms_deg=float(np.sqrt(np.mean(difference**2))) / DEG,
+        mean_deg=float(np.mean(difference)) / DEG,
+    )
+
+
+def reversal_jumps(
+    driving: Float[np.ndarray, " n"],
+    error: Float[np.ndarray, " n"],
+    segments: tuple[Segment, ...],
+    log: int = 1,
+    gap_deg: float = 0.0,
+) -> list[Reversal]:
+    """Return the jump at every reversal: TE_B − TE_A at the same driving angles, in degrees.
+
+    `driving` and `error` are in rad. Delay and wind-up must be removed from them, because they
+    change their sign with the direction and would look like a jump. Both passes are compared in a
+    window of driving angles from 1° to 6° before the turning point, where the teeth are in contact.
+    `driving_deg` of the result is the middle of the window. `log` is the number of the log.
+
+    On a reducer the teeth cross the gap during more than 1° of driving angle after the turn.
+    Therefore the window begins at least 1.5 times `gap_deg` before the turn, if the passes are long
+    enough. `gap_deg` is the gap as an angle of the driving shaft.
+    """
+    jumps = []
+    beyond = _GAPS * gap_deg
+    for before, after in pairwise(segments):
+        if before.flank == after.flank:
+            continue
+        window = slice(before.start, after.stop)
+        sense = 1.0 if before.flank == "A" else -1.0
+        along = sense * driving[window]
+        within = (max(_NEAR_DEG, beyond) + 2 * _WINDOW_DEG) * DEG
+        near = np.flatnonzero(along >= along.max() - within)
+        turn = int(np.searchsorted(near, np.argmax(along)))
+        angle, te = driving[window][near], error[window][near]
+        left = sense * (angle[turn] - angle) / DEG
+        for start in sorted({max(_NEAR_DEG, beyond), _NEAR_DEG}, reverse=True):
+            middle = start + _WINDOW_DEG / 2
+            inside = np.flatnonzero(np.abs(left - middle) <= _WINDOW_DEG / 2)
+            first, second = inside[inside < turn], inside[inside > turn]
+            if len(first) < 3 or len(second) < 3:
+                continue
+            levels, variances = zip(
+                *(_level(left[part] - middle, te[part]) for part in (first, second)), strict=True
+            )
+            jumps.append(
+                Reversal(
+                    log=log,
+                    driving_deg=float(angle[turn] / DEG - sense * middle),
+                    turn_deg=float(angle[turn] / DEG),
+                    jump_deg=sense * (levels[1] - levels[0]) / DEG,
+                    crossing=start < beyond,
+                    std_deg=math.sqrt(sum(variances)) / DEG,
+                )
+            )
+            break
+    return jumps
+
+
+def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return the transmission error at `off_deg` = 0 from a straight-line fit, and its variance.
+
+    `off_deg` is the angle of the samples from the middle of the window.
+    """
+    line = np.polyfit(off_deg, error, 1)
+    scatter = np.sum((error - np.polyval(line, off_deg)) ** 2) / (len(error) - 2)
+    at = np.linalg.pinv(np.stack([off_deg, np.ones(len(off_deg))], axis=1))[1]
+    return float(line[1]), float(scatter * at @ at)

@@ -1,15 +1,40 @@
-"""What the logs of one fit must be: of one pair, distinct, and long enough."""
+"""What the logs of one fit must be (of one pair, distinct, long enough), and what was seen."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import PurePath
 
 from ..base.errors import LogError, NoAnswerError, UsageError
+from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
+from ..logs.lines.search import Line
+from ..logs.motion.segments import Segments
 from ..model.density import LAGS
-from ..model.mixed_fit import row_duration
+from ..model.mixed_fit import MixedFit, row_duration
 from ..model.rows import Shafts, Wave
 from ..pair.gear_pair import Drive, GearPair, pair_from_spec
+from .given import GivenModel
 from .orders import SIDES
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The mixed model fitted to logs, and what was seen of them at the door.
+
+    `short`: flanks without a stroke that is long enough. `given`: flank model of the user.
+    """
+
+    logs: Sequence[EncoderLog]
+    core: MixedFit
+    lines: list[Line]
+    segments: list[Segments]
+    ratios: list[SeenRatio]
+    short: tuple[str, ...]
+    given: GivenModel | None = None
+
+    def name(self, log: int) -> str:
+        """Return the name of a log and a colon, or nothing for a single log."""
+        return f"{PurePath(self.logs[log].source).name}: " if len(self.logs) > 1 else ""
 
 
 def stated_drive(log: EncoderLog) -> GearPair | Drive:

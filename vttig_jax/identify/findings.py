@@ -7,93 +7,52 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import PurePath
-from typing import Literal
 
-import msgspec
 import numpy as np
 
 from ..base.units import DEG, duration_text
-from ..logs.checks.ratio import SeenRatio
 from ..logs.checks.sampling import commensurate
-from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import hidden_shaft
-from ..logs.motion.segments import Segments
 from ..logs.slope import better_fraction, computed_text, exact_slope
 from ..model.components import NEEDED
-from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
-from ..model.parameter import Parameter
-from ..pair.gear_pair import Drive, GearPair
+from ..model.mixed_fit import mixed_fit, waves_of
+from ..pair.gear_pair import GearPair
+from .door import Identified
 from .fit_settings import FitSettings
-from .records import Checks, LogRecord, Noise, Record
+from .records import Finding
+from .result import Fit
 from .starts import disagreements
-
-Severity = Literal["warning", "question", "note"]
-
-
-class Finding(Record, frozen=True):
-    """One sentence on a fit.
-
-    **Arguments**
-    - `slug`: stable name of its kind. - `severity`: a "warning" changes a stated number or its
-      meaning, a "question" is settled by the user, a "note" is a detail.
-    - `sentence`, `cure`: what was seen, and what to do; the cure may be empty.
-    - `numbers`: numbers of the sentence, with their units at the end of their names.
-    """
-
-    slug: str
-    severity: Severity
-    sentence: str
-    cure: str = ""
-    numbers: dict[str, float] = msgspec.field(default_factory=dict)
-
-    @property
-    def text(self) -> str:
-        """The sentence with its cure."""
-        return f"{self.sentence}; {self.cure}" if self.cure else self.sentence
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Everything that findings are made from."""
+    """Everything that findings are made from: a fit still without findings, and its logs."""
 
-    core: MixedFit
-    pair: GearPair | Drive
+    fit: Fit
+    found: Identified
     settings: FitSettings
-    logs: Sequence[EncoderLog]
-    segments: Sequence[Segments]
-    ratios: Sequence[SeenRatio]
-    parameters: dict[str, Parameter]
-    regressors: Sequence[Parameter]
-    checks: Checks
-    noise: Noise
-    records: Sequence[LogRecord]
-    residual_rms_deg: float
-    short: Sequence[str]
-
-    def name(self, log: int) -> str:
-        """Return the name of a log and a colon, or nothing for a single log."""
-        return f"{PurePath(self.logs[log].source).name}: " if len(self.logs) > 1 else ""
 
 
-def contradicts(case: Case) -> bool:
+def contradicts(fit: Fit, findings: Sequence[Finding]) -> bool:
     """Return whether the log cannot be that of a drive.
 
     A column was computed from the other, or the gap is below zero, beyond chance and the residual.
     """
-    if any(computed_column(case)):
-        return True
-    gap = case.checks.gap_over_angles_covered
-    if gap.value is None or gap.std is None or gap.high95 is None or gap.high95 >= 0:
+    slugs = {one.slug for one in findings}
+    if not slugs & {"column-computed", "gap-below-zero"}:
         return False
-    return gap.value**2 > NEEDED * gap.std**2 and -gap.value > case.residual_rms_deg
+    gap = fit.checks.gap_over_angles_covered
+    value, std = gap.value or 0.0, gap.std or 0.0
+    beyond = value**2 > NEEDED * std**2 and -value > fit.residual_rms_deg
+    return "column-computed" in slugs or beyond
 
 
 def negative_gap(case: Case) -> Iterator[Finding]:
     """Say that the gap is below zero, which no gap is."""
-    gap = case.checks.gap_over_angles_covered
+    gap = case.fit.checks.gap_over_angles_covered
     if gap.value is None or gap.std is None or gap.high95 is None or gap.high95 >= 0:
         return
-    swapped = "the columns are exchanged, " if case.pair.ratio == 1 else ""
+    swapped = "the columns are exchanged, " if case.fit.pair.ratio == 1 else ""
     yield Finding(
         "gap-below-zero",
         "warning",
@@ -108,24 +67,24 @@ def negative_gap(case: Case) -> Iterator[Finding]:
 
 def not_settled(case: Case) -> Iterator[Finding]:
     """Say that the passes, or the search for the noise, did not end."""
-    if not case.core.settled:
+    if not case.fit.core.settled:
         yield Finding(
             "not-settled",
             "warning",
-            f"the search ended before delay and noise stood still ({case.core.passes} passes), so"
-            " that the numbers are not final",
+            "the search ended before delay and noise stood still"
+            f" ({case.fit.core.passes} passes), so that the numbers are not final",
             "record more changes of speed, or state the delay with --delay",
         )
 
 
 def open_delay(case: Case) -> Iterator[Finding]:
     """Say that the interval of the backlash is that of the assumed delay."""
-    delay = case.parameters["delay_s"]
-    index = case.core.posterior.problem.index
-    if delay.determined or ("delay",) not in index or len(case.core.scope.flanks) < 2:
+    delay = case.fit.parameters["delay_s"]
+    index = case.fit.core.posterior.problem.index
+    if delay.determined or ("delay",) not in index or len(case.fit.core.scope.flanks) < 2:
         return
-    width = case.core.posterior.problem.columns[index["delay",]].width
-    effect = abs(case.core.scope.ratio) * sum(case.core.scope.speeds) / DEG
+    width = case.fit.core.posterior.problem.columns[index["delay",]].width
+    effect = abs(case.fit.core.scope.ratio) * sum(case.fit.core.scope.speeds) / DEG
     yield Finding(
         "delay-open",
         "question",
@@ -140,8 +99,8 @@ def open_delay(case: Case) -> Iterator[Finding]:
 
 def changing_delay(case: Case) -> Iterator[Finding]:
     """Say that one delay does not explain the log."""
-    parts, ratio = case.checks.delay_by_parts, case.checks.likelihood_ratio["delay_parts"]
-    if not parts or not case.parameters["delay_s"].determined:
+    parts, ratio = case.fit.checks.delay_by_parts, case.fit.checks.likelihood_ratio["delay_parts"]
+    if not parts or not case.fit.parameters["delay_s"].determined:
         return
     low, high = min(p.value for p in parts), max(p.value for p in parts)
     yield Finding(
@@ -156,7 +115,7 @@ def changing_delay(case: Case) -> Iterator[Finding]:
 
 def gap_of_speed(case: Case) -> Iterator[Finding]:
     """Say that the gap depends on the speed."""
-    rows, ratio = case.checks.gap_by_speed, case.checks.likelihood_ratio["gap_by_speed"]
+    rows, ratio = case.fit.checks.gap_by_speed, case.fit.checks.likelihood_ratio["gap_by_speed"]
     if ratio <= NEEDED or len(rows) < 2:
         return
     slow, fast = rows[0], rows[-1]
@@ -165,7 +124,7 @@ def gap_of_speed(case: Case) -> Iterator[Finding]:
         "warning",
         f"the gap depends on the speed: {slow.value:.4f}° ± {slow.std:.2g}° at"
         f" {slow.speed_rpm:.3g} rpm of the driving shaft and {fast.value:.4f}° ± {fast.std:.2g}° at"
-        f" {fast.speed_rpm:.3g} rpm, beside the delay of {1e3 * case.core.delay_s:.4g} ms. No"
+        f" {fast.speed_rpm:.3g} rpm, beside the delay of {1e3 * case.fit.core.delay_s:.4g} ms. No"
         " single gap describes the log",
         "fit slow and fast passes as logs of their own, or compare gaps of one speed only",
         {"slow_deg": slow.value, "fast_deg": fast.value, "likelihood_ratio": ratio},
@@ -178,12 +137,12 @@ def shown_delay(case: Case) -> Iterator[Finding]:
     With its estimate d ± s of ν degrees of freedom, where it is fitted, 2 ln of the likelihood
     ratio to the stated d₀ is (ν + 1) ln(1 + (d − d₀)²/(ν s²)).
     """
-    core = case.core
-    own = any(name.startswith("model") for name in case.parameters)
-    if case.settings.delay == "auto" or own or len(core.scope.flanks) < 2:
+    core = case.fit.core
+    fitted = case.settings.delay == "auto" or case.fit.given is not None
+    if fitted or len(core.scope.flanks) < 2:
         return
     lines = [wave.order for wave in core.waves if wave.shaft == "line"]
-    free = mixed_fit(core.shafts, case.pair, core.orders, lines=lines, after=core)
+    free = mixed_fit(core.shafts, case.fit.pair, core.orders, lines=lines, after=core)
     told = free.posterior.one(free.posterior.row(("delay",)), moved=True)
     shown_s = free.delay_s + told.value
     off = (shown_s - core.delay_s) / told.std
@@ -202,14 +161,14 @@ def shown_delay(case: Case) -> Iterator[Finding]:
 
 def unclear_flanks(case: Case) -> Iterator[Finding]:
     """Say that the flank of many samples is unknown."""
-    for number, one in enumerate(case.segments):
+    for number, one in enumerate(case.found.segments):
         if one.unclear:
-            yield Finding("flank-unclear", "question", case.name(number) + one.unclear)
+            yield Finding("flank-unclear", "question", case.found.name(number) + one.unclear)
 
 
 def short_flanks(case: Case) -> Iterator[Finding]:
     """Say which flank has no stroke that is long enough."""
-    for flank in case.short:
+    for flank in case.found.short:
         yield Finding(
             "flank-short",
             "warning",
@@ -220,14 +179,14 @@ def short_flanks(case: Case) -> Iterator[Finding]:
 
 def computed_column(case: Case) -> Iterator[Finding]:
     """Say that one column was computed from the other."""
-    for number, log in enumerate(case.logs):
+    for number, log in enumerate(case.found.logs):
         slope = exact_slope(log.driving_angle, log.driven_angle)
         if slope is not None:
             yield Finding(
                 "column-computed",
                 "warning",
-                f"{case.name(number)}{computed_text(slope)}, so that this fit says nothing about"
-                " gears",
+                f"{case.found.name(number)}{computed_text(slope)}, so that this fit says nothing"
+                " about gears",
                 "name the measured columns with --column driving=NAME and --column driven=NAME",
                 {"ratio": slope},
             )
@@ -235,8 +194,8 @@ def computed_column(case: Case) -> Iterator[Finding]:
 
 def ratio_off(case: Case) -> Iterator[Finding]:
     """Say that the ratio of the log is not the given one."""
-    given = case.pair.ratio
-    for one in case.regressors:
+    given = case.fit.pair.ratio
+    for one in case.fit.regressors:
         if one.name == "ratio" and one.significant and one.value is not None:
             off, std = 1e6 * (one.value / float(given) - 1), 1e6 * (one.std or 0.0) / float(given)
             yield Finding(
@@ -249,15 +208,15 @@ def ratio_off(case: Case) -> Iterator[Finding]:
                 {"off_ppm": off, "std_ppm": std},
             )
             return
-    for seen in case.ratios:
-        if seen.is_doubtful and seen.cause != "delay" and isinstance(case.pair, GearPair):
+    for seen in case.found.ratios:
+        if seen.is_doubtful and seen.cause != "delay" and isinstance(case.fit.pair, GearPair):
             yield Finding("ratio-doubtful", "question", seen.sentence.removesuffix("."))
             return
 
 
 def seen_ratio(case: Case) -> Iterator[Finding]:
     """Say which ratio the first log shows."""
-    one = case.checks.ratio[0]
+    one = case.fit.checks.ratio[0]
     if one.seen is None:
         return
     better = better_fraction(Fraction(one.given), one.seen, one.std or 0.0)
@@ -272,24 +231,27 @@ def seen_ratio(case: Case) -> Iterator[Finding]:
 
 def gap_crossed_late(case: Case) -> Iterator[Finding]:
     """Say that samples inside the gap may count as a flank."""
-    gap = case.checks.gap_over_angles_covered
+    gap = case.fit.checks.gap_over_angles_covered
     by_motion = [
         (segments.crossing, number)
-        for number, (log, segments) in enumerate(zip(case.logs, case.segments, strict=True))
+        for number, (log, segments) in enumerate(
+            zip(case.found.logs, case.found.segments, strict=True)
+        )
         if not (segments.unclear or segments.still) and log.torque is log.direction is None
     ]
     if gap.low95 is None or gap.value is None or not by_motion:
         return
     crossing, number = min(by_motion)
-    ratio = abs(case.core.scope.ratio)
+    ratio = abs(case.fit.core.scope.ratio)
     if gap.low95 * DEG <= ratio * crossing:
         return
     yield Finding(
         "crossing-short",
         "warning",
-        f"{case.name(number)}the teeth need {gap.value / ratio:.3g}° of the driving shaft to cross"
-        f" the fitted gap of {gap.value:.3g}°, but only {crossing / DEG:.3g}° after a reversal are"
-        " left out, so that samples inside the gap may count as a flank and make it too small",
+        f"{case.found.name(number)}the teeth need {gap.value / ratio:.3g}° of the driving shaft to"
+        f" cross the fitted gap of {gap.value:.3g}°, but only {crossing / DEG:.3g}° after a"
+        " reversal are left out, so that samples inside the gap may count as a flank and make it"
+        " too small",
         "log longer strokes, or remove these samples from the log",
         {"gap_deg": gap.value, "left_out_deg": crossing / DEG},
     )
@@ -297,7 +259,7 @@ def gap_crossed_late(case: Case) -> Iterator[Finding]:
 
 def jumps(case: Case) -> Iterator[Finding]:
     """Compare the jumps at the reversals with the fitted gap."""
-    one = case.checks.jumps
+    one = case.fit.checks.jumps
     if one is None:
         return
     beside = (
@@ -322,15 +284,15 @@ def jumps(case: Case) -> Iterator[Finding]:
 
 def locked_counts(case: Case) -> Iterator[Finding]:
     """Say that counts are locked to the clock of the samples."""
-    for number, (log, own) in enumerate(zip(case.logs, case.segments, strict=True)):
+    for number, (log, own) in enumerate(zip(case.found.logs, case.found.segments, strict=True)):
         for one in () if own.still else commensurate(log, own.segments):
             said, _, cure = one.sentence.partition("; ")
-            yield Finding("counts-locked", "warning", case.name(number) + said, cure)
+            yield Finding("counts-locked", "warning", case.found.name(number) + said, cure)
 
 
 def outliers(case: Case) -> Iterator[Finding]:
     """Say how many rows are outliers."""
-    if share := case.checks.outliers:
+    if share := case.fit.checks.outliers:
         yield Finding(
             "outliers",
             "warning" if share > 0.1 else "note",
@@ -342,33 +304,33 @@ def outliers(case: Case) -> Iterator[Finding]:
 
 def no_noise(case: Case) -> Iterator[Finding]:
     """Say that the log has no noise."""
-    if case.noise.std_deg * DEG < 1e-4 * case.core.usual:
+    if case.fit.noise.std_deg * DEG < 1e-4 * case.fit.core.usual:
         yield Finding(
             "no-noise",
             "note",
             "the log holds no noise: its harmonics leave less than a ten-thousandth of the"
-            f" transmission error ({case.noise.std_deg:.1g}°), so that the standard errors are not"
-            " those of a measurement",
+            f" transmission error ({case.fit.noise.std_deg:.1g}°), so that the standard errors are"
+            " not those of a measurement",
         )
 
 
 def drift(case: Case) -> Iterator[Finding]:
     """Say that the level of the transmission error moves."""
-    ratio = case.checks.likelihood_ratio["drift"]
+    ratio, size_arcsec = case.fit.checks.likelihood_ratio["drift"], case.fit.checks.drift_arcsec
     if ratio > NEEDED:
         yield Finding(
             "drift",
             "note",
-            f"the level of the transmission error moves by {case.checks.drift_arcsec:.3g}″ within a"
+            f"the level of the transmission error moves by {size_arcsec:.3g}″ within a"
             f" log, beside the gears (2 ln of the likelihood ratio {ratio:.0f})",
-            numbers={"drift_arcsec": case.checks.drift_arcsec, "likelihood_ratio": ratio},
+            numbers={"drift_arcsec": size_arcsec, "likelihood_ratio": ratio},
         )
 
 
 def found_lines(case: Case) -> Iterator[Finding]:
     """Say which lines the model does not list as orders."""
-    mean = " in the mean of both flanks" if len(case.core.scope.flanks) == 2 else ""
-    for one in case.checks.lines:
+    mean = " in the mean of both flanks" if len(case.fit.core.scope.flanks) == 2 else ""
+    for one in case.fit.checks.lines:
         joined = (
             "joined the model as a fractional order. It has no fixed position on the gears: its"
             " phase holds at the zero of the log, and maps, `export`, `locate` and `simulate` leave"
@@ -393,7 +355,7 @@ def found_lines(case: Case) -> Iterator[Finding]:
 
 def hidden(case: Case) -> Iterator[Finding]:
     """Say that several lines are orders of a shaft without an encoder."""
-    lines = case.checks.lines
+    lines = case.fit.checks.lines
     shaft = hidden_shaft([x.cycles_per_rev for x in lines], [x.cycles_std for x in lines])
     if shaft is not None:
         *first, last = map(str, shaft.orders)
@@ -408,10 +370,10 @@ def hidden(case: Case) -> Iterator[Finding]:
 
 def wrong_counts(case: Case) -> Iterator[Finding]:
     """Say that lines at one fraction 1/n of both shafts are their first orders, counted n-fold."""
-    lines = case.checks.lines
+    lines = case.fit.checks.lines
     for one in lines:
         times = round(1 / one.cycles_per_rev)
-        wanted = (1 / times, abs(case.core.scope.ratio) / times) if times > 1 else ()
+        wanted = (1 / times, abs(case.fit.core.scope.ratio) / times) if times > 1 else ()
         if wanted and all(
             any((x.cycles_per_rev - at) ** 2 < NEEDED * x.cycles_std**2 for x in lines)
             for at in wanted
@@ -429,10 +391,10 @@ def wrong_counts(case: Case) -> Iterator[Finding]:
 
 def equal_orders(case: Case) -> Iterator[Finding]:
     """Say which listed orders have one frequency, or the same values at the places of a table."""
-    ratio = case.core.scope.ratio
-    if case.segments and all(one.still for one in case.segments):
-        kept = {(wave.shaft, wave.order) for wave in case.core.waves}
-        every = waves_of(case.pair, case.core.orders)
+    ratio = case.fit.core.scope.ratio
+    if case.found.segments and all(one.still for one in case.found.segments):
+        kept = {(wave.shaft, wave.order) for wave in case.fit.core.waves}
+        every = waves_of(case.fit.pair, case.fit.core.orders)
         lost = [f"{w.shaft} {w.order:g}" for w in every if (w.shaft, w.order) not in kept]
         if lost:
             yield Finding(
@@ -441,8 +403,8 @@ def equal_orders(case: Case) -> Iterator[Finding]:
                 f"the orders {', '.join(lost)} are left out: the table has too few places or"
                 " readings to tell them from lower orders and from noise; read more for them",
             )
-    if abs(ratio) == 1 and "driving" in {w.shaft for w in case.core.waves if w.order == 1}:
-        if 1 in case.core.orders.driven_orders:
+    if abs(ratio) == 1 and "driving" in {w.shaft for w in case.fit.core.waves if w.order == 1}:
+        if 1 in case.fit.core.orders.driven_orders:
             yield Finding(
                 "orders-equal",
                 "warning",
@@ -451,8 +413,8 @@ def equal_orders(case: Case) -> Iterator[Finding]:
                 "list no orders for a shaft that is perfect, driving_orders = [] under [fit]",
             )
         return
-    cycles = {w.cycles(ratio): w for w in case.core.waves if w.shaft == "driving"}
-    listed = [k for k in case.core.orders.driven_orders if k * abs(ratio) in cycles]
+    cycles = {w.cycles(ratio): w for w in case.fit.core.waves if w.shaft == "driving"}
+    listed = [k for k in case.fit.core.orders.driven_orders if k * abs(ratio) in cycles]
     if listed:
         names = ", ".join(f"{k} (driving order {cycles[k * abs(ratio)].order:g})" for k in listed)
         yield Finding(
@@ -464,11 +426,11 @@ def equal_orders(case: Case) -> Iterator[Finding]:
 
 def other_rig(case: Case) -> Iterator[Finding]:
     """Say that a log has other first orders than the first log."""
-    for one in disagreements(case.core):
+    for one in disagreements(case.fit.core):
         yield Finding(
             "rigs-differ",
             "warning",
-            case.name(one.log - 1) + one.sentence(PurePath(case.logs[0].source).name),
+            case.found.name(one.log - 1) + one.sentence(PurePath(case.found.logs[0].source).name),
             "fit these logs one by one",
             {"difference_arcsec": one.difference_arcsec, "std_arcsec": one.std_arcsec},
         )
@@ -477,7 +439,7 @@ def other_rig(case: Case) -> Iterator[Finding]:
 
 def open_starts(case: Case) -> Iterator[Finding]:
     """Say that the orders of two logs are not compared."""
-    for number, one in enumerate(case.records[1:], 2):
+    for number, one in enumerate(case.fit.logs[1:], 2):
         told = {"driving": one.start.driving_deg, "driven": one.start.driven_deg}
         if unknown := " and the ".join(shaft for shaft, angle in told.items() if angle is None):
             yield Finding(
@@ -494,7 +456,7 @@ def logged(case: Case) -> Iterator[Finding]:
     """Pass on what reading and dividing the logs had to say."""
     every = [
         [("segments", text) for text in one.notes] + [("log", text) for text in log.notes]
-        for one, log in zip(case.segments, case.logs, strict=True)
+        for one, log in zip(case.found.segments, case.found.logs, strict=True)
     ]
     shared = [note for note in every[0] if all(note in notes for notes in every)]
     for slug, text in shared:
@@ -502,12 +464,12 @@ def logged(case: Case) -> Iterator[Finding]:
     for number, notes in enumerate(every):
         for slug, text in notes:
             if (slug, text) not in shared:
-                yield Finding(slug, "note", case.name(number) + text)
+                yield Finding(slug, "note", case.found.name(number) + text)
 
 
 def readings(case: Case) -> Iterator[Finding]:
     """Compare backlash readings with the fit."""
-    one = case.checks.readings
+    one = case.fit.checks.readings
     if one is None:
         return
     joined = "joined the fit" if one.used else "check only"
@@ -524,7 +486,7 @@ def readings(case: Case) -> Iterator[Finding]:
 
 def closed(case: Case) -> Iterator[Finding]:
     """Say how well the transmission error repeats after a hunting period."""
-    if one := case.checks.closure:
+    if one := case.fit.checks.closure:
         yield Finding(
             "closure",
             "note",
@@ -536,7 +498,7 @@ def closed(case: Case) -> Iterator[Finding]:
 
 def drawn(case: Case) -> Iterator[Finding]:
     """Say which backlash the drawing has."""
-    if (drawing := case.checks.drawing_backlash_deg) is not None:
+    if (drawing := case.fit.checks.drawing_backlash_deg) is not None:
         said = f"constant backlash by the drawing: {drawing:.4f}°"
         yield Finding("drawing", "note", said, numbers={"backlash_deg": drawing})
 

@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jax.flatten_util import ravel_pytree
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 from scipy.linalg import qr
@@ -35,7 +36,7 @@ from ..kinematics.flank_error import FlankError
 from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel, flank_index
 from ..kinematics.harmonic import OrderModel
 from ..model.columns import Assumptions, embedding
-from ..model.mixed_fit import MixedFit, design_of, mixed_fit
+from ..model.mixed_fit import MixedFit, design_of
 from ..model.parameter import Parameter, undetermined
 from ..model.parameters import Quantities
 from ..model.rows import Rows, Shafts
@@ -103,12 +104,7 @@ class GivenModel:
                 " floating-point numbers, for example with converter=jnp.asarray.",
                 where="model",
             )
-        _require_hash(model)
-        given = cls(
-            model,
-            names,
-            np.concatenate([_numbers(one) for one in jax.tree.leaves(model) if _is_parameter(one)]),
-        )
+        given = cls(model, names, np.asarray(_split(model)[0]))
         _require_shape(given)
         return given
 
@@ -130,7 +126,7 @@ class GivenModel:
     @property
     def fitted(self) -> Any:
         """The model of the user, with `values` in its leaves."""
-        return _with_values(self.tree, np.asarray(self.values), np.asarray)
+        return _split(self.tree)[1](jnp.asarray(self.values))
 
     def on(
         self, angle: Float[np.ndarray, " n"], flank: Flank, where: str = ""
@@ -201,8 +197,7 @@ def error_of(
     `side` is 0 for flank A and 1 for flank B. The result is what the method of the user returns:
     one number per angle if the model is correct.
     """
-    own = _with_values(model, jnp.asarray(values), lambda part: part)
-    return own.transmission_error(angle, "AB"[side])
+    return _split(model)[1](jnp.asarray(values)).transmission_error(angle, "AB"[side])
 
 
 @eqx.filter_jit
@@ -214,31 +209,11 @@ def _linearised(
     return jnp.column_stack([error(values), jax.jacfwd(error)(jnp.asarray(values))])
 
 
-def _is_parameter(leaf: Any) -> bool:
-    return isinstance(leaf, jax.Array | np.ndarray | np.generic) and jnp.issubdtype(
-        leaf.dtype, jnp.floating
-    )
-
-
-def _numbers(leaf: Any) -> Float[np.ndarray, " count"]:
-    return np.asarray(leaf, np.float64).ravel()
-
-
-def _with_values(model: Any, values: Any, convert: Callable[[Any], Any]) -> Any:
-    """Return the model with the parameters taken one after the other from the vector `values`.
-
-    `convert` is applied to the new value of every leaf.
-    """
-    leaves, tree = jax.tree.flatten(model)
-    start, found = 0, []
-    for leaf in leaves:
-        if _is_parameter(leaf):
-            count = int(np.prod(leaf.shape))
-            found.append(convert(values[start : start + count].reshape(leaf.shape)))
-            start += count
-        else:
-            found.append(leaf)
-    return jax.tree.unflatten(tree, found)
+def _split(model: Any) -> tuple[Float[Array, " p"], Callable[[Any], Any]]:
+    """Return the values of the parameters, and the function that puts others in their place."""
+    numbers, constants = eqx.partition(model, eqx.is_inexact_array)
+    values, whole = ravel_pytree(jax.tree.map(lambda leaf: jnp.asarray(leaf, float), numbers))
+    return values, lambda values: eqx.combine(whole(values), constants)
 
 
 def _names(model: Any) -> Iterator[str]:
@@ -248,7 +223,7 @@ def _names(model: Any) -> Iterator[str]:
     """
     for path, leaf in jax.tree_util.tree_leaves_with_path(model):
         name = "model" + jax.tree_util.keystr(path)
-        if _is_parameter(leaf):
+        if eqx.is_inexact_array(leaf) and not np.iscomplexobj(leaf):
             places = np.ndindex(np.shape(leaf))
             yield from (
                 f"{name}[{', '.join(map(str, place))}]" if place else name for place in places
@@ -262,55 +237,33 @@ def _names(model: Any) -> Iterator[str]:
             )
 
 
-def _require_hash(model: Any) -> None:
-    """Raise `UsageError` for a model with a constant that has no hash, which JAX needs."""
-    try:
-        hash(jax.tree.structure(model))
-        for leaf in jax.tree.leaves(model):
-            if not isinstance(leaf, jax.Array | np.ndarray):
-                hash(leaf)
-    except TypeError as error:
-        raise UsageError(
-            f"a static field of {type(model).__name__} has no hash ({error}); write it as a tuple"
-            " or another constant.",
-            where="model",
-        ) from None
-
-
-def _failure(error: Exception, flank: str) -> str:
-    """Return what an error in a function of the user says and where, and the cure."""
-    last = extract_tb(error.__traceback__)[-1]
-    place = f"{PurePath(last.filename).name}, line {last.lineno}"
-    seen = f"({type(error).__name__}: {str(error).partition(chr(10))[0]}, in {place})"
-    if isinstance(error, jax.errors.JAXTypeError) or "truth value" in str(error):
-        return (
-            f"cannot be traced by JAX on flank {flank} {seen}; write it with jax.numpy and without"
-            " conditions on the angle or a parameter"
-        )
-    return f"fails on flank {flank} {seen}; it is called as transmission_error(angle, flank)"
-
-
 def _require_shape(given: GivenModel) -> None:
     """Raise `UsageError` unless the transmission error is real and has the shape of the angles."""
     for side, flank in enumerate("AB"):
-        tried = lambda values, angle, side=side: error_of(given.tree, values, angle, side)  # noqa: E731
+        method = f"`transmission_error` of {given.name}"
         try:
+            constants = eqx.filter(given.tree, eqx.is_array_like, inverse=True)
+            hash((jax.tree.structure(given.tree), *jax.tree.leaves(constants)))  # as JAX needs it
+            tried = lambda values, angle, side=side: error_of(given.tree, values, angle, side)  # noqa: E731
             found = jax.eval_shape(tried, given.values, _TRIED)
         except Exception as error:
+            last = extract_tb(error.__traceback__)[-1]
+            place = f"{PurePath(last.filename).name}, line {last.lineno}"
+            seen = f"({type(error).__name__}: {str(error).partition(chr(10))[0]}, in {place})"
             raise UsageError(
-                f"`transmission_error` of {given.name} {_failure(error, flank)}.", where="model"
+                f"{method} fails on flank {flank}, where JAX traces it {seen}; it is called as"
+                " transmission_error(angle, flank): write it with jax.numpy and without conditions"
+                " on the angle or a parameter, and static fields as tuples or other constants.",
+                where="model",
             ) from error
         shape, dtype = getattr(found, "shape", None), getattr(found, "dtype", None)
         if shape != _TRIED.shape or dtype != np.float64:
+            kind = "no array" if shape is None else f"{dtype} of shape {shape}"
             raise UsageError(
-                f"`transmission_error` of {given.name} returns {_kind(shape, dtype)} on flank"
-                f" {flank} for {len(_TRIED)} angles; return one float64 number an angle, in rad.",
+                f"{method} returns {kind} on flank {flank} for {len(_TRIED)} angles; return one"
+                " float64 number an angle, in rad.",
                 where="model",
             )
-
-
-def _kind(shape: Any, dtype: Any) -> str:
-    return "no array" if shape is None else f"{dtype} of shape {tuple(shape)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -431,7 +384,7 @@ def _minimised(
     found = optx.least_squares(
         left,
         optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9),
-        jnp.zeros_like(start),
+        jnp.zeros(len(start)),
         max_steps=_MOST_STEPS,
         throw=False,
     )
@@ -445,47 +398,26 @@ def _least_squares(given: GivenModel, misfit: _Misfit) -> Float[np.ndarray, " p"
     told = size > _RANK * whole
     unit = float(np.std(misfit.readings)) or 1.0
     scale = np.where(told, unit / np.where(told, size, 1.0), 0.0)
-    columns = jnp.asarray(misfit.columns)
-    found = np.asarray(
-        _minimised(
-            given.tree,
-            jnp.asarray(given.values),
-            jnp.asarray(scale),
-            misfit.angles,
-            misfit.readings,
-            columns,
-        )
-    )
+    rows = misfit.angles, misfit.readings, misfit.columns
+    found = np.asarray(_minimised(given.tree, given.values, scale, *rows))
     return found if np.all(np.isfinite(found)) else given.values
 
 
 def fitted_given(
     given: GivenModel,
     shafts: Sequence[Shafts],
-    drive: Drive,
-    orders: HarmonicOrders,
-    *,
-    lines: Sequence[float] = (),
-    delay_s: float = 0.0,
+    fit: Callable[..., MixedFit],
     after: MixedFit | None = None,
-    assumed: Assumptions,
 ) -> tuple[MixedFit, GivenModel]:
     """Fit the mixed model with the derivatives of a flank model until its parameters stand still.
+
+    `fit` is a function of the logs, the flank model and the fit before.
 
     **Raises** `NoAnswerError` if they do not settle.
     """
     moved = {}
     for _ in range(_MOST_FITS):
-        core = mixed_fit(
-            shafts,
-            drive,
-            orders,
-            lines=lines,
-            delay_s=delay_s,
-            after=after,
-            assumed=assumed,
-            given=given,
-        )
+        core = fit(shafts, given=given, after=after)
         moved = {
             name: core.posterior.one(core.posterior.row(("given", name)), moved=True)
             for name in given.told
@@ -521,10 +453,7 @@ def given_quantities(core: MixedFit, told: Quantities, given: GivenModel) -> Qua
         for name in ("gap_over_angles_covered", "backlash_plus_delay"):
             if name in told.names:
                 shift[told.at(name)] += error[1] - error[0]
-    mean, covariance, freedom = core.posterior.told(rows, moved=True)
-    return Quantities(
-        (*told.names, *names), rows, shift, mean + shift, covariance, freedom, told.gears
-    )
+    return Quantities.of(core.posterior, (*told.names, *names), rows, shift, told.gears)
 
 
 def given_parameters(
@@ -554,14 +483,6 @@ def given_parameters(
         else:
             found[name] = told.scalar(name, "as given")
     return found
-
-
-def solved_given(told: Quantities, given: GivenModel) -> GivenModel:
-    """Return the flank model with the parameters of the fit."""
-    found = dict(zip(told.names, told.mean, strict=True))
-    return given.at(
-        [found.get(name, value) for name, value in zip(given.names, given.values, strict=True)]
-    )
 
 
 class FittedModel(ImplicitModel):
@@ -604,8 +525,11 @@ class FittedModel(ImplicitModel):
         return given + self.orders.at_both_angles(driving_angle, driven_angle, flank)
 
 
-def fitted_model(given: GivenModel, orders: OrderModel) -> FittedModel:
+def fitted_model(told: Quantities, given: GivenModel, orders: OrderModel) -> FittedModel:
     """Return the flank model of a fit from the given model at the solution and the free orders."""
+    found = dict(zip(told.names, told.mean, strict=True))
+    values = zip(given.names, given.values, strict=True)
+    given = given.at([found.get(name, value) for name, value in values])
     numbers = jax.tree.map(
         lambda leaf: jnp.asarray(leaf) if hasattr(leaf, "dtype") else leaf, given.fitted
     )

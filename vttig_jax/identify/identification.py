@@ -1,23 +1,21 @@
 """Identification of a rig from its logs: checks at the door, the mixed model, and its result."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from ..base.errors import NoAnswerError
 from ..base.runtime import require_x64
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, DEG
-from ..logs.checks.ratio import SeenRatio, check_ratio
+from ..logs.checks.ratio import check_ratio
 from ..logs.checks.slip import refuse_slip
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.flank_assignment import assigned_segments
-from ..logs.motion.segments import Segments
 from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.columns import Assumptions
 from ..model.lines import found_lines, refined, short_lines
@@ -37,7 +35,7 @@ from ..model.starts import Turns, start_of
 from ..pair.gear_pair import Drive, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
-from .door import require_distinct, require_pair, stated_drive, usable
+from .door import Identified, require_distinct, require_pair, stated_drive, usable
 from .findings import Case, contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
 from .given import (
@@ -49,11 +47,10 @@ from .given import (
     given_quantities,
     prepared,
     searched,
-    solved_given,
 )
 from .orders import SIDES, order_model, order_table
 from .readings import compared, updated
-from .records import Outcome
+from .records import Finding, Outcome
 from .result import Fit, FitRequest
 from .starts import OWN, log_records, require_one_rig, turned
 
@@ -138,34 +135,10 @@ def fit(
         )
     wanted = orders or (pair.fit if model is None else HarmonicOrders((), (), 0))
     found = identified(logs, pair, settings, wanted, model)
-    result = result_of(
-        found.core,
-        pair,
-        settings,
-        logs=logs,
-        segments=found.segments,
-        ratios=found.ratios,
-        lines=found.lines,
-        readings=readings,
-        short=found.short,
-        given=found.given,
-    )
     first, *others = (one.keywords for one in logs)
     common = {k: value for k, value in first.items() if all(o.get(k) == value for o in others)}
     paths = tuple(one.path for one in logs)
-    return replace(result, request=FitRequest(settings, wanted, common, paths))
-
-
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """The mixed model fitted to logs, and what was seen of them at the door."""
-
-    core: MixedFit
-    lines: list[Line]
-    segments: list[Segments]
-    ratios: list[SeenRatio]
-    short: tuple[str, ...]
-    given: GivenModel | None = None
+    return result_of(found, pair, FitRequest(settings, wanted, common, paths), readings)
 
 
 def identified(
@@ -203,7 +176,7 @@ def identified(
     require_one_rig(core, [one.source for one in logs])
     if given is None:
         lines = [*lines, *short_lines(core)]
-    return Identified(core, lines, segments, ratios, short, given)
+    return Identified(logs, core, lines, segments, ratios, short, given)
 
 
 def told_by(
@@ -280,25 +253,22 @@ def fitted(
     fixed_s = known_delay(settings)
     if all(one.still for one in shafts):
         assumed, fixed_s = replace(assumed, delay="known"), 0.0
-    drive = Drive(pair.ratio)  # a flank model takes the place of the gears
     if given is not None:
         if not isinstance(pair, Drive):
             mesh = (k * pair.driving.teeth for k in range(1, orders.mesh_orders + 1))
             driving = (*orders.driving_orders, *mesh)
             orders = HarmonicOrders(driving, orders.driven_orders, 0)
             assumed = replace(assumed, ratio=0.0)
-        given = searched(given, shafts, drive, orders, assumed)
-
-    fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed)
-    own = partial(fitted_given, drive=drive, orders=orders, assumed=assumed)
+        pair = Drive(pair.ratio)  # the flank model takes the place of the gears
+        given = searched(given, shafts, pair, orders, assumed)
+    fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed, delay_s=fixed_s)
     turns = None
     if given is None:
         core, turns = turned(
-            fit(shafts, delay_s=fixed_s),
-            lambda shafts, turns, after: fit(shafts, given=turns, after=after),
+            fit(shafts), lambda shafts, turns, after: fit(shafts, given=turns, after=after)
         )
     else:
-        core, given = own(given, shafts, delay_s=fixed_s)
+        core, given = fitted_given(given, shafts, fit)
     first = core
     lines = [
         replace(one, cycles_per_rev=float(f"{one.cycles_per_rev:.7g}")) for one in found_lines(core)
@@ -307,7 +277,7 @@ def fitted(
         return core, lines, given
     cycles = [one.cycles_per_rev for one in lines]
     if given is not None:
-        core, given = own(given, core.shafts, lines=cycles, after=core)
+        core, given = fitted_given(given, core.shafts, partial(fit, lines=cycles), core)
     elif any(any(one.start.spread) for one in shafts):
         # A line has a phase of its own in a log whose whole turns since the first one are unknown.
         shafts = [replace(one, start=start_of(core, log)) for log, one in enumerate(core.shafts)]
@@ -322,69 +292,36 @@ def fitted(
 
 
 def result_of(
-    core: MixedFit,
+    found: Identified,
     pair: GearPair | Drive,
-    settings: FitSettings,
-    *,
-    logs: Sequence[EncoderLog],
-    segments: Sequence[Segments],
-    ratios: Sequence[SeenRatio],
-    lines: Sequence[Line],
+    request: FitRequest,
     readings: BacklashReadings | None,
-    short: Sequence[str],
-    given: GivenModel | None = None,
 ) -> Fit:
     """Return the result of a fit of the mixed model."""
+    core, logs, given, settings = found.core, found.logs, found.given, request.settings
     source = ", ".join(one.source for one in logs)
     compared_with = None if readings is None else compared(core, readings, settings)
     if readings is not None and settings.use_readings:
         core = updated(core, readings)
+        found = replace(found, core=core)
     told, parameters = told_by(core, pair if given is None else Drive(pair.ratio), settings, source)
     model, whole = order_model(core), None
     if given is not None:
         told = given_quantities(core, told, given)
         parameters = given_parameters(parameters, told, pair, given)
-        given = solved_given(told, given)
-        whole = fitted_model(given, model)
+        whole = fitted_model(told, given, model)
     curves, residuals = curves_of(core)
-    checks = checks_of(
-        core,
-        pair,
-        parameters,
-        logs=logs,
-        segments=segments,
-        ratios=ratios,
-        lines=lines,
-        curves=curves,
-        model=model if whole is None else whole,
-    )
-    checks = msgspec.structs.replace(checks, readings=compared_with)
+    flank_model = model if whole is None else whole
+    checks = checks_of(found, pair, parameters, curves, flank_model, compared_with)
     if parameters["constant_backlash_deg"].determined:
         parameters.pop("gap_over_angles_covered", None)
     records = log_records(core, logs)
-    rms = float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) / DEG
-    case = Case(
-        core,
-        pair,
-        settings,
-        logs,
-        segments,
-        ratios,
-        parameters,
-        regressors := regressors_of(core, told),
-        checks,
-        noise := noise_of(core),
-        records,
-        rms,
-        short,
-    )
-    flanks = tuple(SIDES[side] for side in core.scope.flanks)
-    return Fit(
+    fit = Fit(
         pair=pair,
         source=source,
         sha256=logs[0].sha256,
-        outcome=outcome_of(parameters, case),
-        flanks=flanks,
+        outcome="ok",
+        flanks=tuple(SIDES[side] for side in core.scope.flanks),
         samples={key: sum(one.samples[key] for one in records) for key in records[0].samples},
         zero=logs[0].zero,
         zero_readings=records[0].zero_readings,
@@ -392,20 +329,23 @@ def result_of(
         parameters=parameters,
         orders=order_table(core),
         model=model,
-        noise=noise,
-        residual_rms_deg=rms,
+        noise=noise_of(core),
+        residual_rms_deg=float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))) / DEG,
         curves=curves,
         residuals=residuals,
         covariance=told.covariance,
         covariance_names=told.names,
         values=told.mean,
         checks=checks,
-        findings=findings_of(case),
-        regressors=regressors,
+        findings=(),
+        regressors=regressors_of(core, told),
         logs=records,
         core=core,
         given=whole,
+        request=request,
     )
+    findings = findings_of(Case(fit, found, settings))
+    return replace(fit, findings=findings, outcome=outcome_of(fit, findings))
 
 
 def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
@@ -430,12 +370,13 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def outcome_of(parameters: Mapping[str, Parameter], case: Case) -> Outcome:
+def outcome_of(fit: Fit, findings: Sequence[Finding]) -> Outcome:
     """Return the outcome of the fit; parameters that the settings exclude do not count.
 
     A delay that the log shows is an answer, but a log that does not tell it may be complete.
     """
-    if contradicts(case):
+    parameters = fit.parameters
+    if contradicts(fit, findings):
         return "contradicts"
     asked = [
         p

@@ -123,6 +123,33 @@ def has_turned(core: MixedFit, wave: Wave) -> bool:
     return bool(core.scope.turns[shaft] >= FULL_TURN)
 
 
+def whole_waves(core: MixedFit) -> list[Wave]:
+    """Return the harmonics of whole orders, which a map contains."""
+    return [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
+
+
+def _shown_sides(core: MixedFit) -> list[int]:
+    """Return for flanks A and B the flank whose numbers they have: an unmeasured one the other."""
+    return [side if side in core.scope.flanks else -side for side in SIDES]
+
+
+def flank_rows(
+    core: MixedFit, *, bends: bool = False
+) -> Float[np.ndarray, "flanks=2 waves 2 columns"]:
+    """Return the functionals (sine, cosine) of all whole orders on both flanks.
+
+    What both flanks have in common at orders of a shaft that made less than a turn counts with
+    `bends` only.
+    """
+    rows = [
+        order_rows(core, wave, side, common=float(bends or has_turned(core, wave)))
+        for side in _shown_sides(core)
+        for wave in whole_waves(core)
+    ]
+    # A model may have no orders.
+    return np.reshape(rows, (2, -1 if rows else 0, 2, len(core.posterior.moved)))
+
+
 def order_model(core: MixedFit) -> OrderModel:
     """Return the flank model of all whole orders, in the angles of the first log.
 
@@ -130,20 +157,13 @@ def order_model(core: MixedFit) -> OrderModel:
     of the log; only its mean counts. An unmeasured flank has the orders of the other one. The
     offset is that of the mean level.
     """
-    whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
-    sides = [side if side in core.scope.flanks else -side for side in SIDES]
-    rows = [
-        order_rows(core, wave, side, common=float(has_turned(core, wave)))
-        for side in sides
-        for wave in whole
-    ]
-    rows += [level_row(core, side)[None] for side in sides]
-    mean = np.concatenate(rows) @ core.posterior.moved
-    series = mean[:-2].reshape(2, len(whole), 2)
+    moved = core.posterior.moved
+    series = flank_rows(core) @ moved
+    levels = np.stack([level_row(core, side) for side in _shown_sides(core)])
     return OrderModel(
         ratio=jnp.asarray(core.scope.ratio),
-        terms=tuple((int(wave.driving), int(wave.driven)) for wave in whole),
-        offset=jnp.asarray(mean[-2:] + core.scope.levels[0]),
+        terms=tuple((int(wave.driving), int(wave.driven)) for wave in whole_waves(core)),
+        offset=jnp.asarray(levels @ moved + core.scope.levels[0]),
         cosine=jnp.asarray(series[..., 1]),
         sine=jnp.asarray(series[..., 0]),
     )

@@ -204,17 +204,10 @@ def fit_readings(
     grid = np.append(np.arange(angle.min(), angle.max(), step), angle.max())
     curve = design(grid) @ found
     ends = [GapAt(float(grid[k] / DEG), float(curve[k])) for k in (curve.argmin(), curve.argmax())]
-    mean, std = float(found[0]), None if scatter is None else float(np.sqrt(spread[0, 0]))
-    half = None if std is None else float(stdtrit(free, 0.975)) * std
-    return ReadingsFit(
-        readings.source,
-        readings.sha256,
-        count,
-        mean,
-        std,
-        None if half is None else mean - half,
-        None if half is None else mean + half,
-        scatter,
-        tuple(rows),
-        *ends,
-    )
+    mean, std, low, high = float(found[0]), None, None, None
+    if scatter is not None:
+        std = float(np.sqrt(spread[0, 0]))
+        half = float(stdtrit(free, 0.975)) * std
+        low, high = mean - half, mean + half
+    source = readings.source, readings.sha256
+    return ReadingsFit(*source, count, mean, std, low, high, scatter, tuple(rows), *ends)

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ..logs.checks.ratio import Cause, Verdict
 
+Severity = Literal["warning", "question", "note"]
 Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", "contradicts"]
 
 
@@ -19,6 +20,28 @@ class Record(msgspec.Struct, frozen=True):
         """Return the JSON object of the record; numbers that are not finite become None."""
         plain = msgspec.json.encode(self, enc_hook=lambda value: value.tolist())
         return msgspec.json.decode(plain)
+
+
+class Finding(Record, frozen=True):
+    """One sentence on a fit.
+
+    **Arguments**
+    - `slug`: stable name of its kind. - `severity`: a "warning" changes a stated number or its
+      meaning, a "question" is settled by the user, a "note" is a detail.
+    - `sentence`, `cure`: what was seen, and what to do; the cure may be empty.
+    - `numbers`: numbers of the sentence, with their units at the end of their names.
+    """
+
+    slug: str
+    severity: Severity
+    sentence: str
+    cure: str = ""
+    numbers: dict[str, float] = msgspec.field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """The sentence with its cure."""
+        return f"{self.sentence}; {self.cure}" if self.cure else self.sentence
 
 
 class Noise(Record, frozen=True):

@@ -20,16 +20,15 @@ from ..kinematics.harmonic import OrderModel
 from ..kinematics.hunting_coverage import HuntingCoverage
 from ..kinematics.te_curve import TECurve
 from ..model.mixed_fit import MixedFit
-from ..model.parameter import Parameter
+from ..model.parameter import Parameter, open_reasons
 from ..pair.gear_pair import Drive, Eccentricities, Flank, GearPair
 from ..pair.schema import HarmonicOrders
 from .accuracy import Accuracy, Measured, accuracy_of, measured
 from .coverage import covered_errors, log_coverage
-from .findings import Finding
 from .fit_settings import FitSettings
 from .given import FittedModel, StoredModel
 from .orders import Order
-from .records import Checks, LogRecord, Noise, Outcome
+from .records import Checks, Finding, LogRecord, Noise, Outcome
 
 
 @dataclass(frozen=True)
@@ -119,11 +118,7 @@ class Fit(PlottedResult):
     @property
     def open_reasons(self) -> list[str]:
         """Lines with undetermined parameters and the reason, which several may share."""
-        together: dict[str, list[str]] = {}
-        for parameter in (*self.parameters.values(), *self.regressors):
-            if not parameter.determined:
-                together.setdefault(parameter.reason or "", []).append(parameter.name)
-        return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
+        return open_reasons((*self.parameters.values(), *self.regressors))
 
     @cached_property
     def coverage(self) -> HuntingCoverage:
@@ -258,13 +253,25 @@ def require_rig(fit: Fit) -> None:
             "a drive without gear geometry has no eccentricities to simulate; give [pair].",
             where=fit.source,
         )
+    refuse_unknown_gap(fit, covered=False)
+
+
+def refuse_unknown_gap(fit: Fit, *, covered: bool = True) -> None:
+    """Raise `NoAnswerError` if a fit tells neither the constant gap nor, if `covered`, that of
+    some angles.
+    """
     gap = fit.parameters["constant_backlash_deg"]
-    if not gap.determined:
-        raise NoAnswerError(
-            f"the constant backlash is undetermined ({gap.reason}), so that there is no gap to"
-            " simulate; record both directions.",
-            where=fit.source,
+    if gap.determined or (covered and fit.checks.gap_over_angles_covered.determined):
+        return
+    cure = "record more turns."
+    if len(fit.flanks) != 2:
+        cure = (
+            "record both directions, or give the constant backlash measured in another way"
+            " (--constant-backlash-deg)."
         )
+    raise NoAnswerError(
+        f"the constant backlash is undetermined ({gap.reason}); {cure}", where=fit.source
+    )
 
 
 _CLEAR, _MOST_ORDERS = 4.0, 8

@@ -6,7 +6,7 @@ With the filter f of the autoregression (f₀ = 1) the whitened normal equations
 
     [X | y]ᵀ Σ⁻¹ [X | y] = G = Σ_{i ≤ j} f_i f_j D_ij / σ²
 
-(the exact form of Box and Jenkins; `windows.py` makes the D_ij), so that the cost of the likelihood
+(the exact form of Box and Jenkins; `problem.py` makes the D_ij), so that the cost of the likelihood
 does not depend on the length of the logs. With D = diag(prior precision), M = G_xx + D and
 β̂ = M⁻¹ (G_xy − D c), where c is the value at which the columns are centred,
 
@@ -99,7 +99,7 @@ def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
 
 def weights(theta: Float[Array, " p"], on: Float[Numbers, " groups"]) -> Float[Array, " w"]:
     """Return the weights f_i f_j/σ² of the windows, followed by 1/τ² of every group."""
-    taps = whitening(_partial(theta))
+    taps = whitening(partial_of(theta))
     return jnp.concatenate(
         [
             taps[FIRST] * taps[SECOND] * jnp.exp(-2 * theta[LAGS]),
@@ -108,7 +108,8 @@ def weights(theta: Float[Array, " p"], on: Float[Numbers, " groups"]) -> Float[A
     )
 
 
-def _partial(theta: Float[Array, " p"]) -> Float[Array, " lags"]:
+def partial_of(theta: Float[Numbers, " p"]) -> Float[Array, " lags"]:
+    """Return the partial autocorrelations π_k."""
     return 0.9999 * jnp.tanh(theta[:LAGS])
 
 
@@ -116,7 +117,7 @@ def _explicit(theta: Float[Array, " p"], logs: Compressed) -> Float[Array, ""]:
     """Return the terms of −2 ln L that depend on θ alone."""
     count = jnp.sum(jnp.asarray(logs.member) > 0, axis=0) * jnp.asarray(logs.on)
     noise = 2 * jnp.asarray(logs.rows) * theta[LAGS]
-    ends = jnp.asarray(logs.runs) * jnp.sum(_LAG * jnp.log1p(-(_partial(theta) ** 2)))
+    ends = jnp.asarray(logs.runs) * jnp.sum(_LAG * jnp.log1p(-(partial_of(theta) ** 2)))
     return noise - ends + 2 * count @ theta[LAGS + 1 :] + jnp.asarray(logs.constant)
 
 

@@ -17,10 +17,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.special import stdtrit
 
 from ..base.arrays import Numbers
-from .density import LAGS, Compressed, Solved, log_density, normal
+from .density import LAGS, Compressed, Solved, log_density, normal, partial_of
 from .problem import Problem
 
 _MOST_FREEDOM = 1e4
@@ -37,11 +36,6 @@ class Estimate:
     value: float
     std: float
     freedom: float
-
-    @property
-    def half(self) -> float:
-        """Half width of the 95 % interval."""
-        return float(stdtrit(self.freedom, 0.975)) * self.std
 
 
 Readings = tuple[Float[np.ndarray, "r all"], Float[np.ndarray, " r"], float]
@@ -64,6 +58,16 @@ class Posterior:
             lambda s: (s.beta, s.spread), self.at, (jnp.asarray(beta), jnp.asarray(spread))
         )
         return Posterior(self.problem, self.theta, at, readings)
+
+    @property
+    def partial(self) -> Float[Array, " lags"]:
+        """Partial autocorrelations of the noise of the rows."""
+        return partial_of(self.theta)
+
+    @property
+    def innovation_std(self) -> float:
+        """Standard deviation of the innovations of the noise of the rows, rad."""
+        return self.problem.unit * float(np.exp(self.theta[LAGS]))
 
     @property
     def theta_spread(self) -> Float[np.ndarray, "p p"]:

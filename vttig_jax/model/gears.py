@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 from ..base.arrays import Numbers
 from ..kinematics.exact import ExactModel
 from ..pair.gear_pair import GearPair
-from .functionals import Posterior
+from .mixed_fit import MixedFit
 from .rows import Wave
 
 POINTS = 8
@@ -150,20 +150,14 @@ def relation_of(
 
 
 def fitted_gears(
-    pair: GearPair,
-    posterior: Posterior,
-    waves: Sequence[Wave],
-    *,
-    both: bool,
-    side: int,
-    encoders: bool = True,
-    gears: bool = True,
+    pair: GearPair, fit: MixedFit, *, encoders: bool = True, gears: bool = True
 ) -> Gears | None:
     """Return the parameters of the gears and encoders; the arguments are those of `relation_of`."""
-    index = posterior.problem.index
+    posterior, index = fit.posterior, fit.posterior.problem.index
+    both, side = ("gap",) in index, 0 if 1 in fit.scope.flanks else 1
     gap = float(posterior.moved[index["gap",]]) if both else 0.0
     relation = relation_of(
-        pair, waves, both=both, side=side, encoders=encoders, gears=gears, gap=gap
+        pair, fit.waves, both=both, side=side, encoders=encoders, gears=gears, gap=gap
     )
     if relation is None:
         return None

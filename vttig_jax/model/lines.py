@@ -24,9 +24,7 @@ def found_lines(fit: MixedFit) -> list[Line]:
 
     Logs with zeros of their own are searched one by one: no start angle tells the phase of a line.
     """
-    left = fit.residual
-    good = np.ones(len(left), bool) if fit.weights is None else np.concatenate(fit.weights) > 0.5
-    logs = _stretches(fit.rows, left, good)
+    logs = _stretches(fit.rows, fit.residual, fit.good)
     if not any(any(one.start.spread) for one in fit.shafts):
         logs = [list(chain(*logs))]
     found: list[Line] = []

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import optimistix as optx
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..base.errors import NoAnswerError
 from ..base.units import REV
@@ -64,6 +64,13 @@ class MixedFit:
     scope: Scope
     orders: HarmonicOrders
     settled: bool = True
+
+    @property
+    def good(self) -> Bool[np.ndarray, " n"]:
+        """Mask of the rows of all logs that are no outliers."""
+        if self.weights is None:
+            return np.ones(sum(len(one.table) for one in self.rows), bool)
+        return np.concatenate(self.weights) > 0.5
 
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
@@ -145,7 +152,11 @@ class Design:
 
         Their size u is measured after the delay is taken off, since a delay is no error of gears.
         """
-        shape = replace(self.shape, usual=usual_error(rows))
+        return self.sized(usual_error(rows), delay_s)
+
+    def sized(self, usual: float, delay_s: float) -> "Design":
+        """Return the design with the priors of readings of the size u = `usual`, rad."""
+        shape = replace(self.shape, usual=usual)
         columns = list(columns_of(self.waves, shape, self.assumed))
         if self.given is not None:
             columns += [Column(("given", name), ("given", name)) for name in self.given.told]
@@ -205,7 +216,8 @@ def design_of(
     speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
     columns = tuple(columns_of(waves, shape, assumed))
-    table = range_of(shafts) < _TABLE
+    ends = [one.driving[[[a, b - 1] for a, b, _ in one.runs]] for one in shafts]
+    table = max(float(np.ptp(angles)) for angles in ends) / REV < _TABLE
     return Design(waves, columns, shape, row_s, bends, table, assumed, given)
 
 
@@ -416,7 +428,7 @@ def with_ramps(
     columns, coefficients = posterior.problem.columns, posterior.coefficients
     index = posterior.problem.index
     gap = abs(coefficients[index["gap",]]) if ("gap",) in index else 0.0
-    noise = posterior.problem.unit * float(np.exp(posterior.theta[LAGS]))
+    noise = posterior.innovation_std
     limit = 2 * np.log(gap / (np.sqrt(2 * np.pi) * noise)) if gap > 0 else 1.0
     kept = []
     for ramp in shafts.ramps:
@@ -441,12 +453,6 @@ def usual_error(rows: Sequence[Rows]) -> float:
                 left.append(error - x @ np.linalg.lstsq(x, error, rcond=None)[0])
     every = np.concatenate(left)
     return max(1.4826 * float(np.median(np.abs(every - np.median(every)))), 1e-9)
-
-
-def range_of(shafts: Sequence[Shafts]) -> float:
-    """Return the range of the driving shaft in turns, in the log that covers most."""
-    ends = [one.driving[[[a, b - 1] for a, b, _ in one.runs]] for one in shafts]
-    return max(float(np.ptp(angles)) for angles in ends) / REV
 
 
 def row_duration(shafts: Sequence[Shafts], highest: float) -> float:

@@ -1,14 +1,20 @@
 """Parameter of a fit: its value and interval, or the reason why it has none."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ..base.units import ARCSEC, DEG, REV
 
 BELOW = "below three standard errors"
+UPPER = f"{BELOW}: an upper limit only"
 LARGEST = {"arcsec": REV / ARCSEC, "deg": REV / DEG}
 """Unit → one revolution. An error of a gear is far smaller, so a wider interval says nothing."""
 
 OPEN = "the interval is wider than one revolution, so that the log says nothing about the value"
+
+_KEYS = ("value", "std", "low95", "high95", "unit", "determined", "significant", "reason")
+_IF_KNOWN = ("upper95", "freedom")
 
 
 @dataclass(frozen=True)
@@ -42,21 +48,17 @@ class Parameter:
 
     def to_json(self) -> dict:
         """Return the fields in the JSON object of a fit, the last two only if they are known."""
-        record = {
-            key: getattr(self, key)
-            for key in (
-                "value",
-                "std",
-                "low95",
-                "high95",
-                "unit",
-                "determined",
-                "significant",
-                "reason",
-            )
-        }
-        more = {"upper95": self.upper95, "freedom": self.freedom}
-        return record | {key: value for key, value in more.items() if value is not None}
+        known = [name for name in _IF_KNOWN if getattr(self, name) is not None]
+        return {name: getattr(self, name) for name in (*_KEYS, *known)}
+
+
+def open_reasons(parameters: Iterable[Any]) -> list[str]:
+    """Return lines with undetermined parameters and the reason, which several may share."""
+    together: dict[str, list[str]] = {}
+    for parameter in parameters:
+        if not parameter.determined:
+            together.setdefault(parameter.reason or "", []).append(parameter.name)
+    return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
 
 
 def undetermined(name: str, unit: str, reason: str) -> Parameter:

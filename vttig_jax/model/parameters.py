@@ -17,10 +17,11 @@ from ..base.numerics.polar_spread import polar_spread, upper_limit
 from ..base.units import ARCSEC, DEG, duration_text
 from ..pair.gear_pair import Drive, GearPair
 from .columns import KNOWN
+from .functionals import Posterior
 from .gears import Gears, fitted_gears
 from .mixed_fit import MixedFit
-from .parameter import BELOW, LARGEST, OPEN, Parameter, undetermined
-from .rows import SHAFTS, Wave
+from .parameter import BELOW, LARGEST, OPEN, UPPER, Parameter, undetermined
+from .rows import SHAFTS
 
 FULL_TURN = 0.99
 SIGNIFICANT = 3.0
@@ -49,6 +50,19 @@ class Quantities:
     covariance: Float[np.ndarray, "n n"]
     freedom: Float[np.ndarray, " n"]
     gears: Gears | None
+
+    @classmethod
+    def of(
+        cls,
+        posterior: Posterior,
+        names: Sequence[str],
+        rows: Float[np.ndarray, "n columns"],
+        shift: Float[np.ndarray, " n"],
+        gears: Gears | None,
+    ) -> "Quantities":
+        """Return the numbers of these rows of a posterior."""
+        mean, covariance, freedom = posterior.told(rows, moved=True)
+        return cls(tuple(names), rows, shift, mean + shift, covariance, freedom, gears)
 
     def at(self, *names: str) -> list[int]:
         """Return the places of names."""
@@ -84,19 +98,14 @@ class Quantities:
         )
 
 
-def mean_waves(waves: Sequence[Wave], angles: Angles, nominal: tuple[float, float]) -> np.ndarray:
-    """Return the mean of exp(j phase) of every wave over driving angles."""
-    slope, level = nominal
-    phases = [w.driving * angles + w.driven * (slope * angles + level) for w in waves]
-    return np.array([np.mean(np.exp(1j * phase)) for phase in phases])
-
-
 def gap_row(fit: MixedFit, angles: Angles) -> Row:
     """Return the functional of the gap TE_B − TE_A, averaged over angles of the first log."""
     posterior = fit.posterior
     row, index = posterior.row(("gap",)), posterior.problem.index
-    for wave, mean in zip(fit.waves, mean_waves(fit.waves, angles, fit.scope.nominal), strict=True):
-        for part, value in (("cos", mean.real), ("sin", mean.imag)):
+    slope, level = fit.scope.nominal
+    for wave in fit.waves:
+        phase = wave.driving * angles + wave.driven * (slope * angles + level)
+        for part, value in (("cos", np.mean(np.cos(phase))), ("sin", np.mean(np.sin(phase)))):
             name = (wave.shaft, wave.order, part, True, 0)
             if name in index:
                 row[index[name]] = value
@@ -120,10 +129,7 @@ def quantities_of(
 
     found = None
     if isinstance(pair, GearPair):
-        side = 0 if 1 in scope.flanks else 1
-        found = fitted_gears(
-            pair, posterior, fit.waves, both=both, side=side, encoders=encoders, gears=gears
-        )
+        found = fitted_gears(pair, fit, encoders=encoders, gears=gears)
     if found is not None:
         for name, value, row in zip(found.relation.names, found.values, found.rows, strict=True):
             add(name, row, float(value - row @ posterior.moved))
@@ -149,16 +155,7 @@ def quantities_of(
     for kind in ("torque", "ratio"):
         if (kind,) in index:
             add(kind, posterior.row((kind,)), scope.ratio if kind == "ratio" else 0.0)
-    mean, covariance, freedom = posterior.told(np.stack(rows), moved=True)
-    return Quantities(
-        tuple(names),
-        np.stack(rows),
-        np.array(shift),
-        mean + np.array(shift),
-        covariance,
-        freedom,
-        found,
-    )
+    return Quantities.of(posterior, names, np.stack(rows), np.array(shift), found)
 
 
 def polar(
@@ -174,17 +171,11 @@ def polar(
     quantile = float(stdtrit(freedom, 0.975))
     if amplitude < SIGNIFICANT * std:
         upper = upper_limit(amplitude, spread / scale**2)
-        reason = "below three standard errors: an upper limit only"
+        more = {"reason": UPPER, "upper95": upper}
+        reason = f"{names[0]} is below three standard errors"
         return (
-            Parameter(
-                names[0], unit, amplitude, std, 0.0, upper, True, reason=reason, upper95=upper
-            ),
-            Parameter(
-                names[1],
-                "deg",
-                determined=True,
-                reason=f"{names[0]} is below three standard errors",
-            ),
+            Parameter(names[0], unit, amplitude, std, 0.0, upper, True, **more),
+            Parameter(names[1], "deg", determined=True, reason=reason),
         )
     return tuple(
         Parameter(name, u, v, s, v - quantile * s, v + quantile * s, True, True, freedom=freedom)

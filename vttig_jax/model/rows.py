@@ -176,6 +176,11 @@ class Shafts:
         moved = self.driving + curve(earlier) - curve(self.time)
         return moved, np.interp(earlier, self.time, self.steady)
 
+    def on_time(self, delay_s: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return φ₁ at t − d, and the transmission error there, rad."""
+        moved, _ = self.delayed(delay_s)
+        return moved, self.error + self.ratio * (self.driving - moved)
+
 
 def steady_speed(
     shafts: "Shafts", driving: Float[np.ndarray, " n"], runs: Sequence[Run]

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from ..base.errors import NoAnswerError
 from ..base.units import DEG, REV
 from ..kinematics.backlash_map import BacklashMap, Extreme
-from ..posterior.summary.bands import BandedMap, millimetres
+from ..posterior.summary.bands import BandedMap
+from ..posterior.summary.draws import millimetres
 from .curves import thinned
-from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, grid, legend, new_figure, title
+from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, legend, new_figure, panel, title
 
 _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 
@@ -66,13 +67,12 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int | None
     if not backlash.unknown:
         marks += _mark(ax, backlash.smallest, "v", "smallest", shown)
         marks += _mark(ax, backlash.largest, "^", "largest", shown)
-    ax.set_ylabel("backlash, angle of the driven gear [°]")
     _add_mm_axis(ax, backlash)
-    rows = math.ceil(len(marks + lines) / 2)
+    keys = marks + lines
     seen = "backlash, and where it is smallest" if marks else "backlash of the fitted orders"
-    title(ax, seen, backlash.pair.name, _span(shown, period), legend_rows=rows)
-    grid(ax)
-    legend(ax, marks + lines)
+    words, rows = (seen, backlash.pair.name, _span(shown, period)), math.ceil(len(keys) / 2)
+    label = "backlash, angle of the driven gear [°]"
+    panel(ax, *words, y=label, keys=keys, legend_rows=rows)
     return figure_of(ax)
 
 
@@ -174,11 +174,8 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     ]
     keys: list[Artist] = []
     for low, high, colour, label in edges:
-        keys.append(
-            ax.fill_between(
-                angle, low[shown] / DEG, high[shown] / DEG, color=colour, linewidth=0, label=label
-            )
-        )
+        ends, look = (low[shown] / DEG, high[shown] / DEG), {"color": colour, "label": label}
+        keys.append(ax.fill_between(angle, *ends, linewidth=0, **look))
     x, y = thinned(angle, band.centre[shown] / DEG)
     keys += ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="mean of the draws")
     place, share = banded.smallest.place
@@ -188,23 +185,15 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     x = [place / DEG] if inside else [np.nan]
     ends = [[median - low], [high - median]]
     ax.errorbar(x, [median], yerr=ends, fmt="none", ecolor=MODEL_COLOUR, capsize=3, zorder=3)
-    keys += ax.plot(
-        x,
-        [median],
-        "o",
-        color=MODEL_COLOUR,
-        markersize=4,
-        markerfacecolor="none",
-        label=label if inside else label.replace("here", "not shown"),
-        zorder=3,
-    )
+    label = label if inside else label.replace("here", "not shown")
+    look = {"color": MODEL_COLOUR, "markersize": 4, "markerfacecolor": "none", "label": label}
+    keys += ax.plot(x, [median], "o", zorder=3, **look)
     keys += _shade(ax, banded.map, angle * DEG)
     if low < 0:
         ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
     ax.set_xlim(*span_deg)
-    ax.set_ylabel("backlash [° of the driven gear]")
     _add_mm_axis(ax, banded.map)
-    grid(ax)
+    panel(ax, y="backlash [° of the driven gear]")
     driving_axis(ax)
     return keys
 

@@ -16,7 +16,7 @@ from ..geometry.outline import Counts, gear_profile, section_curve
 from ..geometry.tooth import Tooth
 from ..kinematics.flank_model import flank_index
 from ..pair.gear_pair import GearPair
-from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, grid, heading, legend, new_figure, title
+from .style import COLOURS, FLANK_COLOURS, MODEL_COLOUR, heading, legend, new_figure, panel, title
 
 _TEETH = 3
 """Number of teeth of each gear drawn on either side of the line of centres; a chosen value."""
@@ -165,11 +165,9 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
         )
     if not math.isnan(half := float(driving.face_width_mm) / 2):
         ax.set_xlim(-1.25 * half, 1.25 * half)
-    ax.set_xlabel("z [mm]")
-    ax.set_ylabel("radius on the driving gear [mm]")
     several = f"{len(chosen)} angles within a pitch, light to dark"
-    title(ax, several if len(chosen) > 1 else "one angle")
-    grid(ax)
+    words = several if len(chosen) > 1 else "one angle"
+    panel(ax, words, x="z [mm]", y="radius on the driving gear [mm]")
 
 
 def _shade(share: float) -> Float[np.ndarray, "3"]:

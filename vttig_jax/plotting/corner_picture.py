@@ -1,12 +1,11 @@
 """Corner picture of a posterior: every pair of coordinates, with the ellipses of the fit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import PurePath
 from textwrap import wrap
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -16,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from ..base.units import DEG
 from ..posterior.summary.draws import GAPS
 from ..posterior.summary.posterior import Posterior
-from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure
+from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure, with_margin
 
 _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
 _LABEL_WIDTH = 11  # letters in a line of a label, without the unit; chosen value
@@ -24,6 +23,8 @@ _MAX_DRAWS = 50_000  # draws used; a chosen value
 _MARGINS_IN = (0.88, 0.44)  # below and above the panels, for labels and heading; chosen values
 _LABELS_IN = (0.47, 0.24, 0.54)
 """From a panel to its labels: below it, with tick labels turned or level, and on its left."""
+
+Limits = tuple[float, float]
 
 _LEVELS = (0.68, 0.95)
 """Probability inside the ellipses."""
@@ -50,21 +51,22 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     value, covariance = _laplace(posterior, names, sizes)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
     axes = _axes(figure, count)
-    shades = [_Cells.of(own) for own in draws.T]
+    ends = np.quantile(draws, [0.0005, 0.9995], axis=0).T.tolist()  # an axis has 99.9 % of them
+    limits = [with_margin(low, high, 0.08) for low, high in ends]
     for row in range(count):
         for column in range(row + 1):
             ax = axes[row, column]
             if column == row:
                 _draw_histogram(ax, draws[:, row], value[row], np.sqrt(covariance[row, row]))
-                ax.set_xlim(*shades[row].limits)
+                ax.set_xlim(*limits[row])
             else:
-                _draw_density(ax, shades[column], shades[row])
                 pair = [column, row]
+                _draw_density(ax, draws[:, pair], [limits[column], limits[row]])
                 _draw_ellipses(ax, value[pair], covariance[np.ix_(pair, pair)])
             _ticks(ax, column == 0 and row > 0, row == count - 1, count)
-    labels = [_label(name, unit) for name, (unit, _) in zip(names, units, strict=True)]
     size = "small" if count <= 6 else "x-small"
-    for index, label in enumerate(labels):
+    for index, (name, (unit, _)) in enumerate(zip(names, units, strict=True)):
+        label = "\n".join(wrap(name.replace("_", " "), _LABEL_WIDTH)) + f" [{unit}]" * bool(unit)
         axes[count - 1, index].set_xlabel(label, fontsize=size)
         if index:
             axes[index, 0].set_ylabel(label, fontsize=size)
@@ -91,16 +93,12 @@ def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
         for column in range(row + 1):
             shared = axes.get((row - 1, column))
             ax = figure.add_subplot(grid[row, column], sharex=shared)
-            _place_labels(ax, figure, below_in=_LABELS_IN[0 if count > 5 else 1])
+            # Matplotlib would measure all tick labels to find the places of the labels.
+            box, below = ax.get_position(), _LABELS_IN[0 if count > 5 else 1]
+            ax.xaxis.set_label_coords(0.5, -below / (box.height * figure.get_figheight()))
+            ax.yaxis.set_label_coords(-_LABELS_IN[2] / (box.width * figure.get_figwidth()), 0.5)
             axes[row, column] = ax
     return axes
-
-
-def _place_labels(ax: Axes, figure: Figure, *, below_in: float) -> None:
-    """Set the places of the labels. Matplotlib would measure all tick labels to find them."""
-    box = ax.get_position()
-    ax.xaxis.set_label_coords(0.5, -below_in / (box.height * figure.get_figheight()))
-    ax.yaxis.set_label_coords(-_LABELS_IN[2] / (box.width * figure.get_figwidth()), 0.5)
 
 
 def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
@@ -110,11 +108,6 @@ def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:
         return "°", DEG
     display = {"mm": ("µm", 1e-3), "rad": ("″", DEG / 3600), "s": ("µs", 1e-6)}
     return display.get(unit, ("" if unit in ("1", "log rad") else unit, 1.0))
-
-
-def _label(name: str, unit: str) -> str:
-    words = "\n".join(wrap(name.replace("_", " "), _LABEL_WIDTH))
-    return f"{words} [{unit}]" if unit else words
 
 
 def _laplace(
@@ -143,36 +136,13 @@ def _draw_histogram(ax: Axes, draws: Float[np.ndarray, " n"], value: float, std:
     ax.spines[["top", "right", "left"]].set_visible(False)
 
 
-@dataclass(frozen=True)
-class _Cells:
-    """One coordinate of a density in two dimensions: its limits, and the cell of every draw.
-
-    Draws outside the limits have the cell `_CELLS`, which is not drawn.
-    """
-
-    limits: tuple[float, float]
-    cell: Int[np.ndarray, " n"]
-
-    @classmethod
-    def of(cls, draws: Float[np.ndarray, " n"]) -> "_Cells":
-        low, high = limits = _limits(draws)
-        cell = np.floor((draws - low) * (_CELLS / (high - low))).astype(np.int64)
-        return cls(limits, np.where((cell >= 0) & (cell < _CELLS), cell, _CELLS))
-
-    @property
-    def edges(self) -> Float[np.ndarray, " n"]:
-        return np.linspace(*self.limits, _CELLS + 1)
-
-
-def _draw_density(ax: Axes, across: _Cells, up: _Cells) -> None:
-    size = _CELLS + 1
-    counts = np.bincount(up.cell * size + across.cell, minlength=size**2).reshape(size, size)
-    density = counts[:_CELLS, :_CELLS]
-    masked = np.ma.masked_equal(density, 0)
-    lowest = -0.15 * density.max()
-    ax.pcolormesh(across.edges, up.edges, masked, cmap="Blues", vmin=lowest, rasterized=True)
-    ax.set_xlim(*across.limits)
-    ax.set_ylim(*up.limits)
+def _draw_density(ax: Axes, draws: Float[np.ndarray, "n 2"], limits: Sequence[Limits]) -> None:
+    counts, across, up = np.histogram2d(draws[:, 0], draws[:, 1], _CELLS, limits)
+    masked = np.ma.masked_equal(counts.T, 0)
+    lowest = -0.15 * counts.max()
+    ax.pcolormesh(across, up, masked, cmap="Blues", vmin=lowest, rasterized=True)
+    ax.set_xlim(*limits[0])
+    ax.set_ylim(*limits[1])
     ax.spines[["top", "right"]].set_visible(False)
 
 
@@ -193,13 +163,6 @@ def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.nda
     radius = np.sqrt(-2 * np.log(1 - level))
     half = radius * np.sqrt(np.maximum(values, 0.0))
     return vectors @ (half[:, None] * np.stack([np.cos(turn), np.sin(turn)]))
-
-
-def _limits(draws: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return axis limits that contain 99.9 % of the draws, with a margin."""
-    low, high = (float(part) for part in np.quantile(draws, [0.0005, 0.9995]))
-    margin = 0.08 * (high - low) or max(abs(low), 1.0) * 1e-6
-    return low - margin, high + margin
 
 
 def _ticks(ax: Axes, left: bool, bottom: bool, count: int) -> None:

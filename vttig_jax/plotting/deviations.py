@@ -12,7 +12,7 @@ from ..geometry.deviations import Deviations, FlankMap
 from ..geometry.flanks import flank_starts
 from ..geometry.tooth import tooth_of
 from ..pair.gear_pair import GearPair
-from .style import COLOURS, FLANK_COLOURS, grid, heading, legend, new_figure, title
+from .style import COLOURS, FLANK_COLOURS, heading, legend, new_figure, panel, title
 
 _GEARS = "driving", "driven"
 _FLANKS = "A", "B"
@@ -101,17 +101,9 @@ def _draw_map(profile: Axes, helix: Axes, flank_map: FlankMap, name: str) -> Non
     for ax, kind, label in ((profile, "profile", "roll length [mm]"), (helix, "helix", "z [mm]")):
         _style_axes(ax, label)
         title(ax, f"{name}, {kind}", legend_rows=1)
-        ax.legend(
-            handles=ax.get_legend_handles_labels()[0],
-            loc="lower left",
-            bbox_to_anchor=(-0.02, 1.0),
-            ncols=_TRACES,
-            frameon=False,
-            fontsize="small",
-            borderaxespad=0.2,
-            handlelength=1.2,
-            columnspacing=1.0,
-        )
+        look = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "handlelength": 1.2}
+        keys = ax.get_legend_handles_labels()[0]
+        legend(ax, keys, ncols=_TRACES, columnspacing=1.0, **look)
 
 
 def _trace(
@@ -138,14 +130,8 @@ def _draw_pitch(ax: Axes, values: Float[np.ndarray, "2 teeth"], gear: str) -> No
         shift = (row - 0.5) * 0.3
         colour = FLANK_COLOURS[flank]
         ax.vlines(teeth + shift, 0.0, values[row], color=colour, linewidth=1.5)
-        lines += ax.plot(
-            teeth + shift,
-            values[row],
-            ".",
-            color=colour,
-            markersize=4,
-            label=f"flank {flank}",
-        )
+        look = {"color": colour, "markersize": 4, "label": f"flank {flank}"}
+        lines += ax.plot(teeth + shift, values[row], ".", **look)
     _style_axes(ax, "tooth")
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlim(0.0, values.shape[1] + 1.0)
@@ -155,9 +141,7 @@ def _draw_pitch(ax: Axes, values: Float[np.ndarray, "2 teeth"], gear: str) -> No
 
 def _style_axes(ax: Axes, label: str) -> None:
     ax.axhline(0.0, color="0.6", linewidth=0.7)
-    ax.set_xlabel(label)
-    ax.set_ylabel("deviation [µm]")
-    grid(ax)
+    panel(ax, x=label, y="deviation [µm]")
 
 
 def _mark_ends(profile: Axes, helix: Axes, pair: GearPair, gear: str, flank: str) -> None:

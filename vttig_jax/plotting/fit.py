@@ -27,6 +27,7 @@ from .style import (
     heading,
     legend,
     new_figure,
+    panel,
     title,
     unit_size,
 )
@@ -100,10 +101,9 @@ def _draw_fold(ax: Axes, fold: Folded, size: float) -> None:
     for flank, mean in fold.measured.items():
         handles += dots(ax, fold.middle, mean / size, flank, f"flank {flank}")
         ax.plot(fold.fine, fold.fitted[flank] / size, color=MODEL_COLOUR, linewidth=0.8)
-    title(ax, fold.words, legend_rows=1)
-    legend(ax, handles)
     dotted = f"dots: mean of {fold.turns:.3g} turns, line: its orders in the fit"
-    ax.set_xlabel(f"angle of the {fold.shaft} shaft [°]; {dotted}")
+    angle = f"angle of the {fold.shaft} shaft [°]; {dotted}"
+    panel(ax, fold.words, x=angle, keys=handles, legend_rows=1)
     ax.set_xlim(0.0, 360.0)
     ax.set_xticks(range(0, 361, 45))
 
@@ -125,11 +125,8 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
     if whole is not None:
         label = f"over the angles covered: {whole:.4f}°"
         handles.append(ax.axhline(whole, color="0.5", linewidth=0.8, label=label))
-    ax.set_ylabel("gap [° driven]")
-    ax.set_xlabel("speed of the driving shaft [rpm]")
-    title(ax, "gap by speed, beside the delay")
-    grid(ax)
-    legend(ax, handles)
+    words, speed = "gap by speed, beside the delay", "speed of the driving shaft [rpm]"
+    panel(ax, words, x=speed, y="gap [° driven]", keys=handles)
 
 
 def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
@@ -159,12 +156,8 @@ def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveA
     for curve, residual in runs:
         inside = (curve.driving_angle >= low * DEG) & (curve.driving_angle <= high * DEG)
         if inside.any():
-            part = TECurve(
-                curve.flank,
-                curve.driving_angle[inside],
-                curve.transmission_error[inside],
-                curve.time[inside],
-            )
+            columns = curve.driving_angle, curve.transmission_error, curve.time
+            part = TECurve(curve.flank, *(column[inside] for column in columns))
             parts.append((part, residual[inside]))
     if not parts:
         angles = np.concatenate([curve.driving_angle for curve, _ in runs]) / DEG
@@ -188,8 +181,7 @@ def plot_te(curve: TECurve, *, ax: Axes | None = None, unit: Unit = "arcsec") ->
         ax = new_figure(3.6).add_subplot()
     x, y = thinned(curve.driving_angle / DEG, curve.transmission_error / size)
     ax.plot(x, y, color=FLANK_COLOURS[curve.flank], linewidth=0.8, label=f"flank {curve.flank}")
-    ax.set_ylabel(f"transmission error [{SIGNS[unit]}]")
-    title(ax, f"transmission error, flank {curve.flank}")
-    grid(ax)
+    label = f"transmission error [{SIGNS[unit]}]"
+    panel(ax, f"transmission error, flank {curve.flank}", y=label)
     driving_axis(ax)
     return figure_of(ax)

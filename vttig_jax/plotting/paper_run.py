@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from ..base.units import DEG
 from ..control.simulation.result import Simulation
 from .curves import thinned
-from .style import COLOURS, MODEL_COLOUR, figure_legend, grid, heading, legend, new_figure, title
+from .style import COLOURS, MODEL_COLOUR, figure_legend, grid, heading, new_figure, panel, title
 
 _LINES: dict[str, tuple[Any, ...]] = {
     "none": ("without control", MODEL_COLOUR, 1.6),
@@ -53,10 +53,8 @@ def plot_paper_run(
         line.set_linewidth(0.9)
         ax.set_xlim(0.0, tables[controller]["time_s"][-1])
         ax.tick_params(labelbottom=bool(upper))
-        ax.set_ylabel("transmission\nerror [°]")
-        title(ax, "with the paper's controller" if upper else "without control")
-        legend(ax, [line, band])
-        grid(ax)
+        words = "with the paper's controller" if upper else "without control"
+        panel(ax, words, y="transmission\nerror [°]", keys=[line, band])
         upper.append(ax)
     upper[-1].set_xlabel("time [s]")
     case = runs["none"].case
@@ -120,16 +118,9 @@ def _draw(
             _line(below, table, "axial_mm", name)
     beyond = judged["command_mm"] > gap
     if beyond.any():
-        drawn["beyond"] = below.fill_between(
-            time,
-            gap,
-            judged["command_mm"],
-            where=beyond.tolist(),
-            color=COLOURS[2],
-            alpha=0.45,
-            linewidth=0,
-            label="commanded too far",
-        )
+        look = {"color": COLOURS[2], "alpha": 0.45, "linewidth": 0, "label": "commanded too far"}
+        shifts = gap, judged["command_mm"]
+        drawn["beyond"] = below.fill_between(time, *shifts, where=beyond.tolist(), **look)
     return drawn
 
 

@@ -15,7 +15,7 @@ from ..identify.result import Fit
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import assigned_segments
 from .curves import MOST_POINTS, ResidualSpectrum, mean_spectrum, residual_spectrum, thinned
-from .style import FLANK_COLOURS, dots, driving_axis, grid, heading, legend, new_figure, title
+from .style import FLANK_COLOURS, dots, driving_axis, heading, legend, new_figure, panel, title
 
 _LAGS = 60  # lags shown; a chosen value
 
@@ -92,8 +92,7 @@ def draw_runs(
         own = [value for value, other in zip(values, flanks, strict=True) if other == flank]
         size = np.sqrt(np.mean(np.concatenate(own) ** 2)) / ARCSEC
         handle.set_label(f"flank {flank}: {size:.3g}″ rms")
-    grid(ax)
-    legend(ax, list(handles.values()))
+    panel(ax, keys=list(handles.values()))
 
 
 def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
@@ -105,14 +104,11 @@ def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
     ax.axhline(0.0, color="0.1", linewidth=0.6)
     outside = int(np.count_nonzero(np.abs(correlation[1:]) > band))
     share = f"{outside} of {len(lags)} lags outside"
-    title(ax, f"whitened by an autoregression of order {order}: {share}")
     reach = max(0.1, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
     ax.set_ylim(-reach, reach)
     ax.set_xlim(0.0, len(lags) + 1.0)
-    ax.set_ylabel("autocorrelation")
-    ax.set_xlabel("lag [rows]")
-    grid(ax)
-    legend(ax, ax.collections[:1])
+    words = f"whitened by an autoregression of order {order}: {share}"
+    panel(ax, words, x="lag [rows]", y="autocorrelation", keys=ax.collections[:1])
 
 
 def _draw_spectrum(ax: Axes, spectrum: ResidualSpectrum, lines: Sequence[FoundLine]) -> None:
@@ -137,9 +133,7 @@ def _draw_amplitudes(
     ax: Axes, cycles: Float[np.ndarray, " f"], arcsec: Float[np.ndarray, " f"]
 ) -> None:
     ax.plot(*thinned(cycles, arcsec), color=FLANK_COLOURS["A"], linewidth=0.8)
-    ax.set_ylabel("amplitude [arcsec]")
-    ax.set_xlabel("cycles per driving revolution")
-    grid(ax)
+    panel(ax, x="cycles per driving revolution", y="amplitude [arcsec]")
 
 
 def autocorrelation(

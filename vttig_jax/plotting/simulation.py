@@ -1,7 +1,6 @@
 """Picture of a simulated run: the whole run, and enlarged views of its braking and turning."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -22,7 +21,7 @@ from .style import (
     grid,
     heading,
     new_figure,
-    title,
+    panel,
     unit_size,
 )
 
@@ -43,33 +42,14 @@ Handles = dict[str, Artist]
 Mark = tuple[float, str, ColorType]
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Trace in the units of the picture.
+Rows = dict[str, Float[np.ndarray, " _"]]
+"""Trace in the units of the picture.
 
-    `time` is in s. True and `measured` TE (`error`) and flanks A and B (`lower`, `upper`) are in
-    the unit of TE. Axial shifts are in mm: commanded, `reached`, and needed to close the gap. The
-    speed of the reference and the estimate of the driving shaft (`observed`) are in rpm. `output`
-    is the error of the driven shaft in the unit of TE.
-    """
-
-    time: Float[np.ndarray, " n"]
-    error: Float[np.ndarray, " n"]
-    measured: Float[np.ndarray, " n"]
-    lower: Float[np.ndarray, " n"]
-    upper: Float[np.ndarray, " n"]
-    command: Float[np.ndarray, " n"]
-    reached: Float[np.ndarray, " n"]
-    closed: Float[np.ndarray, " n"]
-    speed: Float[np.ndarray, " n"]
-    observed: Float[np.ndarray, " n"]
-    output: Float[np.ndarray, " n"]
-
-    def within(self, span: Span) -> "_Rows":
-        """Return the rows in a span of time and one more row at each end."""
-        first, last = (int(index) for index in np.searchsorted(self.time, span))
-        part = slice(max(first - 1, 0), last + 1)
-        return _Rows(**{name: values[part] for name, values in vars(self).items()})
+`time` is in s. True and `measured` TE (`error`) and flanks A and B (`lower`, `upper`) are in the
+unit of TE. Axial shifts are in mm: commanded, `reached`, and needed to close the gap. The speed of
+the reference and the estimate of the driving shaft (`observed`) are in rpm. `output` is the error
+of the driven shaft in the unit of TE.
+"""
 
 
 def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | None = None) -> Figure:
@@ -94,7 +74,7 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     rows, marks = _rows(found, unit_size(unit)), _marks(found)
     if span_s is not None:
         _check(span_s, rows)
-    whole = (float(rows.time[0]), float(rows.time[-1]))
+    whole = (float(rows["time"][0]), float(rows["time"][-1]))
     spans = _enlarged_spans(found, whole[1]) if span_s is None else [span_s]
     shifts = found.case.controller.closes
     second = "axial shift [mm]" if shifts else f"error of the output [{SIGNS[unit]}]"
@@ -108,7 +88,12 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
         height_ratios=[0.9, *heights] if spans else heights,
     )
     if spans:
-        _draw_whole(figure.add_subplot(cells[0, :]), rows, whole, spans, labels[0])
+        ax = figure.add_subplot(cells[0, :])
+        _draw_error(ax, rows)
+        for span in spans:
+            ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
+        ax.set_xlim(*whole)
+        panel(ax, "whole run; the shaded spans are enlarged below", x="time [s]", y=labels[0])
     columns = range(cells.ncols)
     axes = [[figure.add_subplot(cells[row, column]) for column in columns] for row in (-3, -2, -1)]
     handles = [
@@ -129,33 +114,30 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     return figure
 
 
-def _rows(simulation: Simulation, size: float) -> _Rows:
+def _rows(simulation: Simulation, size: float) -> Rows:
     """Return the trace with TE minus its first measured value, in units of `size` rad."""
     table = simulation.columns()
     zero = table["te_shown_deg"][0]
-    errors = {
-        name: (table[f"{column}_deg"] - zero) * DEG / size
-        for name, column in (
-            ("error", "te"),
-            ("measured", "te_shown"),
-            ("lower", "flank_a"),
-            ("upper", "flank_b"),
-        )
-    }
+    sources = {"error": "te", "measured": "te_shown", "lower": "flank_a", "upper": "flank_b"}
+    rows = {name: (table[f"{one}_deg"] - zero) * DEG / size for name, one in sources.items()}
     gap = (table["flank_b_deg"] - table["flank_a_deg"]) * DEG
     closing = float(simulation.case.bounds.closing_sum) or np.inf
-    closed = table["axial_mm"] + gap / closing
     speed = np.asarray(simulation.case.motion.at(table["time_s"]).speed)
-    return _Rows(
-        time=table["time_s"],
-        command=table["command_mm"],
-        reached=table["axial_mm"],
-        closed=closed,
-        speed=speed * 60 / REV,
-        observed=table["speed_rad_s"] * 60 / REV,
-        output=table["output_error_deg"] * DEG / size,
-        **errors,
-    )
+    return rows | {
+        "time": table["time_s"],
+        "command": table["command_mm"],
+        "reached": table["axial_mm"],
+        "closed": table["axial_mm"] + gap / closing,
+        "speed": speed * 60 / REV,
+        "observed": table["speed_rad_s"] * 60 / REV,
+        "output": table["output_error_deg"] * DEG / size,
+    }
+
+
+def _within(rows: Rows, span: Span) -> Rows:
+    """Return the rows in a span of time and one more row at each end."""
+    first, last = (int(index) for index in np.searchsorted(rows["time"], span))
+    return {name: values[max(first - 1, 0) : last + 1] for name, values in rows.items()}
 
 
 def _marks(simulation: Simulation) -> dict[str, Mark]:
@@ -198,32 +180,20 @@ def _useful_spans(spans: list[Span], end: float) -> list[Span]:
     return [] if any(last - first > _LONGEST_VIEW * end for first, last in cut) else cut
 
 
-def _check(span: Span, rows: _Rows) -> None:
-    inside = (rows.time >= span[0]) & (rows.time <= span[1])
+def _check(span: Span, rows: Rows) -> None:
+    inside = (rows["time"] >= span[0]) & (rows["time"] <= span[1])
     if not span[0] < span[1] or inside.sum() < 2:
         raise ValueError(
-            f"Argument `span_s` must hold two samples or more of the {rows.time[0]:g} …"
-            f" {rows.time[-1]:g} s of the trace, but is {span}."
+            f"Argument `span_s` must hold two samples or more of the {rows['time'][0]:g} …"
+            f" {rows['time'][-1]:g} s of the trace, but is {span}."
         )
-
-
-def _draw_whole(ax: Axes, rows: _Rows, whole: Span, spans: list[Span], label: str) -> None:
-    """Draw the whole run with the enlarged spans shaded."""
-    _draw_error(ax, rows)
-    for span in spans:
-        ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
-    ax.set_xlim(*whole)
-    ax.set_ylabel(label)
-    ax.set_xlabel("time [s]")
-    title(ax, "whole run; the shaded spans are enlarged below")
-    grid(ax)
 
 
 def _draw_row(
     axes: list[Axes],
-    draw: Callable[[Axes, _Rows], Handles],
+    draw: Callable[[Axes, Rows], Handles],
     label: str,
-    rows: _Rows,
+    rows: Rows,
     spans: list[Span],
 ) -> Handles:
     """Draw one quantity in all enlarged views, `axes`, with the same vertical scale."""
@@ -231,69 +201,55 @@ def _draw_row(
     for ax, span in zip(axes, spans, strict=True):
         if ax is not axes[0]:
             ax.sharey(axes[0])
-        handles |= draw(ax, rows.within(span))
+        handles |= draw(ax, _within(rows, span))
         ax.set_xlim(*span)
         grid(ax)
     axes[0].set_ylabel(label)
     return handles
 
 
-def _draw_error(ax: Axes, rows: _Rows) -> Handles:
-    ax.fill_between(rows.time, rows.lower, rows.upper, color="0.93", linewidth=0, zorder=1)
-    measured = _line(ax, rows.time, rows.measured, _OBSERVED, 0.8)
+def _draw_error(ax: Axes, rows: Rows) -> Handles:
+    ax.fill_between(rows["time"], rows["lower"], rows["upper"], color="0.93", linewidth=0, zorder=1)
+    measured = _line(ax, rows, "measured", _OBSERVED, 0.8)
     return {
-        "flank B": _line(ax, rows.time, rows.upper, FLANK_COLOURS["B"], 1.0),
-        "flank A": _line(ax, rows.time, rows.lower, FLANK_COLOURS["A"], 1.0),
-        "transmission error": _line(ax, rows.time, rows.error, MODEL_COLOUR, 1.0),
+        "flank B": _line(ax, rows, "upper", FLANK_COLOURS["B"], 1.0),
+        "flank A": _line(ax, rows, "lower", FLANK_COLOURS["A"], 1.0),
+        "transmission error": _line(ax, rows, "error", MODEL_COLOUR, 1.0),
         "measured by encoders": measured,
     }
 
 
-def _draw_displacement(ax: Axes, rows: _Rows) -> Handles:
+def _draw_displacement(ax: Axes, rows: Rows) -> Handles:
     handles: Handles = {
-        "closes the gap": _line(ax, rows.time, rows.closed, _CLOSED, 1.0),
-        "commanded": _line(ax, rows.time, rows.command, _COMMAND, 1.2),
-        "reached": _line(ax, rows.time, rows.reached, MODEL_COLOUR, 1.2),
+        "closes the gap": _line(ax, rows, "closed", _CLOSED, 1.0),
+        "commanded": _line(ax, rows, "command", _COMMAND, 1.2),
+        "reached": _line(ax, rows, "reached", MODEL_COLOUR, 1.2),
     }
-    beyond = rows.command > rows.closed
+    beyond = rows["command"] > rows["closed"]
     if beyond.any():
-        handles["commanded too far"] = ax.fill_between(
-            rows.time,
-            rows.closed,
-            rows.command,
-            where=beyond.tolist(),
-            color=_CLOSED,
-            alpha=0.3,
-            linewidth=0,
-            zorder=1,
+        look = {"color": _CLOSED, "alpha": 0.3, "linewidth": 0, "zorder": 1}
+        area = ax.fill_between(
+            rows["time"], rows["closed"], rows["command"], where=beyond.tolist(), **look
         )
+        handles["commanded too far"] = area
     return handles
 
 
-def _draw_output(ax: Axes, rows: _Rows) -> Handles:
-    return {
-        "driven shaft less i φ₁ of the reference": _line(
-            ax, rows.time, rows.output, MODEL_COLOUR, 1.2
-        )
-    }
+def _draw_output(ax: Axes, rows: Rows) -> Handles:
+    line = _line(ax, rows, "output", MODEL_COLOUR, 1.2)
+    return {"driven shaft less i φ₁ of the reference": line}
 
 
-def _draw_speed(ax: Axes, rows: _Rows) -> Handles:
-    observed = _line(ax, rows.time, rows.observed, _OBSERVED, 0.8)
+def _draw_speed(ax: Axes, rows: Rows) -> Handles:
+    observed = _line(ax, rows, "observed", _OBSERVED, 0.8)
     return {
-        "reference": _line(ax, rows.time, rows.speed, MODEL_COLOUR, 1.0),
+        "reference": _line(ax, rows, "speed", MODEL_COLOUR, 1.0),
         "observer's estimate": observed,
     }
 
 
-def _line(
-    ax: Axes,
-    time: Float[np.ndarray, " n"],
-    values: Float[np.ndarray, " n"],
-    colour: ColorType,
-    width: float,
-) -> Artist:
-    [line] = ax.plot(*thinned(time, values), color=colour, linewidth=width)
+def _line(ax: Axes, rows: Rows, name: str, colour: ColorType, width: float) -> Artist:
+    [line] = ax.plot(*thinned(rows["time"], rows[name]), color=colour, linewidth=width)
     return line
 
 
@@ -311,12 +267,6 @@ def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Handles:
 
 def _legend(ax: Axes, handles: Handles) -> None:
     """Draw a legend at the right of a row."""
-    ax.legend(
-        list(handles.values()),
-        list(handles),
-        loc="upper left",
-        bbox_to_anchor=(1.0, 1.0),
-        frameon=False,
-        fontsize="small",
-        handlelength=1.5,
-    )
+    look = {"frameon": False, "fontsize": "small", "handlelength": 1.5}
+    place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
+    ax.legend(list(handles.values()), list(handles), **place | look)

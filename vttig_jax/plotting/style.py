@@ -89,19 +89,31 @@ def title(ax: Axes, *parts: str, legend_rows: int = 0) -> None:
     )
 
 
-def legend(ax: Axes, handles: Sequence[Artist]) -> None:
+def legend(ax: Axes, handles: Sequence[Artist], **look: Any) -> None:
     """Draw a legend of two columns above the axes, where it covers no data."""
-    ax.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
-        ncols=2,
-        frameon=False,
-        fontsize="small",
-        borderaxespad=0.2,
-        handlelength=1.5,
-        columnspacing=1.2,
-    )
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 2, "frameon": False}
+    size = {"fontsize": "small", "borderaxespad": 0.2, "handlelength": 1.5, "columnspacing": 1.2}
+    ax.legend(handles=handles, **place | size | look)
+
+
+def panel(
+    ax: Axes,
+    *words: str,
+    x: str = "",
+    y: str = "",
+    keys: Sequence[Artist] = (),
+    legend_rows: int = 0,
+) -> None:
+    """Name axes and what they show, `words`, over light grid lines; `keys` have a legend."""
+    if x:
+        ax.set_xlabel(x)
+    if y:
+        ax.set_ylabel(y)
+    if words:
+        title(ax, *words, legend_rows=legend_rows)
+    grid(ax)
+    if keys:
+        legend(ax, keys)
 
 
 def figure_legend(figure: Figure, handles: Sequence[Artist], columns: int, **look: Any) -> None:
@@ -123,6 +135,12 @@ def grid(ax: Axes) -> None:
     ax.grid(True, color="0.9", linewidth=0.6)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
+
+
+def with_margin(low: float, high: float, share: float) -> tuple[float, float]:
+    """Return limits of an axis with a margin on both sides, also around a single value."""
+    margin = share * (high - low) or max(abs(low), 1.0) * 1e-6
+    return low - margin, high + margin
 
 
 def driving_axis(ax: Axes) -> None:

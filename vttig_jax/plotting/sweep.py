@@ -50,7 +50,8 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
     """
     name = _axis(table, axis)
     groups = _groups(table, name, by)
-    metrics = (*_ROWS, _OUTPUT) if _feeds_forward(table) else _ROWS
+    controllers = table.columns.get("controller", np.array([table.spec.controller]))
+    metrics = (*_ROWS, _OUTPUT) if "feedforward" in controllers else _ROWS
     figure = new_figure(2.8 * len(metrics))
     rows = figure.subplots(len(metrics), 1, sharex=True)
     handles = []
@@ -105,12 +106,6 @@ def _axis(table: SweepTable, axis: str | None) -> str:
     counts = {name: len(np.unique(table.columns[name])) for name in numeric}
     without_draws = {name: count for name, count in counts.items() if name != "draw"} or counts
     return axis or max(without_draws, key=lambda name: without_draws[name])
-
-
-def _feeds_forward(table: SweepTable) -> bool:
-    """Return whether any case has the feedforward controller."""
-    controllers = table.columns.get("controller", np.array([table.spec.controller]))
-    return "feedforward" in controllers
 
 
 def _draw_band(ax: Axes, positions: np.ndarray, values: np.ndarray, style: tuple, name: str):

@@ -12,7 +12,7 @@ from ..geometry.checks import section_report
 from ..geometry.form import form_radius
 from ..geometry.outline import ORDER, Counts, GearProfile, blank_of, section_curve
 from ..geometry.tooth import SIDES, Tooth
-from .style import COLOURS, MODEL_COLOUR, figure_legend, grid, heading, legend, new_figure, title
+from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure, panel
 
 _PIECE_COLOURS = {"root": "0.45", "fillet": COLOURS[1], "flank": COLOURS[0], "tip": COLOURS[2]}
 _CIRCLES: tuple[tuple[str, Literal["-", "--", ":"]], ...] = (
@@ -115,11 +115,8 @@ def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labell
     ax.set_xlim(-reach, reach)
     ax.set_ylim(low, tip + 0.12 * (tip - root))
     ax.set_aspect("equal")
-    ax.set_xlabel(f"x [mm], turned by {math.degrees(turn):.3g}°" if turn else "x [mm]")
-    if labelled:
-        ax.set_ylabel("y [mm]")
-    title(ax, f"{name}, z = {z:g} mm")
-    grid(ax)
+    turned = f"x [mm], turned by {math.degrees(turn):.3g}°" if turn else "x [mm]"
+    panel(ax, f"{name}, z = {z:g} mm", x=turned, y="y [mm]" if labelled else "")
 
 
 def _draw_thickness(ax: Axes, tooth: Tooth, half: float) -> None:
@@ -146,8 +143,4 @@ def _draw_thickness(ax: Axes, tooth: Tooth, half: float) -> None:
     ax.axhline(0.0, color="0.6", linewidth=0.7)
     for z in (-half, 0.0, half):
         ax.axvline(z, color="0.6", linewidth=0.7, linestyle=":")
-    ax.set_xlabel("z [mm]")
-    ax.set_ylabel("arc [mm]")
-    title(ax, "along the face", legend_rows=2)
-    grid(ax)
-    legend(ax, lines)
+    panel(ax, "along the face", x="z [mm]", y="arc [mm]", keys=lines, legend_rows=2)

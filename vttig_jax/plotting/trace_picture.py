@@ -13,7 +13,7 @@ from matplotlib.typing import ColorType
 
 from ..posterior.summary.posterior import Posterior
 from .corner_picture import picture_unit
-from .style import COLOURS, figure_legend, grid, heading, new_figure
+from .style import COLOURS, figure_legend, grid, heading, new_figure, with_margin
 
 _MAX_STEPS = 1000  # steps drawn; a chosen value
 _MAX_WALKERS = 12  # walkers drawn per ensemble; a chosen value
@@ -105,17 +105,12 @@ def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None
         ax.add_collection(thin, autolim=False)
         low, high = min(low, float(walkers.min())), max(high, float(walkers.max()))
         ax.plot(step, samples[::stride].mean(axis=1), color=colour, linewidth=1.4, zorder=2)
-    ax.set_ylim(*_with_margin(low, high))
+    ax.set_ylim(*with_margin(low, high, 0.05))
     grid(ax)
     ax.tick_params(labelsize=7)
     for axis, place in ((ax.xaxis, (0.5, -_LABEL / _PANEL)), (ax.yaxis, (0.0, 0.5))):
         axis.set_label_coords(*place)  # matplotlib would measure all tick labels to find it
     ax.ticklabel_format(axis="y", useOffset=False, style="plain")  # no factor where the name is
-
-
-def _with_margin(low: float, high: float) -> tuple[float, float]:
-    margin = 0.05 * (high - low) or max(abs(low), 1.0) * 1e-6
-    return low - margin, high + margin
 
 
 def _colour(ensemble: int) -> ColorType:

@@ -5,7 +5,7 @@ from .convergence import autocorrelation_time as autocorrelation_time
 from .convergence import r_hat as r_hat
 from .planning.noise import PlannedNoise as PlannedNoise
 from .planning.plan import plan as plan
-from .planning.shortest_run import shortest_run as shortest_run
+from .planning.plan import shortest_run as shortest_run
 from .sampler import read_posterior as read_posterior
 from .sampler import sample as sample
 from .summary.bands import band as band

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..identify.orders import SIDES, has_turned, order_rows
+from ..identify.orders import flank_rows
 from ..identify.result import Fit
 from ..model.density import Compressed, normal
 from ..model.gears import GEARS, Relation
@@ -58,9 +58,7 @@ def quantities(fit: Fit) -> Quantities:
     values = fit.values[[fit.covariance_names.index(name) for name in names]]
     shift = np.append(told.shift, values - rows @ posterior.moved)
     rows = np.concatenate([told.rows, rows])
-    mean, covariance, freedom = posterior.told(rows, moved=True)
-    names = (*told.names, *names)
-    return Quantities(names, rows, shift, mean + shift, covariance, freedom, told.gears)
+    return Quantities.of(posterior, (*told.names, *names), rows, shift, told.gears)
 
 
 def unit_of(fit: Fit, name: str) -> str:
@@ -122,8 +120,9 @@ def rig_draws(
     if tie is not None and told.gears is not None:
         values[:, told.at(*tie.relation.names)] = parameters
         if "constant_backlash" in told.names:
-            constants = _constants(tie.relation, parameters) - told.gears.constants[-1]
-            values[:, told.at("constant_backlash")[0]] -= constants
+            added = [_constant(tie.relation, jnp.asarray(part)) for part in batches(parameters)]
+            added = np.concatenate(added)[: len(points)] - told.gears.constants[-1]
+            values[:, told.at("constant_backlash")[0]] -= added
     units = tuple(unit_of(fit, name) for name in told.names)
     return RigDraws(told.names, units, values, *flanks_of(fit, coefficients))
 
@@ -139,16 +138,7 @@ def flanks_of(
     map depends on it.
     """
     core = fit.core
-    whole = [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
-    sides = [side if side in core.scope.flanks else -side for side in SIDES]
-    rows = np.array(
-        [
-            [order_rows(core, w, side, common=float(bends or has_turned(core, w))) for w in whole]
-            for side in sides
-        ]
-    )
-    rows = rows.reshape(2, len(whole), 2, coefficients.shape[1])  # a model may have no orders
-    series = np.einsum("mc,fwpc->mfwp", coefficients, rows)
+    series = np.einsum("mc,fwpc->mfwp", coefficients, flank_rows(core, bends=bends))
     offset = np.repeat(np.asarray(fit.model.offset)[None], len(coefficients), axis=0)
     if (place := core.posterior.problem.index.get(("gap",))) is not None:
         off = coefficients[:, place] - core.posterior.moved[place]
@@ -214,10 +204,5 @@ def _nearest(
 
 @eqx.filter_jit
 def _constant(relation: Relation, parameters: Float[Array, "m p"]) -> Float[Array, " m"]:
-    return jax.vmap(lambda p: relation.coefficients(p)[-1])(parameters)
-
-
-def _constants(relation: Relation, parameters: Float[np.ndarray, "m p"]) -> np.ndarray:
     """Return the gap that the gears add to the constant one, of every draw, rad."""
-    found = [_constant(relation, jnp.asarray(part)) for part in batches(parameters)]
-    return np.concatenate(found)[: len(parameters)]
+    return jax.vmap(lambda p: relation.coefficients(p)[-1])(parameters)

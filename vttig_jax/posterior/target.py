@@ -10,7 +10,7 @@ since the density of the tied coefficients given θ is that normal.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Protocol, runtime_checkable
 
@@ -181,17 +181,12 @@ class FitTarget:
         """The compressed logs without padding: a batch of small matrices is dear by its size."""
         logs, size = self.posterior.problem.compressed, len(self.posterior.problem.columns)
         kept = np.append(np.arange(size), len(logs.precision))
-        return Compressed(
+        return replace(
+            logs,
             windows=jnp.asarray(np.asarray(logs.windows)[:, kept[:, None], kept]),
-            rows=logs.rows,
-            runs=logs.runs,
             member=logs.member[:size],
             precision=logs.precision[:size],
             centre=logs.centre[:size],
-            usual=logs.usual,
-            on=logs.on,
-            constant=logs.constant,
-            memory=logs.memory,
         )
 
     def thetas(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n p"]:

@@ -1,16 +1,12 @@
 """Backlash readings of a synthetic rig by the paper's mechanical return method."""
 
-import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from ..base.runtime import require_x64
 from ..base.units import DEG, REV
-from ..kinematics.backlash_map import chunked
-from ..kinematics.flank_model import FlankModel
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..pair.gear_pair import Flank
 from .imperfections import EncoderError, quantised
 from .synthetic import SyntheticRig
 
@@ -58,13 +54,7 @@ def fixed_gear_readings(
         )
     if not 0 <= std_deg < np.inf:
         raise ValueError(f"Argument `std_deg` must not be negative, but is {std_deg!r}.")
-    on_a, on_b = _positions(rig, _true_angle(readings * DEG, rig.driving_encoder))
-    closed = np.flatnonzero(on_b < on_a)
-    if closed.size:
-        raise ValueError(
-            "Argument `constant_backlash_deg` must keep the gap open, but the backlash is"
-            f" {(on_b - on_a)[closed[0]] / DEG:.5f}° at {readings[closed[0]]:.1f}°."
-        )
+    on_a, on_b = rig.flank_angles(_true_angle(readings * DEG, rig.driving_encoder))
     # The noise of each position has half the variance of the difference.
     noise = np.random.default_rng(seed).standard_normal((2, len(readings)))
     noise *= std_deg * DEG / np.sqrt(2)
@@ -91,16 +81,6 @@ def _true_angle(reading: Float[np.ndarray, " n"], encoder: EncoderError) -> Floa
     return angle
 
 
-def _positions(
-    rig: SyntheticRig, driving_angle: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return the driven angles on flank A and on flank B at held driving angles, rad."""
-    model, ratio = rig.flank_model(), float(rig.pair.ratio)
-    on_a = chunked(lambda chunk: _error(model, chunk, "A"), driving_angle)
-    on_b = chunked(lambda chunk: _error(model, chunk, "B"), driving_angle)
-    return ratio * driving_angle + on_a, ratio * driving_angle + on_b
-
-
 def _difference(
     rig: SyntheticRig, on_a: Float[np.ndarray, " n"], on_b: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
@@ -113,10 +93,3 @@ def _difference(
     if per_rev is None:
         return high - low
     return (quantised(high, per_rev) - quantised(low, per_rev)) * (REV / per_rev)
-
-
-@eqx.filter_jit
-def _error(
-    model: FlankModel, driving_angle: Real[np.ndarray | Array, " n"], flank: Flank
-) -> Float[Array, " n"]:
-    return model.transmission_error(driving_angle, flank)

@@ -6,19 +6,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, Float
 
 from ..base.runtime import require_x64
 from ..base.units import DEG
-from ..kinematics.backlash_map import chunked
 from ..kinematics.exact import exact_model
+from ..kinematics.flank_error import errors_at
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import CombinedModel, OrderModel
 from ..logs.encoder_log import EncoderLog
 from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .imperfections import EncoderError, Noise, OrderError, quantised
 from .motion import PassMotion
+
+_FLANKS: tuple[Flank, Flank] = "A", "B"
 
 
 @jax.jit
@@ -86,8 +87,9 @@ class SyntheticRig:
         time = np.arange(int(self.motion.duration_s * self.rate_hz) + 1) / self.rate_hz
         generator = np.random.default_rng(seed)
         driving = self.driving_encoder.reading(self.motion.driving_angle(time))
-        driven = self._driven_angle(self.motion.driving_angle(time - self.delay_s))
-        driven = self.driven_encoder.reading(driven)
+        lower, upper = self.flank_angles(self.motion.driving_angle(time - self.delay_s))
+        driven = play(jnp.asarray(lower), jnp.asarray(upper), jnp.asarray(lower[0]))
+        driven = self.driven_encoder.reading(np.asarray(driven))
         driven = driven + self.noise.draw(len(time), self.rate_hz, generator)
         counts = [g.encoder.counts_per_rev for g in (self.pair.driving, self.pair.driven)]
         unit = "deg" if None in counts else "counts"
@@ -100,20 +102,22 @@ class SyntheticRig:
             time, driving, driven, pair=self.pair, unit=unit, source=source
         )
 
-    def _driven_angle(self, driving_angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        model, ratio = self.flank_model(), float(self.pair.ratio)
-        lower, upper = (
-            ratio * driving_angle
-            + chunked(lambda chunk, side=flank: _error(model, chunk, side), driving_angle)
-            for flank in ("A", "B")
-        )
+    def flank_angles(
+        self, driving_angle: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return the driven angles on flank A and on flank B, rad.
+
+        **Raises** `ValueError` if the gap is closed at an angle.
+        """
+        model, nominal = self.flank_model(), float(self.pair.ratio) * driving_angle
+        lower, upper = (nominal + errors_at(model, flank, driving_angle) for flank in _FLANKS)
         if np.any(upper < lower):
             worst = int(np.argmin(upper - lower))
             raise ValueError(
                 "Argument `constant_backlash_deg` must keep the gap open, but the backlash is"
                 f" {(upper - lower)[worst] / DEG:.5f}° at {driving_angle[worst] / DEG:.1f}°."
             )
-        return np.asarray(play(jnp.asarray(lower), jnp.asarray(upper), jnp.asarray(lower[0])))
+        return lower, upper
 
 
 def order_model(pair: GearPair, errors: tuple[OrderError, ...]) -> OrderModel:
@@ -136,8 +140,3 @@ def order_model(pair: GearPair, errors: tuple[OrderError, ...]) -> OrderModel:
         cosine=jnp.asarray(cosine),
         sine=jnp.asarray(sine),
     )
-
-
-@eqx.filter_jit
-def _error(model: FlankModel, driving_angle: Real[ArrayLike, " n"], flank: Flank):
-    return model.transmission_error(driving_angle, flank)

@@ -129,13 +129,13 @@ class ManyFits:
             "versions": {name: version(name) for name in _PACKAGES},
         }
 
-    def columns(self, block: int, progress: Callable[[int], None] = lambda logs: None) -> Columns:
+    def columns(self, block: int, **options: Any) -> Columns:
         """Read and fit the logs of block number `block`; return the columns with one row per log.
 
-        `progress` is called with the number of further logs that are done.
+        `options` are those of `fit_columns`.
         """
         logs = self._read(self.logs_of(block))
-        return fit_columns(logs, self.pair, self.settings, self.pair.fit, progress=progress)
+        return fit_columns(logs, self.pair, self.settings, self.pair.fit, **options)
 
     def _read(self, paths: Sequence[Path]) -> Iterator[EncoderLog | Unread]:
         """Yield every log, or an `Unread` with the error for a log that cannot be used.
@@ -241,7 +241,7 @@ def _in_process(number: int, shared: tuple[ManyFits, int | None]) -> tuple[int, 
     enable_x64()
     task, most_memory_bytes = shared
     with most_memory(most_memory_bytes):
-        return number, len(task.logs_of(number)), task.columns(number)
+        return number, len(task.logs_of(number)), task.columns(number, threads=1)
 
 
 def _table(task: ManyFits, columns: Columns, path: Path | None) -> FitTable:

@@ -107,28 +107,14 @@ def test_every_choice_changes_a_standard_error():
 
 def test_dwell_and_assumed_phase_change_what_they_should():
     assert drive_plan(dwell_s=3.0).duration_s == pytest.approx(drive_plan().duration_s + 2.0)
-    wider = plan(
-        DRIVE,
-        turns=20.0,
-        rate_hz=500.0,
-        noise=WHITE,
-        orders=FEW,
-        assumed={"driving_amplitude_arcsec": 30.0},
-    )
+    wider = drive_plan(assumed=(("driving_amplitude_arcsec", 30.0),))
     phase = "driving_phase_deg"
     assert wider.std(phase) == pytest.approx(2 * drive_plan().std(phase), rel=1e-2)
     assert wider.parameters["driving_amplitude_arcsec"].assumed == 30.0
 
 
 def test_an_amplitude_too_small_to_tell_will_be_an_upper_limit():
-    small = plan(
-        DRIVE,
-        turns=20.0,
-        rate_hz=500.0,
-        noise=WHITE,
-        orders=FEW,
-        assumed={"driving_amplitude_arcsec": 0.1},
-    )
+    small = drive_plan(assumed=(("driving_amplitude_arcsec", 0.1),))
     amplitude, phase = (small.parameters[f"driving_{n}"] for n in ("amplitude_arcsec", "phase_deg"))
     assert amplitude.determined and not amplitude.significant
     assert "upper limit" in str(amplitude.reason)

@@ -9,8 +9,7 @@ from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.pair.schema import HarmonicOrders
 from vttig_jax.posterior.planning.noise import PlannedNoise
-from vttig_jax.posterior.planning.plan import plan
-from vttig_jax.posterior.planning.shortest_run import shortest_run
+from vttig_jax.posterior.planning.plan import plan, shortest_run
 
 FEW = HarmonicOrders(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
 HOW: dict[str, Any] = {"rate_hz": 200.0, "noise": PlannedNoise(0.003, 0.01), "orders": FEW}
@@ -52,7 +51,7 @@ def test_what_turns_cannot_tell_is_refused_at_once_with_the_reason():
 
 @pytest.mark.slow
 def test_the_upper_bound_is_stated(monkeypatch):
-    monkeypatch.setattr("vttig_jax.posterior.planning.shortest_run.MOST_SAMPLES", 50_000)
+    monkeypatch.setattr("vttig_jax.posterior.planning.plan.MOST_SAMPLES", 50_000)
     with pytest.raises(
         NoAnswerError, match=r"30 turns a pass, as asked, .* instead of 0.01 arcsec"
     ):

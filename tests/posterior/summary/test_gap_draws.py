@@ -50,17 +50,17 @@ def draws(posterior):
 
 
 @pytest.mark.parametrize("draw", [0, 17, 399])
-def test_a_draw_is_its_own_flank_model(draws, draw):
-    model = draws.model(draw)
+def test_a_draw_is_its_own_flank_model(draws, posterior, draw):
+    model = posterior.model(draw)
     np.testing.assert_allclose(draws.over(ANGLES)[:, draw], model.backlash(ANGLES), atol=3e-9)
     for flank in ("A", "B"):
         exact = model.transmission_error(ANGLES, flank)
         np.testing.assert_allclose(draws.errors(ANGLES, flank)[:, draw], exact, atol=3e-9)
 
 
-def test_the_driven_angle_is_that_of_the_draw_and_not_of_the_ideal_gear(draws):
+def test_the_driven_angle_is_that_of_the_draw_and_not_of_the_ideal_gear(draws, posterior):
     """Without the Newton step around the mean TE the error is thirty times larger."""
-    model, orders = draws.model(3), np.asarray(draws.terms)
+    model, orders = posterior.model(3), np.asarray(draws.terms)
     phase = np.outer(ANGLES, orders @ [1.0, float(draws.pair.ratio)])
     naive = [
         draws.offset[3, side]
@@ -77,8 +77,9 @@ def test_pieces_are_the_whole(draws):
 
 
 @pytest.mark.parametrize("draw", [0, 5, 123, 398])
-def test_the_smallest_gap_of_a_draw_is_that_of_its_map(draws, draw):
-    found, expected = draws.smallest, BacklashMap(draws.model(draw), None, draws.pair).smallest
+def test_the_smallest_gap_of_a_draw_is_that_of_its_map(draws, posterior, draw):
+    found = draws.smallest
+    expected = BacklashMap(posterior.model(draw), None, draws.pair).smallest
     assert found.gap[draw] == pytest.approx(expected.backlash, abs=1e-12)
     assert found.driving_angle[draw] == pytest.approx(expected.driving_angle, abs=1e-5)
 

@@ -107,8 +107,7 @@ def command(
     """
     from ...pair.gear_pair import pair_from_spec
     from ...posterior.planning.noise import PlannedNoise
-    from ...posterior.planning.plan import plan
-    from ...posterior.planning.shortest_run import MOST_TURNS, shortest_run
+    from ...posterior.planning.plan import MOST_TURNS, plan, shortest_run
     from ...runs.stated_drive import spec_of_file
 
     rig = pair_from_spec(drive.spec() if pair is None else spec_of_file(pair, drive))

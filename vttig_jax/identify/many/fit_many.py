@@ -1,13 +1,15 @@
 """Fits of many logs, each from a rig of its own: one table row for each log."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
 from typing import Any, NamedTuple
 
 import msgspec
 
 from ...base.errors import LogError, NoAnswerError, VttigError
 from ...base.runtime import require_x64
-from ...base.threads import one_blas_thread
+from ...base.threads import one_blas_thread, usable_cores
 from ...logs.encoder_log import EncoderLog
 from ...model.parameter import Parameter
 from ...pair.gear_pair import Drive, GearPair
@@ -20,6 +22,9 @@ from .table import OK, PARTS, Columns, FitTable, Row, table_of
 
 REFUSED, UNDETERMINED = "refused", "undetermined"
 """Codes of logs that were not fitted: `fit` refuses them, or they tell no parameter."""
+
+_MOST_THREADS = 4
+"""Number of threads (chosen). More would not help: only one at a time runs Python code."""
 
 
 def fit_many(
@@ -38,7 +43,7 @@ def fit_many(
     cannot be fitted has a code and a reason in its row, and the others are fitted.
 
     **Arguments**
-    - `logs`: logs that were read with `pair`; of a generator only one is in memory at a time.
+    - `logs`: logs that were read with `pair`; of a generator only a few are in memory at a time.
     - `pair`: the gear pair, or a drive without geometry, that all rigs are built to.
     - `settings`: settings of all fits; the fields of `FitSettings` are keywords too, without
       `same_zero` and `use_readings`, which concern several logs or readings of one rig.
@@ -113,13 +118,40 @@ def fit_columns(
     settings: FitSettings,
     orders: HarmonicOrders,
     *,
+    threads: int | None = None,
     progress: Callable[[int], None] = lambda logs: None,
 ) -> Columns:
-    """Return the columns of the table of fits; a log of another rig ends the batch.
+    """Return the columns of the table of fits.
 
-    `progress` is called with the number of further logs that are done.
+    `threads` fit logs at the same time, by default one for each core. `progress` is called with
+    the number of further logs that are done.
     """
+
+    def row(log: EncoderLog | Unread) -> Row:
+        if isinstance(log, Unread):
+            return _failed(log.name, log.error)
+        try:
+            return row_of(log, pair, settings, orders)
+        except VttigError as error:
+            return _failed(log.source, error)
+
     rows: list[Row] = []
+    threads = min(threads or usable_cores(), _MOST_THREADS)
+    logs = _of_one_design(logs, pair)
+    # Threads overlap, because NumPy and compiled programs release Python's lock. A few logs at a
+    # time, because `map` takes all that it is given into memory.
+    with ThreadPoolExecutor(threads) as pool:
+        while some := list(islice(logs, 2 * threads)):
+            for found in pool.map(row, some):
+                rows.append(found)
+                progress(1)
+    return table_of(rows, parameter_names(pair))
+
+
+def _of_one_design(
+    logs: Iterable[EncoderLog | Unread], pair: GearPair | Drive
+) -> Iterator[EncoderLog | Unread]:
+    """Yield the logs, and end the batch at one that was read for another rig."""
     for log in logs:
         if not isinstance(log, EncoderLog | Unread):
             raise TypeError(
@@ -132,15 +164,7 @@ def fit_columns(
                 f" of this batch has {pair.ratio}; give the logs of each rig with their own pair.",
                 where=log.source,
             )
-        if isinstance(log, Unread):
-            rows.append(_failed(log.name, log.error))
-        else:
-            try:
-                rows.append(row_of(log, pair, settings, orders))
-            except VttigError as error:
-                rows.append(_failed(log.source, error))
-        progress(1)
-    return table_of(rows, parameter_names(pair))
+        yield log
 
 
 def row_of(

@@ -169,14 +169,8 @@ def table_of(rows: Sequence[Mapping[str, Any]], parameters: Sequence[str]) -> Co
     """
     numbers = [*NUMBERS, *(name + part for name in parameters for part in PARTS)]
     words = {name: np.array([str(row.get(name, "")) for row in rows], str) for name in WORDS}
-    cells = {
-        name: np.array([_number(row.get(name)) for row in rows], np.float64) for name in numbers
-    }
+    cells = {name: np.array([row.get(name) for row in rows], np.float64) for name in numbers}
     return words | cells
-
-
-def _number(value: Any) -> float:
-    return float("nan") if value is None else float(value)
 
 
 def _cell(value: Any) -> Any:

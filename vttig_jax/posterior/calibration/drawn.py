@@ -45,16 +45,8 @@ class LikeRigs:
         """The fitted gears with the factor of their covariance; None without gears."""
         if not isinstance(self.pair, GearPair):
             return None
-        both = len(self.fit.scope.flanks) == 2
-        gears = fitted_gears(
-            self.pair,
-            self.fit.posterior,
-            self.fit.waves,
-            both=both,
-            side=0 if 1 in self.fit.scope.flanks else 1,
-            encoders=both and self.encoders,
-            gears=self.gears,
-        )
+        encoders = self.encoders and len(self.fit.scope.flanks) == 2
+        gears = fitted_gears(self.pair, self.fit, encoders=encoders, gears=self.gears)
         if gears is None:
             return None
         covariance = self.fit.posterior.told(gears.rows, moved=True)[1]
@@ -121,9 +113,8 @@ class LikeRigs:
         self, rows: Rows, mean: Float[np.ndarray, " n"], generator: np.random.Generator
     ) -> Rows:
         """Return rows whose readings are `mean` plus new noise, independent in every run."""
-        theta, table = self.fit.posterior.theta, rows.table.copy()
-        taps = np.asarray(whitening(jnp.asarray(0.9999 * np.tanh(theta[:LAGS]))))
-        std = self.fit.posterior.problem.unit * np.exp(theta[LAGS])
+        posterior, table = self.fit.posterior, rows.table.copy()
+        taps, std = np.asarray(whitening(posterior.partial)), posterior.innovation_std
         for first, last in zip(rows.first, rows.last, strict=True):
             white = std * generator.standard_normal(last - first + 1 + _FORGOTTEN)
             noise = np.asarray(lfilter([1.0], taps, white))[_FORGOTTEN:]

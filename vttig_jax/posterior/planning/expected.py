@@ -1,6 +1,7 @@
 """Expected fit of a run that is not yet recorded, by the density of every fit."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import jax
@@ -9,28 +10,107 @@ import numpy as np
 from jaxtyping import Float
 
 from ...base.errors import LogError, NoAnswerError
-from ...identify.fit_settings import FitSettings
+from ...base.units import ARCSEC, DEG
+from ...identify.fit_settings import LONGEST_DELAY_S, FitSettings
 from ...identify.identification import assumptions_of, known_delay
 from ...logs.motion.segments import find_segments
-from ...model.columns import columns_of, embedding
+from ...model.columns import embedding
 from ...model.density import LAGS, Compressed, Solved, solved
 from ...model.functionals import Posterior
 from ...model.gears import relation_of
 from ...model.mixed_fit import Design, MixedFit, design_of, largest
 from ...model.problem import problem_of
-from ...model.rows import Shafts
+from ...model.rows import SHAFTS, Shafts
 from ...model.runs import shafts_of
 from ...model.scope import scope_of
-from ...pair.gear_pair import Drive, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ...pair.schema import HarmonicOrders
-from .assumptions import DELAY, cartesian
 from .noise import PlannedNoise, counting_std
 from .run import PlannedRun
 
 _STEPS = 30
 """Steps towards the expected widths (chosen); each takes off half of what is left, or more."""
 
+ECCENTRICITY_MM = 0.02  # default eccentricity of a gear (chosen)
+ENCODER_ARCSEC = 10.0  # default encoder error (chosen)
+AMPLITUDE_ARCSEC = 60.0  # default first order of a drive (chosen)
+DELAY = "delay_s"
+
+_SIZES = {"_eccentricity_mm": 1.0, "_amplitude_arcsec": ARCSEC, "_arcsec": ARCSEC}
+"""Ending of the name of an amplitude → its unit, mm or rad."""
+
 _solved = jax.jit(solved)
+
+
+def assumed_values(
+    pair: GearPair | Drive,
+    eccentricities: Eccentricities | None,
+    given: Mapping[str, float] | None,
+) -> dict[str, float]:
+    """Return parameter name of a fit → assumed value, for amplitudes, phases and the delay.
+
+    The defaults are 0.02 mm for an eccentricity, the accuracy of the encoder (10″ if it is unknown)
+    for an encoder error, 60″ for the amplitude of a drive, and zero for a phase. `given` replaces
+    defaults. The delay `delay_s` has no default.
+
+    **Raises** `ValueError` for other names and for invalid numbers.
+    """
+    values: dict[str, float] = {}
+    drive = isinstance(pair, Drive)
+    name, size = "eccentricity_mm", ECCENTRICITY_MM
+    if drive:
+        name, size = "amplitude_arcsec", AMPLITUDE_ARCSEC
+    for shaft in SHAFTS:
+        values |= {f"{shaft}_{name}": size, f"{shaft}_phase_deg": 0.0}
+    for shaft in () if drive else SHAFTS:
+        accuracy = getattr(pair, shaft).encoder.accuracy_arcsec
+        values |= {
+            f"{shaft}_encoder_arcsec": ENCODER_ARCSEC if accuracy is None else float(accuracy),
+            f"{shaft}_encoder_phase_deg": 0.0,
+        }
+    if eccentricities is not None:
+        if drive:
+            raise ValueError(
+                "Argument `eccentricities` must be None for a drive, which has no gear geometry;"
+                " give amplitudes in `assumed`."
+            )
+        for shaft in SHAFTS:
+            values[f"{shaft}_eccentricity_mm"] = float(getattr(eccentricities, f"{shaft}_mm"))
+            values[f"{shaft}_phase_deg"] = float(getattr(eccentricities, f"{shaft}_phase_deg"))
+    known = (*values, DELAY)
+    for name, value in (given or {}).items():
+        if name not in known:
+            raise ValueError(
+                f"Argument `assumed` must hold names of {', '.join(known)}, but holds {name!r}."
+            )
+        if name == DELAY and not abs(value) <= LONGEST_DELAY_S:
+            raise ValueError(
+                f"Argument `assumed` must hold a {DELAY} within ±{LONGEST_DELAY_S:g} s, but it"
+                f" is {value!r}."
+            )
+        signed = name == DELAY or "phase" in name
+        if not math.isfinite(value) or (value < 0 and not signed):
+            raise ValueError(
+                f"Argument `assumed` must hold finite amplitudes that are not negative, but"
+                f" {name} is {value!r}."
+            )
+        values[name] = float(value)
+    return values
+
+
+def cartesian(names: Sequence[str], values: Mapping[str, float]) -> Float[np.ndarray, " p"]:
+    """Return the components `names`, such as driving_x, in mm and rad, from amplitudes and phases.
+
+    x + jy = amplitude · exp(j phase).
+    """
+    found = []
+    for name in names:
+        source, _, axis = name.rpartition("_")
+        end = next(one for one in _SIZES if source + one in values)
+        angle = values[f"{source}_phase_deg"] * DEG
+        part = math.cos(angle) if axis == "x" else math.sin(angle)
+        found.append(values[source + end] * _SIZES[end] * part)
+    return np.array(found)
 
 
 def expected_fit(
@@ -75,39 +155,32 @@ def expected_fit(
     size = rows.samples.shape[1]
     covariance = noise.autocovariance(size, run.rate_hz, LAGS, counting_std(pair))
     usual = max(float(np.std(table[:, -1])), float(np.sqrt(covariance[0])))
-    shape = replace(design.shape, usual=usual)
-    width = max(0.5 * shape.interval_s, abs(delay_s))
-    columns = tuple(
-        replace(column, width=width) if column.name == ("delay",) else column
-        for column in columns_of(design.waves, shape, assumed)
-    )
+    design = design.sized(usual, delay_s)
     problem = problem_of(
-        columns,
+        design.columns,
         [rows],
         None,
         centres={("delay",): delay_s},
-        usual=replace(design, shape=shape).scales(float(np.sqrt(covariance[0])), len(rows.table)),
+        usual=design.scales(float(np.sqrt(covariance[0])), len(rows.table)),
         noise=covariance,
         memory=design.memory,
     )
     found = largest(problem.compressed)
     theta, at = expected_widths(np.asarray(found.value), problem.compressed)
-    posterior = Posterior(problem, theta, at)
-    steps = int(found.stats["num_steps"])
     fit = MixedFit(
-        (shafts,),
-        (rows,),
-        design.waves,
-        posterior,
-        delay_s,
-        design.bends,
-        0.0,
-        1,
-        steps,
-        usual,
-        None,
-        scope_of([shafts], [rows], design.waves),
-        orders,
+        shafts=(shafts,),
+        rows=(rows,),
+        waves=design.waves,
+        posterior=Posterior(problem, theta, at),
+        delay_s=delay_s,
+        bends=design.bends,
+        outliers=0.0,
+        passes=1,
+        steps=int(found.stats["num_steps"]),
+        usual=usual,
+        weights=None,
+        scope=scope_of([shafts], [rows], design.waves),
+        orders=orders,
     )
     return fit, passes
 
@@ -139,6 +212,15 @@ def expected_widths(
     return theta, at
 
 
+def too_short(run: PlannedRun) -> NoAnswerError:
+    """Return the refusal of a run that determines nothing."""
+    return NoAnswerError(
+        f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns; plan"
+        " more turns.",
+        where="planned run",
+    )
+
+
 def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
     """Return the shafts of the ideal log of a run, and the number of its steady passes."""
     try:
@@ -151,11 +233,7 @@ def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
         ) from None
     segments = find_segments(log)
     if not segments.segments:
-        raise NoAnswerError(
-            f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns;"
-            " plan more turns.",
-            where="planned run",
-        )
+        raise too_short(run)
     shafts = shafts_of(log, segments)
     every = tuple(sorted((*shafts.runs, *shafts.ramps)))
     return replace(shafts, runs=every, ramps=()), len(segments.segments)

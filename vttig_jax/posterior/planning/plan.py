@@ -1,8 +1,8 @@
-"""Expected standard errors of a run that is not yet recorded, from its expected information."""
+"""Expected standard errors of a run that is not yet recorded, and the shortest run for them."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, Literal
 
 from ...base.errors import NoAnswerError
@@ -15,45 +15,18 @@ from ...identify.orders import SIDES
 from ...model.parameters import FULL_TURN
 from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ...pair.schema import HarmonicOrders
-from .assumptions import DELAY, assumed_values
-from .expected import expected_fit
+from .expected import DELAY, assumed_values, expected_fit, too_short
 from .noise import PlannedNoise, counting_std
 from .result import Plan, notes, outcome_of, planned_parameter
-from .run import Directions, PlannedRun
+from .run import MOST_SAMPLES, Directions, PlannedRun, speeds_of
 
 DelayChoice = Literal["auto", "off"] | float
 """Values of the setting `delay` of a fit: "auto", "off", or a number of seconds."""
 
+MOST_TURNS = 1000.0  # default of the largest number of turns of a pass (chosen)
+
 BESIDE = ("gap_over_angles_covered", "backlash_plus_delay_deg")
 """Parameters of a fit that depend on the angles of its log; a plan leaves them out."""
-
-
-@dataclass(frozen=True)
-class Assumptions:
-    """Assumptions of a plan besides the run: the rig, and the model of the fit.
-
-    **Arguments**
-    - `values`: amplitudes, phases and delay by the parameter names of a fit.
-    - `noise`, `orders`, `perfect_encoders`, `delay`: see `plan`.
-    """
-
-    values: Mapping[str, float]
-    noise: PlannedNoise
-    orders: HarmonicOrders
-    perfect_encoders: bool
-    delay: DelayChoice
-
-    def __post_init__(self):
-        if self.settings.delay != "auto" and DELAY in self.values:
-            raise ValueError(
-                'Argument `assumed` must hold a delay_s only if `delay` is "auto", but'
-                f" `delay` is {self.delay!r}, so that no delay is fitted."
-            )
-
-    @property
-    def settings(self) -> FitSettings:
-        """Settings of the fit for which the run is planned."""
-        return FitSettings(perfect_encoders=self.perfect_encoders, delay=self.delay)
 
 
 @one_blas_thread
@@ -120,88 +93,160 @@ def plan(
     ```
     """
     require_x64("plan")
-    run, assumptions = asked(
-        pair,
-        turns=turns,
-        rate_hz=rate_hz,
-        noise=noise,
-        speed_rpm=speed_rpm,
-        directions=directions,
-        passes=passes,
-        dwell_s=dwell_s,
-        ramp_s=ramp_s,
-        eccentricities=eccentricities,
-        assumed=assumed,
-        orders=orders,
-        perfect_encoders=perfect_encoders,
-        delay=delay,
-    )
-    return plan_of_run(pair, run, assumptions, {})
-
-
-def asked(
-    pair: GearPair | Drive,
-    *,
-    noise: PlannedNoise,
-    speed_rpm: float | Sequence[float] = 60.0,
-    eccentricities: Eccentricities | None = None,
-    assumed: Mapping[str, float] | None = None,
-    orders: HarmonicOrders | None = None,
-    perfect_encoders: bool = False,
-    delay: DelayChoice = "auto",
-    **run: Any,
-) -> tuple[PlannedRun, Assumptions]:
-    """Return the run and the assumptions of the arguments of `plan`."""
-    speeds = tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
     values = assumed_values(pair, eccentricities, assumed)
-    assumptions = Assumptions(values, noise, orders or pair.fit, perfect_encoders, delay)
-    return PlannedRun(speeds_rpm=speeds, **run), assumptions
-
-
-def plan_of_run(
-    pair: GearPair | Drive,
-    run: PlannedRun,
-    assumptions: Assumptions,
-    wanted: Mapping[str, float],
-) -> Plan:
-    """Return the plan of a run; the report compares the expected standard errors with `wanted`."""
-    noise, counting = assumptions.noise, counting_std(pair)
+    settings = FitSettings(perfect_encoders=perfect_encoders, delay=delay)
+    if settings.delay != "auto" and DELAY in values:
+        raise ValueError(
+            'Argument `assumed` must hold a delay_s only if `delay` is "auto", but'
+            f" `delay` is {delay!r}, so that no delay is fitted."
+        )
+    run = PlannedRun(turns, speeds_of(speed_rpm), rate_hz, directions, passes, dwell_s, ramp_s)
+    counting = counting_std(pair)
     if not (noise.std_deg or noise.white_std_deg or counting):
         raise ValueError(
             "Argument `noise` must not be zero if the pair file gives no counts of the encoders,"
             " but it is: every standard error would be zero."
         )
-    settings = assumptions.settings
-    fit, passes = expected_fit(run, pair, assumptions.orders, noise, assumptions.values, settings)
+    orders = orders or pair.fit
+    fit, steady = expected_fit(run, pair, orders, noise, values, settings)
     fitted = told_by(fit, pair, settings, "planned run")[1]
     fitted = {name: p for name, p in fitted.items() if name not in BESIDE}
-    parameters = {
-        name: planned_parameter(parameter, assumptions.values.get(name), wanted.get(name))
-        for name, parameter in fitted.items()
-    }
-    short = tuple(shaft for shaft, turns in fit.scope.turns.items() if turns < FULL_TURN)
     outcome = outcome_of(fitted)
     if outcome == "not_determined":
-        raise NoAnswerError(
-            f"no shaft makes a full revolution at a steady speed in passes of {run.turns:g} turns;"
-            " plan more turns.",
-            where="planned run",
-        )
+        raise too_short(run)
     (rows,) = fit.rows
-    flanks = tuple(SIDES[side] for side in fit.scope.flanks)
     size = rows.samples.shape[1]
     return Plan(
         pair=pair,
-        parameters=parameters,
+        parameters={name: planned_parameter(p, values.get(name)) for name, p in fitted.items()},
         run=run,
         used=rows.samples.size,
         noise=noise,
         counting_std_deg=counting / DEG,
-        row_s=size / run.rate_hz,
-        row_std_deg=math.sqrt(noise.autocovariance(size, run.rate_hz, 1, counting)[0]) / DEG,
-        flanks=flanks,
+        row_s=size / rate_hz,
+        row_std_deg=math.sqrt(noise.autocovariance(size, rate_hz, 1, counting)[0]) / DEG,
+        flanks=tuple(SIDES[side] for side in fit.scope.flanks),
         conditional_on=conditions_of(fit, pair, settings, fitted),
         outcome=outcome,
-        short=short,
-        notes=notes(pair, run, assumptions.orders, noise, fit, passes),
+        short=tuple(shaft for shaft, turned in fit.scope.turns.items() if turned < FULL_TURN),
+        notes=notes(pair, run, orders, noise, fit, steady),
+    )
+
+
+def shortest_run(
+    pair: GearPair | Drive,
+    target: Mapping[str, float],
+    *,
+    most_turns: float = MOST_TURNS,
+    **planned: Any,
+) -> Plan:
+    """Return the plan with the fewest turns per pass that reaches the wanted standard errors.
+
+    The number of driving turns per pass is whole. More turns never give less information once every
+    first order has enough turns. Therefore the run is first doubled until it reaches the target,
+    and then the number of turns is found by bisection.
+
+    **Arguments**
+    - `target`: name of a parameter → wanted standard error in its unit, for example
+      `{"driving_eccentricity_mm": 1e-4}`.
+    - `most_turns`: largest number of turns per pass, 1000 by default. A run of more than ten
+      million samples is never tried.
+    - `planned`: the other arguments of `plan`.
+
+    **Raises** `NoAnswerError` with the reason if no run of this kind reaches the target.
+
+    **Example**
+    ```python
+    >>> import vttig_jax
+    >>> from vttig_jax.posterior import PlannedNoise
+    >>> from vttig_jax.posterior import shortest_run
+    >>> from vttig_jax.rig import paper_pair
+    >>> vttig_jax.enable_x64()
+    >>> noise = PlannedNoise(std_deg=0.002, correlation_s=0.00475)
+    >>> wanted = {"driving_eccentricity_mm": 2e-4}
+    >>> shortest_run(paper_pair(), wanted, rate_hz=1987.0, noise=noise).run.turns
+    16.0
+
+    ```
+    """
+    require_x64("shortest_run")
+    if not target:
+        raise ValueError("Argument `target` must name at least one parameter, but is empty.")
+    for name, value in target.items():
+        if not 0 < value < math.inf:
+            raise ValueError(
+                f"Argument `target` must hold positive standard errors, but {name} is {value!r}."
+            )
+    own = {name: planned[name] for name in PlannedRun.__dataclass_fields__ if name in planned}
+    longest = PlannedRun(most_turns, speeds_of(planned.get("speed_rpm", 60.0)), **own)
+    samples = sum(60 / speed for speed in longest.speeds_rpm) * longest.pass_count * longest.rate_hz
+    most = max(1, math.floor(min(most_turns, 0.95 * MOST_SAMPLES / samples)))
+    least = max(1, math.ceil(longest.least_turns))
+    few, many = least - 1, min(least, most)
+    best = _attempt(pair, many, target, planned)
+    while not _reaches_target(best, target):
+        if many == most:
+            raise _unreachable(best, target, longest, most)
+        if isinstance(best, Plan):
+            _require_possible(best, target)
+        few, many = many, min(2 * many, most)
+        best = _attempt(pair, many, target, planned)
+    while many - few > 1:
+        middle = (few + many) // 2
+        result = _attempt(pair, middle, target, planned)
+        if _reaches_target(result, target):
+            best, many = result, middle
+        else:
+            few = middle
+    assert isinstance(best, Plan)  # because it reaches the target
+    own = {name: replace(p, wanted=target.get(name)) for name, p in best.parameters.items()}
+    return replace(best, parameters=own)
+
+
+def _attempt(
+    pair: GearPair | Drive, turns: int, target: Mapping[str, float], planned: dict[str, Any]
+) -> Plan | NoAnswerError:
+    """Return the plan with these turns per pass, or why it has no answer."""
+    try:
+        result = plan(pair, turns=float(turns), **planned)
+    except NoAnswerError as error:
+        return error
+    for name in target:
+        if name not in result.parameters:
+            known = ", ".join(result.parameters)
+            raise ValueError(f"Argument `target` must hold names of {known}, but holds {name!r}.")
+    return result
+
+
+def _reaches_target(result: Plan | NoAnswerError, target: Mapping[str, float]) -> bool:
+    return isinstance(result, Plan) and all(result.std(n) <= wanted for n, wanted in target.items())
+
+
+def _require_possible(result: Plan, target: Mapping[str, float]) -> None:
+    """Raise `NoAnswerError` if both shafts turn enough, but a wanted parameter is undetermined."""
+    for name in () if result.short else target:
+        if not result.parameters[name].determined:
+            reason = result.parameters[name].reason
+            raise NoAnswerError(f"no number of turns fixes {name}: {reason}.", where="planned run")
+
+
+def _unreachable(
+    result: Plan | NoAnswerError, target: Mapping[str, float], longest: PlannedRun, most: int
+) -> NoAnswerError:
+    if isinstance(result, NoAnswerError):
+        return result
+    _require_possible(result, target)
+    limit = "as asked" if most == math.floor(longest.turns) else "the most that fit in memory"
+    missed = []
+    for name, wanted in target.items():
+        p = result.parameters[name]
+        if result.std(name) > wanted:
+            reached = f"{p.std:.2g}" if p.std is not None else f"none ({p.reason})"
+            missed.append(f"{name} {reached} instead of {wanted:g} {p.unit}")
+    cures = "allow more turns, less noise or more passes"
+    if "constant_backlash_deg" in target and len(longest.speeds_rpm) == 1:
+        cures += ", or plan a second speed, which tells a delay from the constant backlash"
+    return NoAnswerError(
+        f"{most} turns a pass, {limit}, are too few: {'; '.join(missed)}; {cures}.",
+        where="planned run",
     )

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
-from ...base.units import ARCSEC, DEG
+from ...base.units import ARCSEC, DEG, duration_text
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
-from ...model.parameter import Parameter
+from ...model.parameter import Parameter, open_reasons
 from ...model.parameters import LEFT_OUT
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
@@ -96,23 +96,13 @@ class Plan(TextResult):
             "schema": "vttig.plan/1",
             "pair": self.pair.name,
             "outcome": self.outcome,
-            "run": {
-                "turns": run.turns,
-                "speeds_rpm": list(run.speeds_rpm),
-                "directions": run.directions,
-                "passes": run.pass_count,
-                "rate_hz": run.rate_hz,
-                "dwell_s": run.dwell_s,
-                "ramp_s": run.ramp_s,
-            },
+            "run": asdict(run) | {"speeds_rpm": list(run.speeds_rpm), "passes": run.pass_count},
             "duration_s": self.duration_s,
             "samples": {"total": self.samples, "used": self.used},
             "flanks": list(self.flanks),
             "conditional_on": list(self.conditional_on),
-            "noise": {
-                "std_deg": self.noise.std_deg,
-                "correlation_s": self.noise.correlation_s,
-                "white_std_deg": self.noise.white_std_deg,
+            "noise": asdict(self.noise)
+            | {
                 "counting_std_deg": self.counting_std_deg,
                 "block_s": self.row_s,
                 "block_std_deg": self.row_std_deg,
@@ -140,43 +130,30 @@ class Plan(TextResult):
         titles = ["parameter", "expected std", *(["wanted"] if any_wanted else []), "at", "unit"]
         rows = []
         for p in shown:
-            expected = _number(p.std) if p.significant else f"{_number(p.std)} (not significant)"
+            expected = "–" if p.std is None else f"{p.std:.2g}"
+            expected += "" if p.significant else " (not significant)"
             wanted = ["" if p.wanted is None else f"{p.wanted:g}"] if any_wanted else []
             at = "" if p.assumed is None else f"{p.assumed:g}"
             rows.append([p.name, expected, *wanted, at, p.unit])
         parts = [head, text_table(rows, titles, align="l" + "r" * (len(titles) - 2) + "l")]
         if self.conditional_on:
             parts.append("conditional on: " + ", ".join(self.conditional_on).replace("_", " "))
-        by_reason: dict[str, list[str]] = {}
-        for p in self.parameters.values():
-            if not p.determined:
-                by_reason.setdefault(p.reason or "", []).append(p.name)
-        parts += listed("undetermined", [f"{', '.join(n)}: {r}" for r, n in by_reason.items()])
+        parts += listed("undetermined", open_reasons(self.parameters.values()))
         return "\n\n".join([*parts, *listed("notes", self.notes)])
 
 
-def planned_parameter(
-    parameter: Parameter, assumed: float | None, wanted: float | None
-) -> PlannedParameter:
-    """Return the expected accuracy of a parameter of the planned fit.
-
-    `assumed` is its assumed value and `wanted` its requested standard error; both may be None.
-    """
-    is_assumed = assumed is not None
+def planned_parameter(parameter: Parameter, assumed: float | None) -> PlannedParameter:
+    """Return the expected accuracy of a parameter of the planned fit, with its assumed value."""
+    told, known = parameter.determined, assumed is not None
     return PlannedParameter(
-        name=parameter.name,
-        unit=parameter.unit,
-        std=parameter.std,
-        assumed=assumed,
-        determined=parameter.determined,
-        significant=parameter.determined and (parameter.significant or not is_assumed),
-        reason=parameter.reason if is_assumed or not parameter.determined else None,
-        wanted=wanted,
+        parameter.name,
+        parameter.unit,
+        parameter.std,
+        assumed,
+        determined=told,
+        significant=told and (parameter.significant or not known),
+        reason=parameter.reason if known or not told else None,
     )
-
-
-def _number(std: float | None) -> str:
-    return "–" if std is None else f"{std:.2g}"
 
 
 def _time(seconds: float) -> str:
@@ -186,13 +163,11 @@ def _time(seconds: float) -> str:
     return f"{seconds:.0f} s ({longer})"
 
 
-def _memory(seconds: float) -> str:
-    return f"{seconds:g} s" if seconds >= 1 else f"{1e3 * seconds:g} ms"
-
-
 def _noise(plan: Plan) -> str:
     noise = plan.noise
-    memory = f", correlated over {_memory(noise.correlation_s)}" if noise.correlation_s else ""
+    memory = (
+        f", correlated over {duration_text(noise.correlation_s)}" if noise.correlation_s else ""
+    )
     parts = [f"{noise.std_deg:g}°{memory}"] if noise.std_deg else []
     parts += [f"{noise.white_std_deg:g}° white"] if noise.white_std_deg else []
     counting = plan.counting_std_deg

@@ -1,6 +1,7 @@
 """Planned run: turns, speeds, directions and sampling rate."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -20,6 +21,11 @@ MOST_SAMPLES = 10_000_000
 
 _FINE_COUNTS = 100_000_000
 """Assumed counts per turn of an encoder whose number of counts is not known (chosen)."""
+
+
+def speeds_of(speed_rpm: float | Sequence[float]) -> tuple[float, ...]:
+    """Return the speeds of a run that has one or several."""
+    return tuple(speed_rpm) if isinstance(speed_rpm, Sequence) else (speed_rpm,)
 
 
 @dataclass(frozen=True)
@@ -64,10 +70,9 @@ class PlannedRun:
             value = getattr(self, name)
             if not 0 <= value < math.inf:
                 raise ValueError(f"Argument `{name}` must not be negative, but is {value!r}.")
-        fewest = 2 if self.directions == "both" else 1
-        allowed = self.pass_count >= 2 if self.directions == "both" else self.pass_count == 1
-        if not allowed:
-            cure = "at least 2" if fewest == 2 else "1 in one direction (plan more turns instead)"
+        both = self.directions == "both"
+        if not (self.pass_count >= 2 if both else self.pass_count == 1):
+            cure = "at least 2" if both else "1 in one direction (plan more turns instead)"
             raise ValueError(f"Argument `passes` must be {cure}, but is {self.passes!r}.")
         if self.turns < self.least_turns:
             raise ValueError(
@@ -129,11 +134,9 @@ class PlannedRun:
         first, second = (
             gear.encoder.counts_per_rev or _FINE_COUNTS for gear in (pair.driving, pair.driven)
         )
-        ideal = Drive(ratio=pair.ratio, driving=_counting(first), driven=_counting(second))
-        counts = (
-            quantised(driving, first),
-            quantised(float(pair.ratio) * driving, second),
-        )
+        one, other = (GearTable(encoder=Encoder(counts_per_rev=count)) for count in (first, second))
+        counts = quantised(driving, first), quantised(float(pair.ratio) * driving, second)
+        ideal = Drive(pair.ratio, one, other)
         return EncoderLog.from_arrays(time, *counts, pair=ideal, source="planned run")
 
     def __str__(self) -> str:
@@ -145,7 +148,3 @@ class PlannedRun:
         }
         suffix = " each" if len(self.speeds_rpm) > 1 else ""
         return f"{self.turns:g} turns a pass, {ways[self.directions]} at {speeds} rpm{suffix}"
-
-
-def _counting(per_rev: int) -> GearTable:
-    return GearTable(encoder=Encoder(counts_per_rev=per_rev))

@@ -45,7 +45,11 @@ def arviz_data(
         ) from None
     _, steps, walkers, _ = draws.shape
     groups = {
-        "posterior": {name: _walker_by_walker(draws[..., k]) for k, name in enumerate(names)},
+        # one row per ensemble: all steps of its first walker, then of its second, and so on
+        "posterior": {
+            name: draws[..., k].swapaxes(1, 2).reshape(len(draws), -1)
+            for k, name in enumerate(names)
+        },
     }
     # Before arviz 1 the groups are keyword arguments, from then on one nested mapping.
     nested = int(arviz.__version__.partition(".")[0]) >= 1
@@ -56,10 +60,3 @@ def arviz_data(
         {**attributes, "walkers": np.int64(walkers), "steps": np.int64(steps)}
     )
     return data
-
-
-def _walker_by_walker(
-    values: Float[np.ndarray, "ensembles steps walkers"],
-) -> Float[np.ndarray, "ensembles n"]:
-    """Return one row per ensemble: all steps of its first walker, then of its second, and so on."""
-    return values.swapaxes(1, 2).reshape(len(values), -1)

@@ -13,8 +13,8 @@ from ...base.units import DEG
 from ...identify.backlash import shift_of_delay, with_coverage
 from ...identify.orders import mounted_closed
 from ...kinematics.backlash_map import BacklashMap
-from ...pair.gear_pair import Drive, GearPair
-from .draws import SmallestGap
+from ...pair.gear_pair import GearPair
+from .draws import SmallestGap, millimetres
 from .posterior import Posterior, gap_draws
 
 MOST_ROWS = 200_000
@@ -253,15 +253,3 @@ def band_map(
         step_deg=float(step_deg),
         turns=float(turns),
     )
-
-
-def millimetres(pair: GearPair | Drive) -> tuple[float, float]:
-    """Return two lengths in mm per rad of backlash; NaN if undefined.
-
-    The first is the arc at the reference circle of the driven gear. The second is the axial
-    displacement that closes the backlash.
-    """
-    if isinstance(pair, Drive):
-        return math.nan, math.nan
-    radius, thinning = float(pair.reference_radii[1]), float(pair.thinning)
-    return radius, radius / thinning if thinning else math.nan

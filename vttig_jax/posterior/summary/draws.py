@@ -1,7 +1,8 @@
 """Values, intervals, limits and probabilities from draws, with circular statistics for phases."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,7 +12,7 @@ from ...base.errors import NoAnswerError
 from ...base.numerics.polar_spread import polar_spread
 from ...base.units import ARCSEC, DEG, REV
 from ...identify.result import Fit
-from ...model.parameter import BELOW, Parameter
+from ...model.parameter import BELOW, UPPER, Parameter
 from ...model.parameters import SIGNIFICANT
 from ...pair.gear_pair import Drive, GearPair
 
@@ -65,7 +66,6 @@ def circular_summary(
 
 
 _TAILS = (0.025, 0.5, 0.975)  # ends of the 95 % interval, and the median
-_UPPER = "below three standard errors: an upper limit only"
 _BATCHES = 8
 """Number of batches of successive steps into which the draws of one ensemble are split (chosen)."""
 
@@ -141,20 +141,25 @@ def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> Pos
     `draws` are in the unit `unit` of the parameter.
     """
     value, std = float(draws.mean()), float(draws.std(ddof=1))
-    low, median, high = (float(part) for part in np.quantile(draws, _TAILS))
     significant = abs(value) >= SIGNIFICANT * std
-    return PosteriorParameter(
-        name=name,
-        unit=unit,
-        value=value,
-        std=std,
-        low95=low,
-        high95=high,
-        determined=True,
-        significant=significant,
-        reason=None if significant else BELOW,
-        median=median,
-    )
+    reason = None if significant else BELOW
+    return _told(name, unit, value, std, np.quantile(draws, _TAILS), significant, reason)
+
+
+def _told(
+    name: str,
+    unit: str,
+    value: float,
+    std: float,
+    quantiles: Sequence[float] | np.ndarray,
+    significant: bool = True,
+    reason: str | None = None,
+) -> PosteriorParameter:
+    """Return a parameter with its lower bound, median and upper bound, the `quantiles`."""
+    low, median, high = map(float, quantiles)
+    ends = {"low95": low, "median": median, "high95": high}
+    known = {"determined": True, "significant": significant, "reason": reason}
+    return PosteriorParameter(name, unit, value, std, **ends, **known)
 
 
 def polar_of_draws(
@@ -166,54 +171,20 @@ def polar_of_draws(
     amplitude has its 95 % quantile as an upper limit, and the phase has no value. `names` are those
     of the two parameters, and `unit` is that of `plane` and of the amplitude.
     """
-    along_std = polar_spread(plane.mean(axis=0), np.cov(plane.T))
-    value, std = along_std[0], along_std[1]
+    value, std, *_ = polar_spread(plane.mean(axis=0), np.cov(plane.T))
     length = np.hypot(plane[:, 0], plane[:, 1])
-    low, median, high = (float(part) for part in np.quantile(length, _TAILS))
+    _, median, _ = spread = np.quantile(length, _TAILS)
     if value < SIGNIFICANT * std:
         upper = float(np.quantile(length, 0.95))
+        amplitude = _told(names[0], unit, value, std, (0.0, median, upper), False, UPPER)
         reason = f"{names[0]} is below three standard errors"
-        return (
-            PosteriorParameter(
-                name=names[0],
-                unit=unit,
-                value=value,
-                std=std,
-                low95=0.0,
-                high95=upper,
-                determined=True,
-                significant=False,
-                reason=_UPPER,
-                upper95=upper,
-                median=median,
-            ),
-            PosteriorParameter(names[1], "deg", determined=True, reason=reason),
-        )
+        phase = PosteriorParameter(names[1], "deg", determined=True, reason=reason)
+        return replace(amplitude, upper95=upper), phase
     angle = circular_summary(np.arctan2(plane[:, 1], plane[:, 0]) / DEG)
-    length_std = float(length.std(ddof=1))
+    ends = angle.low, angle.median, angle.high
     return (
-        PosteriorParameter(
-            name=names[0],
-            unit=unit,
-            value=value,
-            std=length_std,
-            low95=low,
-            high95=high,
-            determined=True,
-            significant=True,
-            median=median,
-        ),
-        PosteriorParameter(
-            name=names[1],
-            unit="deg",
-            value=angle.mean,
-            std=angle.std,
-            low95=angle.low,
-            high95=angle.high,
-            determined=True,
-            significant=True,
-            median=angle.median,
-        ),
+        _told(names[0], unit, value, float(length.std(ddof=1)), spread),
+        _told(names[1], "deg", angle.mean, angle.std, ends),
     )
 
 
@@ -278,7 +249,12 @@ class SmallestGap:
 
         **Raises** `NoAnswerError` for a drive and for untapered gears, which no closing affects.
         """
-        return self.gap / _backlash_per_mm(self.pair)
+        axial = millimetres(self.pair)[1]
+        if math.isnan(axial):
+            kind = "a drive without gear geometry"
+            kind = kind if isinstance(self.pair, Drive) else "gears without taper"
+            raise NoAnswerError(f"no axial displacement closes the gap of {kind}.")
+        return self.gap * axial
 
     def probability_of_binding(self, closing_mm: float) -> Share:
         """Return the fraction of draws in which an axial closing s, mm, makes the gears bind.
@@ -310,14 +286,12 @@ class SmallestGap:
     def to_json(self) -> dict:
         """Return quantiles of the smallest gap, °, its angle, and the safe closing, mm."""
         angle, share = self.place
-        closing = None
-        if not isinstance(self.pair, Drive) and float(self.pair.thinning):
-            closing = self._summary(1 / _backlash_per_mm(self.pair))
+        axial = millimetres(self.pair)[1]
         return {
             "backlash_deg": self._summary(1 / DEG),
             "driving_deg": angle / DEG,
             "share_there": share,
-            "safe_closing_mm": closing,
+            "safe_closing_mm": None if math.isnan(axial) else self._summary(axial),
             "draws": len(self.gap),
         }
 
@@ -360,13 +334,13 @@ class SmallestGap:
         return float(np.sqrt(np.sum(deviations**2) * len(counts) / (len(counts) - 1)) / len(values))
 
 
-def _backlash_per_mm(pair: GearPair | Drive) -> float:
-    """Return the backlash, rad, that an axial displacement of one mm takes up.
+def millimetres(pair: GearPair | Drive) -> tuple[float, float]:
+    """Return two lengths in mm per rad of backlash; NaN if undefined.
 
-    **Raises** `NoAnswerError` for a drive and for gears without taper.
+    The first is the arc at the reference circle of the driven gear. The second is the axial
+    displacement that closes the backlash.
     """
-    thinning = 0.0 if isinstance(pair, Drive) else float(pair.thinning)
-    if isinstance(pair, Drive) or not thinning:
-        kind = "a drive without gear geometry" if isinstance(pair, Drive) else "gears without taper"
-        raise NoAnswerError(f"no axial displacement closes the gap of {kind}.")
-    return thinning / float(pair.reference_radii[1])
+    if isinstance(pair, Drive):
+        return math.nan, math.nan
+    radius, thinning = float(pair.reference_radii[1]), float(pair.thinning)
+    return radius, radius / thinning if thinning else math.nan

@@ -57,16 +57,8 @@ class GapDraws:
     @cached_property
     def mean_model(self) -> OrderModel:
         """Flank model of the mean coefficients, the centre of all bands."""
-        return self.model(slice(None))
-
-    def model(self, draw: int | slice) -> OrderModel:
-        """Return the flank model of one draw, or of the mean of several."""
-        parts = (self.offset[draw], self.cosine[draw], self.sine[draw])
-        if isinstance(draw, slice):
-            parts = tuple(part.mean(axis=0) for part in parts)
-        return OrderModel(
-            jnp.asarray(float(self.pair.ratio)), self.terms, *(jnp.asarray(p) for p in parts)
-        )
+        means = (jnp.asarray(p.mean(axis=0)) for p in (self.offset, self.cosine, self.sine))
+        return OrderModel(jnp.asarray(float(self.pair.ratio)), self.terms, *means)
 
     def errors(self, driving_angle: Angles, flank: Flank) -> Curves:
         """Return the transmission error of every draw on one flank, rad, shape (angles, m)."""
@@ -204,10 +196,13 @@ class GapDraws:
         return np.flatnonzero(centre - reach - dip <= np.min(centre + reach) + 1e-15)
 
     @property
+    def _orders(self) -> Float[np.ndarray, "terms 2"]:
+        return np.asarray(self.terms, float).reshape(-1, 2)
+
+    @property
     def _speeds(self) -> Float[np.ndarray, " terms"]:
         """Frequencies ω = n₁ + i n₂ of the terms, cycles per driving revolution."""
-        orders = np.asarray(self.terms, float).reshape(-1, 2)
-        return orders @ np.array([1.0, float(self.pair.ratio)])
+        return self._orders @ np.array([1.0, float(self.pair.ratio)])
 
     @cached_property
     def _series(self) -> Complex[np.ndarray, "m terms"]:
@@ -217,8 +212,7 @@ class GapDraws:
         angle is taken as i φ₁ plus the mean offset of the flank, which neglects the variation of
         the transmission error. The series serves only to locate the minima.
         """
-        orders = np.asarray(self.terms, float).reshape(-1, 2)
-        turned = np.exp(1j * np.outer(self.offset.mean(axis=0), orders[:, 1]))
+        turned = np.exp(1j * np.outer(self.offset.mean(axis=0), self._orders[:, 1]))
         flanks = (self.cosine - 1j * self.sine) * turned
         return flanks[:, 1] - flanks[:, 0]
 
@@ -246,8 +240,7 @@ class GapDraws:
 
         The driven angle is found by fixed-point iteration.
         """
-        orders = np.asarray(self.terms, float).reshape(-1, 2)
-        gaps = np.empty_like(angles)
+        orders, gaps = self._orders, np.empty_like(angles)
         for part in self._draw_slices(angles.shape[1]):
             errors = []
             for side in (0, 1):

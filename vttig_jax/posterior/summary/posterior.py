@@ -1,6 +1,6 @@
 """Posterior of a fit: its draws, its report, and its export to arviz."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from textwrap import fill
@@ -18,9 +18,10 @@ from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...base.units import ARCSEC, duration_text
 from ...identify.backlash import unknown_extremes
-from ...identify.result import Fit, doubt
+from ...identify.result import Fit, parameter_cells, refuse_unknown_gap
 from ...kinematics.harmonic import OrderModel
 from ...model.columns import FLAT, KNOWN
+from ...model.parameter import open_reasons
 from ...model.rows import SHAFTS
 from ...pair.gear_pair import Eccentricities
 from ..chains import Chains
@@ -112,15 +113,9 @@ class Posterior(PlottedResult):
 
     def eccentricities(self) -> Eccentricities:
         """Return the rig of the posterior mean; an undetermined eccentricity counts as zero."""
-
-        def polar(shaft: str) -> tuple[float, float]:
-            if not self.fit.parameters[f"{shaft}_eccentricity_mm"].determined:
-                return 0.0, 0.0
-            x, y = (float(self.values(f"{shaft}_{axis}").mean()) for axis in "xy")
-            return float(np.hypot(x, y)), float(np.degrees(np.arctan2(y, x)))
-
+        means = np.array([self.values(name).mean() for name in self.fit.covariance_names])
         gap = self.parameters["constant_backlash_deg"].value or 0.0
-        return Eccentricities(*polar("driving"), *polar("driven"), gap)
+        return replace(self.fit, values=means).eccentricities(gap)
 
     def model(self, draw: Any = slice(None)) -> OrderModel:
         """Return the flank model of a draw, or those of several, stacked along a first axis."""
@@ -261,7 +256,7 @@ def posterior_text(posterior: Posterior) -> str:
     )
     warning = posterior.diagnosis.warning
     parts = [fill(f"{warning}.", _WIDTH), head, table] if warning else [head, table]
-    parts += listed("undetermined", _reasons(parameters))
+    parts += listed("undetermined", open_reasons(parameters))
     parts += listed("priors", list(priors(posterior.fit)))
     parts.append(fill(_BESIDE_FIT, _WIDTH))
     if posterior.fit.conditional_on:
@@ -278,27 +273,11 @@ def _gap(posterior: Posterior) -> list[tuple[str, str]]:
         return [("smallest gap", unknown_extremes(posterior.fit) or f"not known: {error.message}")]
 
 
-def _reasons(parameters: list[PosteriorParameter]) -> list[str]:
-    """Return lines on undetermined parameters, grouped by reason."""
-    by_reason: dict[str, list[str]] = {}
-    for parameter in parameters:
-        if not parameter.determined:
-            by_reason.setdefault(parameter.reason or "", []).append(parameter.name)
-    return [f"{', '.join(names)}: {reason}" for reason, names in by_reason.items()]
-
-
 def _row(parameter: PosteriorParameter) -> list[str]:
-    p = parameter
-    if p.value is None:
-        return [p.name, "—", "", "", "", p.unit]
-    places = decimals(p.std or 0.0, p.value)
-    number = lambda x: "" if x is None else f"{x:z.{places}f}"  # noqa: E731
-    if p.upper95 is not None:
-        shown = [f"< {number(p.upper95)}", number(p.median), number(p.std), "upper limit"]
-        return [p.name, *shown, p.unit]
-    mark = "" if p.significant else doubt(p.value, p.low95, p.high95, p.reason)
-    span = f"{number(p.low95)} … {number(p.high95)}"
-    return [p.name, number(p.value) + mark, number(p.median), number(p.std), span, p.unit]
+    name, value, std, _, span, unit = parameter_cells(parameter)
+    places = decimals(parameter.std or 0.0, parameter.value or 0.0)
+    median = "" if parameter.median is None else f"{parameter.median:z.{places}f}"
+    return [name, value, median, std, span, unit]
 
 
 def gap_draws(posterior: Posterior) -> "GapDraws":
@@ -314,12 +293,7 @@ def gap_draws(posterior: Posterior) -> "GapDraws":
             " determine the gap; record both directions.",
             where=fit.source,
         )
-    gap = fit.parameters["constant_backlash_deg"]
-    if not (gap.determined or fit.checks.gap_over_angles_covered.determined):
-        raise NoAnswerError(
-            f"the constant backlash is undetermined ({gap.reason}); record more turns.",
-            where=fit.source,
-        )
+    refuse_unknown_gap(fit)
     return flank_draws(posterior)
 
 
