@@ -61,8 +61,8 @@ def lanes_task(
     if library_sines:
         bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     if not wide:
-        plain = inspect.unwrap(lanes_module._advance)
-        lanes_module._advance = jax.jit(plain, static_argnums=(0, 1))
+        plain = inspect.unwrap(lanes_module._on_lanes)
+        lanes_module._on_lanes = jax.jit(plain, static_argnums=(0, 1))
     lanes, found = BatchRunner(jax.devices()[:1]), {}
     for size in sizes:
         cases = cases_of(size)

@@ -50,6 +50,7 @@ from ..simulation.case import (
     Accumulators,
     Case,
     Metrics,
+    State,
     initial_state,
     metrics_of,
     run_periods,
@@ -273,16 +274,26 @@ class Lanes(NamedTuple):
         """
         places = NamedSharding(mesh, PartitionSpec("lanes")), NamedSharding(mesh, PartitionSpec())
         case = jax.device_put(self.mapped, places[0]), jax.device_put(self.shared, places[1])
-        state, substeps = _start(mesh, *case), self.shared.substeps
+        state, substeps = _on_lanes(_started, mesh, *case, ()), self.shared.substeps
         chunk = max(CHUNK // substeps, 1)
         for first in range(0, int(periods.max()), chunk):
-            state = jax.block_until_ready(_advance(mesh, chunk, *case, state, first))
+            numbers = np.arange(first, first + chunk)
+            state = jax.block_until_ready(_on_lanes(run_periods, mesh, *case, state, numbers))
             done = np.minimum(periods, first + chunk) - np.minimum(periods, first)
             progress(int(done.sum()) * substeps)
-        found = _metrics(mesh, *case, state.accumulators)
+        found = _on_lanes(metrics_of, mesh, *case, state.accumulators)
         return jax.tree.map(np.asarray, (found, state.accumulators))
 
 
+def _started(case: Case, _: tuple[()]) -> State:
+    return initial_state(case)
+
+
+@partial(
+    jax.jit,
+    static_argnums=(0, 1),
+    compiler_options={"xla_cpu_prefer_vector_width": 512},
+)
 def _on_lanes(function: Any, mesh: Mesh, mapped: Any, shared: Any, state: Any, *all_: Any) -> Any:
     """Return `function(case, state, *all_)` of all lanes, shared out to the devices."""
 
@@ -297,28 +308,6 @@ def _on_lanes(function: Any, mesh: Mesh, mapped: Any, shared: Any, state: Any, *
         device, mesh=mesh, in_specs=(own, same, own, same), out_specs=own, check_vma=False
     )
     return sharded(mapped, shared, state, all_)
-
-
-@partial(jax.jit, static_argnums=0)
-def _start(mesh: Mesh, mapped: Any, shared: Any) -> Any:
-    return _on_lanes(lambda case, _: initial_state(case), mesh, mapped, shared, ())
-
-
-@partial(
-    jax.jit,
-    static_argnums=(0, 1),
-    compiler_options={"xla_cpu_prefer_vector_width": 512},
-)
-def _advance(mesh: Mesh, chunk: int, mapped: Any, shared: Any, state: Any, first: Any) -> Any:
-    def advance(case: Case, state: Any, first: Any) -> Any:
-        return run_periods(case, state, first + jnp.arange(chunk))
-
-    return _on_lanes(advance, mesh, mapped, shared, state, first)
-
-
-@partial(jax.jit, static_argnums=0)
-def _metrics(mesh: Mesh, mapped: Any, shared: Any, accumulators: Any) -> Metrics:
-    return _on_lanes(metrics_of, mesh, mapped, shared, accumulators)
 
 
 def lanes_for(cases: int, devices: int) -> int:
@@ -351,8 +340,6 @@ class SweepWork:
     def __init__(self, cases: SweepCases, devices: Sequence[Any] | None = None) -> None:
         self.cases = cases
         self.devices = list(devices or jax.devices())
-        self.build_s = self.device_s = 0.0
-        """Time in which cases were built, and in which they ran, s."""
         self._mesh = mesh_of(self.devices)
         maps: Any = cases.maps
         self._drawn = lru_cache(8)(partial(drawn_tables, maps.draws, cases.pair, maps.number))
@@ -396,7 +383,6 @@ class SweepWork:
 
         `progress` as for `run`.
         """
-        began, before = time.perf_counter() - self.device_s, compiled_s()
         columns = self.cases.columns(numbers)
         rows: Rows = {name: np.full(len(numbers), np.nan) for name in METRICS}
         outcome = np.full(len(numbers), REFUSED, dtype="<U9")
@@ -405,7 +391,6 @@ class SweepWork:
                 for name, column in values.items():
                     rows[name][indices] = column
                 outcome[indices] = np.asarray(OUTCOMES)[codes]
-        self.build_s += time.perf_counter() - self.device_s - began - (compiled_s() - before)
         return columns | rows | {"outcome": outcome}
 
     def _programs(self, columns: Rows) -> Iterator[_Program]:
@@ -467,9 +452,7 @@ class SweepWork:
             chosen = order[first : first + lanes]
             row = _rows_of(columns, np.pad(chosen, (0, lanes - len(chosen)), "edge"))
             side, fits = self._lanes(spec, row, fixed)
-            began, before = time.perf_counter(), compiled_s()
             found, _ = side.run(columns["periods"][chosen], self._mesh, progress)
-            self.device_s += time.perf_counter() - began - (compiled_s() - before)
             fits = fits[: len(chosen)]
             found = jax.tree.map(lambda values, fits=fits: values[: len(fits)][fits], found)
             yield indices[chosen][fits], found
@@ -587,7 +570,7 @@ def sweep(
     began, before = time.perf_counter(), compiled_s()
     work = SweepWork(cases, _devices(devices))
     _require_memory(len(cases), 2 + len(METRICS) + len(cases.axes))
-    finished, writing = 0, 0.0
+    finished = 0
     with (store or Memory)(cases.header | {"block": work.block_size}) as kept:
         todo = [number for number in range(work.blocks) if number not in kept.done]
         expected = len(todo) / work.blocks * work.expected_steps
@@ -600,22 +583,15 @@ def sweep(
             if progress is not None:
                 progress(finished, expected)
 
-        def write(number: int, rows: Rows) -> None:
-            nonlocal writing
-            started = time.perf_counter()
-            kept.write(number, rows)
-            writing += time.perf_counter() - started
-
         workers = len(work.devices)
         if elsewhere is not None:
-            workers = elsewhere(cases, todo, write, add_steps)
+            workers = elsewhere(cases, todo, kept.write, add_steps)
         else:
             for number in todo:
-                write(number, work.run(number, add_steps))
+                kept.write(number, work.run(number, add_steps))
         compiling = compiled_s() - before
-        spent, joining = time.perf_counter() - began - compiling, time.perf_counter()
+        spent = time.perf_counter() - began - compiling
         columns = kept.finish(work.blocks)
-        writing += time.perf_counter() - joining
     return SweepTable(
         spec=cases.spec,
         pair=cases.pair.name,
@@ -625,9 +601,6 @@ def sweep(
         run_s=spent,
         compile_s=compiling,
         devices=workers,
-        build_s=work.build_s,
-        device_s=work.device_s,
-        write_s=writing,
         refusals=_refusals(work, columns),
         closing=cases.closing,
     )
