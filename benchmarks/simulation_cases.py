@@ -13,7 +13,7 @@ import numpy as np
 
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
 from vttig_jax.control.simulation.case import Case
-from vttig_jax.control.simulation.prepare import Maps, case_of, motion_of
+from vttig_jax.control.simulation.prepare import Maps, motion_of, prepared_case
 from vttig_jax.control.simulation.simulate import periods_of
 from vttig_jax.control.sweeps.sweep import Lanes, compiled_s, mesh_of
 from vttig_jax.pair.gear_pair import Eccentricities
@@ -55,7 +55,7 @@ def cases_of(
     """
     maps, places = Maps({"rig": paper_rig().flank_model()}), np.linspace(*turns, lanes)
     specs = [spec_of({**values, "motion.reversal_deg": float(x)}) for x in places]
-    one = case_of(specs[0], PAIR, maps=maps)
+    _, one = prepared_case(specs[0], PAIR, maps=maps)
     return [replace(one, motion=motion_of(spec.motion, Path()).pieces) for spec in specs]
 
 

@@ -44,8 +44,7 @@ def opened_maps(
     **Raises** `ScenarioError` for a map that cannot be read or belongs to other gears.
     """
     from ..control.scenario.spec import lower_maps, names_of_maps
-    from ..control.simulation.prepare import Maps
-    from ..control.simulation.simulate import load_gears
+    from ..control.simulation.prepare import Maps, load_gears
 
     named = dict(given or {})
     names = [name for name in names_of_maps(spec) if name not in named]

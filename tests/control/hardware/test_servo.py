@@ -11,12 +11,11 @@ from scipy.integrate import solve_ivp
 
 from tests.control.driven import IDLE, Start, drive_of, follow, told_of, waves
 from tests.control.followed import Still
-from tests.control.scenarios import PAIR, spec_of
+from tests.control.scenarios import PAIR, case_of, spec_of
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.plant import Drag, Play
-from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.control.simulation.simulate import simulate
 
 INERTIA, FRICTION = 0.002, 0.05

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import vttig_jax
-from tests.control.scenarios import PAIR, SHORT, exact_gap, spec_of
+from tests.control.scenarios import PAIR, SHORT, case_of, exact_gap, spec_of
 from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control import Maps, simulate
-from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.kinematics import as_flank_model
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 

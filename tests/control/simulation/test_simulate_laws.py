@@ -20,6 +20,7 @@ from tests.control.scenarios import (
     SHORT,
     UNQUANTISED,
     Run,
+    case_of,
     run_cases,
     spec_of,
 )
@@ -28,7 +29,6 @@ from vttig_jax.base.units import DEG
 from vttig_jax.control.scenario.spec import KEYS
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.control.simulation.case import Case, initial_state, run_periods, trace_periods
-from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.pair.gear_pair import GearPair, load_pair
 

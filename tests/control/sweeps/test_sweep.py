@@ -65,6 +65,10 @@ def test_every_row_is_what_simulate_says(table):
     ("settings", "axes"),
     [
         (
+            {"plant": "play", "controller": "none", "motion__event": "aborted"},
+            {"motion.ramp_s": [0.1, 0.12]},
+        ),
+        (
             {"plant": "elastic", "sampling__plant_hz": 4000.0, "flanks": "closed"},
             {"mesh.damping_ratio": [0.1, 0.5], "actuator.delay_s": [0.002, 0.003]},
         ),

@@ -27,16 +27,16 @@ from ...kinematics.flank_table import (
     nodes_per_turn,
     tabulate_flanks,
 )
-from ...pair.gear_pair import Drive, Eccentricities, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair, load_pair
 from ..controllers.controller import Controller, NoController
 from ..controllers.retreat import retreat_of
 from ..controllers.turn_location import LostController, turn_error
-from ..fields import may_be_positive, number_fields
+from ..fields import may_be_positive
 from ..hardware.actuator import Actuator, Thrust, can_back_drive
 from ..hardware.encoder import Encoder
 from ..hardware.servo import Servo, ServoDrive
 from ..motion.motion import Motion, Reversal, Sine
-from ..motion.recorded import RecordedMotion, read_motion
+from ..motion.recorded import read_motion
 from ..plants.elastic import Elastic, largest_step
 from ..plants.plant import Drag, Friction, Inertia, Load, Mesh, Plant, Play
 from ..scenario.scenario import (
@@ -44,19 +44,12 @@ from ..scenario.scenario import (
     EVENTS,
     OBSERVERS,
     PLANTS,
-    EccentricityTable,
     Sampling,
     Scenario,
     name_of,
     part_of,
 )
-from ..scenario.spec import (
-    ECCENTRICITIES,
-    KEYS,
-    ScenarioSpec,
-    believed_flanks,
-    parse_scenario_spec,
-)
+from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks
 from .case import TIMES, Case
 
 _LOOP_PERIODS = 3.0
@@ -388,6 +381,7 @@ def _substeps_of(s: Scenario, plant: Plant) -> int:
     """
     if not known(s.sampling):
         raise _traced("sampling", "the number of plant steps in a period")
+    s.sampling.check()
     if not known(plant) and isinstance(plant, Elastic):
         if not s.sampling.plant_hz:
             raise _traced("stiffness of the mesh", "the number of plant steps in a period")
@@ -644,51 +638,32 @@ def scenario_of(
     )
 
 
-def spec_of(scenario: Scenario) -> ScenarioSpec:
-    """Return the file of a scenario, whose numbers are checked; parts of the user have no table.
-
-    **Raises** `ScenarioError` for numbers out of range and for parts that contradict each other.
-    """
-    s = scenario
-    parts = [(name, getattr(s, name)) for name in (*_PLAIN, "motion", "servo")]
-    parts += [("mesh", s.plant), ("judgement", s.controller), ("judgement", s.observer)]
-    table: dict[str, Any] = {"pair": s.pair.name or "pair.toml", "flanks": s.flanks}
-    for place, part in parts:
-        values = table.setdefault(place, {})
-        for name, _, _, signed in [] if part is None else number_fields(part):
-            value, entry = getattr(part, name), KEYS.get(f"{place}.{name}")
-            if entry is not None and value is not None:
-                number = int(value) if int in entry.types else float(value)
-                values[name] = abs(number) if signed else number
-    table["seed"] = int(s.seed)
-    table["judgement"] |= {"turn": s.turn}
-    table["servo"] |= {"motor": "prescribed" if s.servo is None else "pi"}
-    for rig, key in ((s.eccentricities, "eccentricities"), (s.controller_map, "map")):
-        if isinstance(rig, Eccentricities):
-            names = EccentricityTable.__struct_fields__
-            table[key] = {name: float(getattr(rig, name)) for name in names}
-    if s.plant_map is not None:
-        table["plant_map"] = type(s.plant_map).__name__
-    if isinstance(s.controller_map, FlankModel):
-        table["controller_map"] = type(s.controller_map).__name__
-    if s.map_backlash_deg is not None:
-        table["map"] = {"constant_backlash_deg": float(s.map_backlash_deg)}
-    spec = parse_scenario_spec(table)
-    named = {"plant": name_of(s.plant, PLANTS), "controller": name_of(s.controller, CONTROLLERS)}
-    judgement = structs.replace(spec.judgement, observer=name_of(s.observer, OBSERVERS))
-    motion: dict[str, Any] = {"kind": name_of(s.motion, {"sine": Sine, "recorded": RecordedMotion})}
-    if isinstance(s.motion, Reversal):
-        motion = {"kind": s.motion.shape, "event": s.motion.event}
-    if isinstance(s.motion, (Reversal, Sine)):
-        motion["reversal_deg"] = float(s.motion.reversal_deg)
-    motion = structs.replace(spec.motion, **motion)
-    return structs.replace(spec, judgement=judgement, motion=motion, **named)
-
-
-def case_of(spec: ScenarioSpec, pair: GearPair | Drive, *further: Any, **named: Any) -> Case:
-    """Return the case of a validated scenario; further arguments are those of `scenario_of`."""
+def prepared_case(
+    scenario: ScenarioSpec | Scenario,
+    pair: GearPair | Drive | None = None,
+    folder: str | Path | None = None,
+    controller: Controller | None = None,
+    maps: Maps = Maps(),
+    draw: int = 0,
+) -> tuple[Scenario, Case]:
+    """Return the objects of a scenario and its case; further arguments as for `scenario_of`."""
+    if isinstance(scenario, Scenario):
+        scenario = scenario if controller is None else replace(scenario, controller=controller)
+        return scenario, prepared(scenario)[0]
+    folder = Path(folder or "")
+    pair = load_gears(folder / scenario.pair) if pair is None else pair
     try:
-        return prepared(scenario_of(spec, pair, *further, **named))[0]
+        objects = scenario_of(scenario, pair, folder, controller, maps, draw)
+        return objects, prepared(objects)[0]
     except ScenarioError as error:  # the map of the plant is that of the key `rig` if it is given
-        rig = spec.rig is not None and error.where == "plant_map"
+        rig = scenario.rig is not None and error.where == "plant_map"
         raise ScenarioError(error.message, where="rig" if rig else error.where) from None
+
+
+def load_gears(path: Path) -> GearPair | Drive:
+    """Read the gears of a pair file; **raises** `ScenarioError` for a missing file."""
+    if not path.is_file():
+        raise ScenarioError(
+            f"there is no file {path}; name the pair file, relative to the scenario.", where="pair"
+        )
+    return load_pair(path)

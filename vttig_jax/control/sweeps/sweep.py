@@ -32,13 +32,13 @@ from ...base.units import REV
 from ...kinematics.flank_table import FlankTable
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
+from ..motion.motion import Reversal
 from ..scenario.axes import Value
 from ..scenario.scenario import Scenario
 from ..scenario.spec import (
     KEYS,
     ScenarioSpec,
     check_choices,
-    numbers_fit,
     spec_table,
     with_keys,
     with_numbers,
@@ -58,20 +58,21 @@ from ..simulation.case import (
 from ..simulation.prepare import (
     Fixed,
     Maps,
-    case_of,
     closing_of,
     covers,
     delay_of,
     drawn_tables,
     ends_of,
+    load_gears,
     located_turns,
     plant_steps,
     prepared,
+    prepared_case,
     queue_of,
     scenario_of,
     shafted,
 )
-from ..simulation.simulate import CHUNK, load_gears
+from ..simulation.simulate import CHUNK
 from .table import DRAW, REFUSED, Rows, SweepTable
 
 _REASONS, _EXAMINED = 5, 500
@@ -186,7 +187,7 @@ class SweepCases:
         """Return the error that prevents a case; None if it can run."""
         try:
             draw: Any = self.values(number).get(DRAW, 0)
-            case_of(self.spec_of(number), *self.inputs, draw=draw)
+            prepared_case(self.spec_of(number), *self.inputs, draw=draw)
         except InputError as error:
             return error
         return None
@@ -406,21 +407,18 @@ class SweepWork:
             try:
                 spec = with_keys(self.cases.spec, dict(text))
                 check_choices(spec)
-                outside, whole = numbers_fit(_numbered(spec, numbers))
-                fits = np.broadcast_to(outside & whole, indices.shape)
-                yield from self._alike(spec, indices[fits], _rows_of(numbers, fits))
+                yield from self._alike(spec, indices, numbers)
             except InputError:  # the same for all of these cases
                 continue
 
     def _alike(self, spec: ScenarioSpec, indices: np.ndarray, columns: Rows) -> Iterator[_Program]:
         """Yield the programs of cases with the same texts."""
-        if not len(indices):
-            return
         columns = columns | self._courses(spec, columns)
         scenario = self._scenario(spec)
         for one in (scenario.plant_map, scenario.controller_map):
             if isinstance(one, FlankTable):
                 columns["fit"] &= covers(one, columns["low"], columns["high"])
+        indices, columns = indices[columns["fit"]], _rows_of(columns, columns["fit"])
         unknown = np.zeros(len(indices), bool)
         if spec.judgement.turn == "located" and spec.controller != "none":
             found = [located_turns(self.cases.scenario(n)) for n in columns["case"].tolist()]
@@ -429,15 +427,14 @@ class SweepWork:
         queues = [queue_of(delay) for delay in columns["delay"]]
         kinds = list(zip(columns["substeps"].astype(int), queues, unknown, strict=True))
         for kind in dict.fromkeys(kinds):
-            alike = np.array([one == kind for one in kinds]) & columns["fit"]
+            alike = np.array([one == kind for one in kinds])
             substeps, queue, lost = kind
             own = spec
             if lost:
                 own = structs.replace(
                     spec, judgement=structs.replace(spec.judgement, turn="unknown")
                 )
-            if alike.any():
-                yield _Program(own, indices[alike], _rows_of(columns, alike), int(substeps), queue)
+            yield _Program(own, indices[alike], _rows_of(columns, alike), int(substeps), queue)
 
     def _ran(
         self, program: _Program, progress: Callable[[int], None]
@@ -487,8 +484,9 @@ class SweepWork:
             hertz = jnp.asarray(s.sampling.controller_hz)
             periods = jnp.floor(motion.duration_s / (1.0 / hertz) * (1 + 1e-12)) + 1
             found = {"low": low / REV, "high": high / REV, "sense": sense, "periods": periods}
-            delay = delay_of(s.actuator.delay_s, hertz)
-            return found | {"substeps": steps.asked, "fit": steps.fit, "delay": delay}
+            found |= {"delay": delay_of(s.actuator.delay_s, hertz), "substeps": steps.asked}
+            fit = steps.fit & s.sampling.fits
+            return found | {"fit": fit & s.motion.fits if isinstance(s.motion, Reversal) else fit}
 
         found = jax.vmap(course)(jax.tree.map(jnp.asarray, columns))
         return jax.tree.map(np.array, found)
