@@ -419,7 +419,7 @@ class Elastic(Plant):
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         return Shafts(driving.angle, driving.speed, offset, drift, side, flanks), touch
 
     def _friction_change(

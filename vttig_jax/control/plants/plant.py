@@ -53,13 +53,11 @@ class ContactEvent(eqx.Module):
     - `side`: the flank (`ON_A` or `ON_B`), or `FREE` if there was no new contact.
     - `angle`: driving angle at the contact, rad.
     - `gap`: backlash at that instant, reduced by the axial displacement, rad.
-    - `share`: elapsed fraction of the step at the contact, 0 … 1.
     """
 
     side: Float[Array, ""]
     angle: Float[Array, ""]
     gap: Float[Array, ""]
-    share: Float[Array, ""]
 
 
 class Drag(eqx.Module):
@@ -245,7 +243,7 @@ class Play(Plant):
         share = first_root(depth)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         met = newly_met(below, above, side, shafts.side)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         offset = jnp.clip(free, then.lower, then.upper)
         rate = jnp.where(
             below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * driving.speed)
@@ -318,7 +316,7 @@ class Rigid(Plant):
 
         met = newly_met(below, above, side, shafts.side)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         offset = jnp.where(stays, end, jnp.where(hit, offset, free))
         drift = jnp.where(stays, end_rate, jnp.where(hit, rebound + rest * pull, drift))
         return (

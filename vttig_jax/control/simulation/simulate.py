@@ -22,7 +22,7 @@ from ..controllers.controller import Controller, smoothed
 from ..motion.motion import Motion
 from ..scenario.scenario import Scenario
 from ..scenario.spec import ScenarioSpec
-from .case import Case, Sample, State, initial_state, metrics_of, run_periods, trace_periods
+from .case import Case, Sample, State, initial_state, metrics_of, run_periods
 from .prepare import Fixed, Maps, prepared, prepared_case
 from .result import Simulation
 
@@ -94,7 +94,6 @@ def periods_of(motion: Motion, period: Any) -> int:
     return int(np.floor(float(motion.duration_s) / float(period) * (1 + 1e-12))) + 1
 
 
-_trace_periods = eqx.filter_jit(trace_periods)
 _run_periods = eqx.filter_jit(run_periods)
 
 
@@ -110,16 +109,13 @@ def run_in_chunks(
     state, samples = initial_state(case), list[Sample]()
     chunk = max(CHUNK // case.substeps, 1)
     for first in range(0, periods, chunk):
-        numbers = first + jnp.arange(chunk)
+        state, sample = _run_periods(case, state, first + jnp.arange(chunk), trace_every > 0)
         if trace_every:
-            state, sample = _trace_periods(case, state, numbers)
             chosen = np.flatnonzero((np.arange(first, first + chunk) % trace_every) == 0)
             chosen = chosen[first + chosen < periods]
             samples.append(
                 jax.tree.map(lambda values, rows=chosen: np.asarray(values)[rows], sample)
             )
-        else:
-            state = _run_periods(case, state, numbers)
         if progress is not None:
             progress(min(first + chunk, periods), periods)
     if not trace_every:
@@ -292,9 +288,5 @@ def run(
 
 @eqx.filter_jit
 def _run(case: Case, periods: int, trace: bool) -> CaseRun:
-    start, numbers, samples = initial_state(case), jnp.arange(periods), None
-    if trace:
-        state, samples = trace_periods(case, start, numbers)
-    else:
-        state = run_periods(case, start, numbers)
+    state, samples = run_periods(case, initial_state(case), jnp.arange(periods), trace)
     return CaseRun(*metrics_of(case, state.accumulators), samples)

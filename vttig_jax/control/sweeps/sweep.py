@@ -279,7 +279,7 @@ class Lanes(NamedTuple):
         chunk = max(CHUNK // substeps, 1)
         for first in range(0, int(periods.max()), chunk):
             numbers = np.arange(first, first + chunk)
-            state = jax.block_until_ready(_on_lanes(run_periods, mesh, *case, state, numbers))
+            state, _ = jax.block_until_ready(_on_lanes(run_periods, mesh, *case, state, numbers))
             done = np.minimum(periods, first + chunk) - np.minimum(periods, first)
             progress(int(done.sum()) * substeps)
         found = _on_lanes(metrics_of, mesh, *case, state.accumulators)
