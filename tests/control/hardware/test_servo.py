@@ -171,7 +171,10 @@ def test_a_step_too_long_for_the_gain_is_refused_with_one_that_will_do():
     with pytest.raises(ScenarioError) as caught:
         case_of(spec_of(much), PAIR)
     assert caught.value.where == "sampling.plant_hz"
-    assert "7 N m s/rad on 0.002 kg m²; take 3500 Hz or more" in caught.value.message
+    assert (
+        "too long for servo.speed_gain_Nms and for inertia.driving_kgm2; take plant_hz = 3500"
+        in caught.value.message
+    )
     case_of(spec_of(much, {"sampling.plant_hz": 4000.0}), PAIR)
     case_of(spec_of(much, {"servo.motor": "prescribed"}), PAIR)
 

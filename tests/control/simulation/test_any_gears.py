@@ -82,7 +82,7 @@ def test_elastic_teeth_get_the_steps_that_they_need():
     case = case_of(spec_of(SHORT, {"plant": "elastic"}), pair)
     assert case.substeps > 1
     fewer = {"plant": "elastic", "sampling.plant_hz": 1000.0 * (case.substeps - 1)}
-    with pytest.raises(ScenarioError, match="too long for a mesh"):
+    with pytest.raises(ScenarioError, match="too long for the stiffness of the mesh"):
         case_of(spec_of(SHORT, fewer), pair)
 
 

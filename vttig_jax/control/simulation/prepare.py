@@ -114,7 +114,7 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
         if gap is not None and known(gap) and not gap >= 0:
             place, named = "on the average", which
             if which == "plant_map":
-                place = f"at {_narrowest(bounds) / DEG:.1f}° of the driving shaft"
+                place = f"at {_narrowest(bounds, s.pair) / DEG:.1f}° of the driving shaft"
                 named = which if s.plant_map is not None else "eccentricities"
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
@@ -295,12 +295,12 @@ def _angles_of(pair: Any) -> Float[Array, " n"]:
     return jnp.linspace(0.0, REV * turns, _PER_TURN * turns + 1)
 
 
-def _narrowest(bounds: Bounds) -> float:
+def _narrowest(bounds: Bounds, pair: Any) -> float:
     """Return the driving angle at which the known flanks are closest, rad."""
     if isinstance(bounds, FlankTable):
         return float(bounds.start + np.argmin(np.asarray(_gaps_of(bounds))) * bounds.step)
-    angle = np.linspace(0.0, REV * _MOST_TURNS, _PER_TURN * _MOST_TURNS + 1)
-    return float(angle[np.argmin(np.asarray(bounds.gap(jnp.asarray(angle))))])
+    angle = _angles_of(pair)
+    return float(angle[jnp.argmin(bounds.gap(angle))])
 
 
 def _gaps_of(table: Any) -> Any:
@@ -389,25 +389,18 @@ def _substeps_of(s: Scenario, plant: Plant) -> int:
     with jax.ensure_compile_time_eval():
         steps = plant_steps(s if known(s.servo, s.inertia) else replace(s, servo=None), plant)
         steps = PlantSteps(*map(float, steps))
+    if steps.fit:
+        return int(steps.asked)
     hertz = float(s.sampling.controller_hz)
-    if steps.asked < steps.needed and isinstance(plant, Elastic):
-        stiffness, mass = float(plant.stiffness), float(s.inertia.driven_kgm2)
-        longest = float(largest_step(stiffness, plant.damping_ratio, mass))
-        raise ScenarioError(
-            f"a step of {1 / (hertz * steps.asked):.3g} s is too long for a mesh of"
-            f" {stiffness:.3g} N m/rad on {mass:g} kg m²; the longest is"
-            f" {longest:.3g} s: take plant_hz = {hertz * steps.needed:g}.",
-            where="sampling.plant_hz",
-        )
-    if not steps.fit and s.servo is not None:
-        gain, mass = float(s.servo.speed_gain_Nms), float(s.inertia.driving_kgm2)
-        raise ScenarioError(
-            f"steps of {1 / (hertz * steps.asked):.3g} s are too long for a servo of {gain:g}"
-            f" N m s/rad on {mass:g} kg m²; take {math.ceil(gain / mass):g} Hz"
-            " or more, or lower servo.speed_gain_Nms.",
-            where="sampling.plant_hz",
-        )
-    return int(steps.asked)
+    what, inertia, least, cure = "the stiffness of the mesh", "driven", hertz * steps.needed, ""
+    if steps.asked >= steps.needed and s.servo is not None:
+        what, inertia, cure = "servo.speed_gain_Nms", "driving", ", or lower the gain"
+        least = math.ceil(float(s.servo.speed_gain_Nms / s.inertia.driving_kgm2))
+    raise ScenarioError(
+        f"steps of {1 / (hertz * steps.asked):.3g} s are too long for {what} and for"
+        f" inertia.{inertia}_kgm2; take plant_hz = {least:g} or more{cure}.",
+        where="sampling.plant_hz",
+    )
 
 
 def delay_of(delay_s: Any, hertz: Any) -> Any:

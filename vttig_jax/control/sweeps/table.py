@@ -282,8 +282,5 @@ def _share_text(share: float, interval: list[float] | None) -> str:
 def _cells(spread: dict[str, float] | None, form: str) -> tuple[str, str, str]:
     if spread is None:
         return "–", "–", "–"
-    digits = int(form[1:-1])
-    shown = {
-        name: format(round(value, digits) + 0.0, form) for name, value in spread.items()
-    }  # no −0
+    shown = {name: format(value, f"z{form}") for name, value in spread.items()}  # z: no −0
     return shown["mean"], f"{shown['low95']} … {shown['high95']}", shown["max"]

@@ -203,4 +203,4 @@ def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
 
 
 def _number(value: float, form: str) -> str:
-    return "–" if np.isnan(value) else format(round(value, int(form[1:-1])) + 0.0, form)  # no −0
+    return "–" if np.isnan(value) else format(value, f"z{form}")  # z: no −0
