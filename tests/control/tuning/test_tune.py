@@ -196,7 +196,7 @@ def test_the_papers_controller_gets_a_margin_and_is_not_cured():
         ({"free": []}, "must name a key to tune"),
         ({"free": MARGIN}, "is one text"),
         ({"free": ["judgement.margn_mm"]}, "did you mean `judgement.margin_mm`"),
-        ({"free": ["judgement.observer"]}, "takes none"),
+        ({"free": ["judgement.observer"]}, "none of predictive"),
         ({"free": ["motion.speed_rpm"]}, "none of predictive"),
         ({"free": ["judgement.threshold_rad_s2"]}, "none of predictive"),
         ({"free": [MARGIN, MARGIN]}, "does so twice"),

@@ -140,8 +140,7 @@ class SweepCases:
         assert sweep is not None  # checked by `load_sweep_spec`
         draws = [{DRAW: np.arange(self.maps.number)}] if self.maps.number else []
         return draws + [
-            {name: np.array(sweep.values(name), _type_of(name)) for name in group}
-            for group in sweep.groups
+            {name: np.array(sweep.values(name)) for name in group} for group in sweep.groups
         ]
 
     @property
@@ -203,10 +202,6 @@ class SweepCases:
             "controller": _digest(self.controller),
             "scenario": spec_table(self.spec),
         }
-
-
-def _type_of(axis: str) -> type:
-    return next((kind for kind in (float, int) if kind in KEYS[axis].types), str)
 
 
 def cases_of(

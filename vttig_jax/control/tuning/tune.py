@@ -11,11 +11,10 @@ from msgspec import Meta
 from scipy.optimize import differential_evolution, minimize
 
 from ...base.errors import ScenarioError
-from ...base.files.toml_io import Key
+from ...base.files.toml_io import Key, did_you_mean
 from ...base.runtime import require_x64
 from ...base.units import DEG
 from ...pair.gear_pair import Drive, GearPair
-from ..scenario.axes import unknown_key
 from ..scenario.spec import ECCENTRICITIES, KEYS, ScenarioSpec, believed_map, with_numbers
 from ..simulation.case import NEAR_MM
 from ..simulation.prepare import Maps
@@ -196,14 +195,11 @@ def free_keys(
 def _problem(name: str, names: Sequence[str], spec: ScenarioSpec) -> str:
     """Return why a key cannot be tuned, as the end of a sentence; "" if it can."""
     settings = SETTINGS[spec.controller]
-    if name not in KEYS:
-        return f": {unknown_key(name, KEYS)}"
-    if not {float, int} & set(KEYS[name].types):
-        return f" must name keys that take a number, but `{name}` takes none."
     if name not in settings:
+        hint = did_you_mean(name, settings, f"it is set by {', '.join(settings)}.")
         return (
-            f" must name settings of the controller, but `{name}` is none of {spec.controller}; it"
-            f" is set by {', '.join(settings)}."
+            f" must name settings that take a number, but `{name}` is none of {spec.controller};"
+            f" {hint}"
         )
     if spec.sweep is not None and name in spec.sweep.axes:
         return (
