@@ -33,6 +33,7 @@ from .simulation_cases import (
     seconds,
     spec_of,
     stack_of,
+    width_of,
 )
 
 SWEEP_TURNS = {"from": 7300.0, "to": 7660.0, "num": 1000}
@@ -84,7 +85,7 @@ def cores_task(rounds: int, lanes: int, periods: int) -> dict[str, Any]:
     for _ in range(rounds):
         for count, runner in runners.items():
             taken = seconds(lambda runner=runner: runner.run(stack, periods))
-            found[str(count)].append(1e9 * taken / (stack.width * periods))
+            found[str(count)].append(1e9 * taken / (width_of(stack) * periods))
     return found
 
 

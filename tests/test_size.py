@@ -29,9 +29,9 @@ BOUNDS = {
     "model": (2145, 44),
     "identify": (3765, 38),  # 9000 together with posterior
     "posterior": (2980, 46),
-    "control": (5613, 77),  # 3600
+    "control": (5494, 77),  # 3600
     "plotting": (1896, 52),  # 2000 together with the report
-    "runs": (2591, 11),  # 900
+    "runs": (2590, 11),  # 900
     "cli": (3941, 19),  # 2600
     "report": (594, 5),
 }

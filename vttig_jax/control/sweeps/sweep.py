@@ -253,11 +253,6 @@ class Lanes(NamedTuple):
     mapped: Any
     shared: Any
 
-    @property
-    def width(self) -> int:
-        """Number of lanes."""
-        return jax.tree.leaves(self.mapped)[0].shape[0]
-
     def run(
         self,
         periods: np.ndarray,
