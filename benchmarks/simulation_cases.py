@@ -13,7 +13,7 @@ import numpy as np
 
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
 from vttig_jax.control.simulation.case import Case
-from vttig_jax.control.simulation.prepare import Maps, case_of, motion_of
+from vttig_jax.control.simulation.prepare import Maps, motion_of, prepared_case
 from vttig_jax.control.simulation.simulate import periods_of
 from vttig_jax.control.sweeps.sweep import Lanes, compiled_s, mesh_of
 from vttig_jax.pair.gear_pair import Eccentricities
@@ -55,7 +55,7 @@ def cases_of(
     """
     maps, places = Maps({"rig": paper_rig().flank_model()}), np.linspace(*turns, lanes)
     specs = [spec_of({**values, "motion.reversal_deg": float(x)}) for x in places]
-    one = case_of(specs[0], PAIR, maps=maps)
+    _, one = prepared_case(specs[0], PAIR, maps=maps)
     return [replace(one, motion=motion_of(spec.motion, Path()).pieces) for spec in specs]
 
 
@@ -68,7 +68,7 @@ class BatchRunner:
     def run(self, batch: Lanes, periods: int) -> tuple[Any, Any]:
         """Run so many periods of every lane."""
         before = compiled_s()
-        found = batch.run(np.full(batch.width, periods), self._mesh)
+        found = batch.run(np.full(width_of(batch), periods), self._mesh)
         self.compile_s += compiled_s() - before
         return found
 
@@ -78,6 +78,11 @@ def stack_of(cases: Sequence[Case], apart: bool = False) -> Lanes:
     differs = jax.tree.map(lambda *x: apart or not np.array_equal(x[0], x[-1]), *cases)
     stacked = jax.tree.map(lambda *x: np.stack([np.asarray(one) for one in x]), *cases)
     return Lanes(eqx.filter(stacked, differs), eqx.filter(cases[0], differs, inverse=True))
+
+
+def width_of(stack: Lanes) -> int:
+    """Number of lanes."""
+    return jax.tree.leaves(stack.mapped)[0].shape[0]
 
 
 def periods_for(cases: Sequence[Case]) -> int:
@@ -90,7 +95,7 @@ def ns_per_lane_step(
 ) -> list[float]:
     """ns of process time of each round; compiled before."""
     lanes.run(stack, max(1024 // substeps, 1))
-    steps = stack.width * periods * substeps
+    steps = width_of(stack) * periods * substeps
     return [1e9 * process_seconds(lambda: lanes.run(stack, periods)) / steps for _ in range(rounds)]
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 import vttig_jax
 from vttig_jax.control.hardware import encoder as sensing
-from vttig_jax.control.simulation.case import initial_state, run_periods, trace_periods
+from vttig_jax.control.simulation.case import initial_state, run_periods
 from vttig_jax.kinematics import flank_table as bounds
 
 from .environment import write
@@ -183,13 +183,16 @@ def _require_counted(lanes: BatchRunner, stack: Any, substeps: int) -> None:
 
 
 def _trace(rounds: int) -> dict[str, Any]:
-    """A sample of every period is kept, 10 numbers each: `trace_periods` beside `run_periods`."""
+    """A sample of every period is kept, 10 numbers each: beside none."""
     cases = jax.tree.map(lambda *x: np.stack([np.asarray(y) for y in x]), *cases_of(LANES))
     periods = jnp.arange(256)
     wide: Any = {"compiler_options": {"xla_cpu_prefer_vector_width": 512}}
     both = [
-        jax.jit(jax.vmap(lambda case, run=run: run(case, initial_state(case), periods)), **wide)
-        for run in (trace_periods, run_periods)
+        jax.jit(
+            jax.vmap(lambda case, kept=kept: run_periods(case, initial_state(case), periods, kept)),
+            **wide,
+        )
+        for kept in (True, False)
     ]
     for run in both:
         jax.block_until_ready(run(cases))

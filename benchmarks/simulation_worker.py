@@ -33,6 +33,7 @@ from .simulation_cases import (
     seconds,
     spec_of,
     stack_of,
+    width_of,
 )
 
 SWEEP_TURNS = {"from": 7300.0, "to": 7660.0, "num": 1000}
@@ -61,8 +62,8 @@ def lanes_task(
     if library_sines:
         bounds.sincos = sensing.sincos = lambda x: (jnp.sin(x), jnp.cos(x))
     if not wide:
-        plain = inspect.unwrap(lanes_module._advance)
-        lanes_module._advance = jax.jit(plain, static_argnums=(0, 1))
+        plain = inspect.unwrap(lanes_module._on_lanes)
+        lanes_module._on_lanes = jax.jit(plain, static_argnums=(0, 1))
     lanes, found = BatchRunner(jax.devices()[:1]), {}
     for size in sizes:
         cases = cases_of(size)
@@ -84,7 +85,7 @@ def cores_task(rounds: int, lanes: int, periods: int) -> dict[str, Any]:
     for _ in range(rounds):
         for count, runner in runners.items():
             taken = seconds(lambda runner=runner: runner.run(stack, periods))
-            found[str(count)].append(1e9 * taken / (stack.width * periods))
+            found[str(count)].append(1e9 * taken / (width_of(stack) * periods))
     return found
 
 

@@ -165,7 +165,7 @@ def difference(one: np.ndarray, other: np.ndarray) -> dict[str, float]:
 
 def _scan_all(cases: Any, periods: int) -> Any:
     def one(case: Case) -> State:
-        return run_periods(case, initial_state(case), jnp.arange(periods))
+        return run_periods(case, initial_state(case), jnp.arange(periods))[0]
 
     return jax.vmap(one)(cases)
 

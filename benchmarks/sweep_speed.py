@@ -57,7 +57,7 @@ def main() -> None:
         table = _swept(chosen.cases, Path(folder) / "swept")
         spent = time.process_time() - began[0], time.perf_counter() - began[1]
     found = table.to_json()
-    parts = ("lane_steps", "run_s", "compile_s", "build_s", "device_s", "write_s", "devices")
+    parts = ("lane_steps", "run_s", "compile_s", "devices")
     record |= {"cases": len(table.columns["case"]), "process_s": spent[0], "wall_s": spent[1]}
     record |= {name: found[name] for name in parts} | {"outcomes": table.outcomes}
     write("sweep_speed.json", record)

@@ -46,8 +46,6 @@ def test_without_a_folder_it_prints_and_writes_nothing(vttig, vttig_json, sweep)
     code, record = vttig_json("sweep", sweep, "-q")
     assert code == 0 and record["cases"] == 10 and record["table"] is None
     assert {"cases", "lane_steps", "run_s", "compile_s", "devices"} <= set(record)
-    assert all(record[name] > 0 for name in ("build_s", "device_s", "write_s"))
-    assert record["device_s"] <= record["run_s"] + record["compile_s"]
     assert record["outcomes"] == {"ok": 10} and set(sweep.parent.iterdir()) == before
 
 

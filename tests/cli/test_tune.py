@@ -67,7 +67,7 @@ def test_limits_weight_and_objective_reach_the_search(vttig, vttig_json, sweep):
 def test_wrong_options_are_usage_errors(vttig, sweep, monkeypatch):
     for options, words in (
         (["--free", "judgement.margn_mm"], "did you mean"),
-        (["--free", "judgement.observer"], "takes none"),
+        (["--free", "judgement.observer"], "is none of"),
         (["--free", "judgement.threshold_rad_s2"], "none of predictive"),
         (["--free", f"{MARGIN}=1"], "key=low:high"),
         (["--free", f"{MARGIN}=1:0"], "must be a range around its value 0.01"),

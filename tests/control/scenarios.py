@@ -18,8 +18,8 @@ from vttig_jax.base.units import DEG
 from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.motion.motion import Motion, MotionPoint
 from vttig_jax.control.scenario.spec import ScenarioSpec, parse_scenario_spec, with_values
-from vttig_jax.control.simulation.case import Case, initial_state, trace_periods
-from vttig_jax.control.simulation.prepare import case_of
+from vttig_jax.control.simulation.case import Case, initial_state, run_periods
+from vttig_jax.control.simulation.prepare import prepared_case
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
@@ -47,6 +47,11 @@ def spec_of(*tables: Mapping[str, Any]) -> ScenarioSpec:
     """The paper's rig with the values of some tables of dotted keys, the last first."""
     values = {name: value for table in tables for name, value in table.items()}
     return with_values(parse_scenario_spec(MINIMAL), values)
+
+
+def case_of(spec: ScenarioSpec, *inputs: Any, **named: Any) -> Case:
+    """The case of a scenario; further arguments are those of `scenario_of`."""
+    return prepared_case(spec, *inputs, **named)[1]
 
 
 def exact_gap(driving_angle: ArrayLike) -> np.ndarray:
@@ -181,7 +186,7 @@ def _moved(still: Case, moving: Points, chunk: int) -> Case:
 
 
 def _advance_all(cases, states, numbers):
-    return eqx.filter_vmap(trace_periods, in_axes=(0, 0, None))(cases, states, numbers)
+    return eqx.filter_vmap(run_periods, in_axes=(0, 0, None, None))(cases, states, numbers, True)
 
 
 # The programs that users run are those of `simulate`.

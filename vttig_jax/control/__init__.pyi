@@ -45,7 +45,6 @@ from .simulation.simulate import CaseRun as CaseRun
 from .simulation.simulate import build_case as build_case
 from .simulation.simulate import run as run
 from .simulation.simulate import simulate as simulate
-from .simulation.simulate import with_settings as with_settings
 from .sweeps.sweep import sweep as sweep
 from .sweeps.table import SweepTable as SweepTable
 from .tuning.result import Tuned as Tuned

@@ -106,8 +106,8 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
         for ax in view:
             ax.tick_params(labelleft=not column, labelbottom=ax is view[-1])
         view[-1].set_xlabel("time [s]")
-    name = f"{found.spec.plant} plant, controller {found.controller}, outcome {found.outcome}"
-    heading(figure, "simulation", found.pair.name, name)
+    name = f"{found.plant} plant, controller {found.controller}, outcome {found.outcome}"
+    heading(figure, "simulation", found.scenario.pair.name, name)
     handles[0] |= drawn_marks
     for row, row_handles in zip(axes, handles, strict=True):
         _legend(row[-1], row_handles)

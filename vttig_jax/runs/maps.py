@@ -18,8 +18,7 @@ from ..base.errors import InputError, ScenarioError, VttigError
 from ..base.logger import LOGGER
 from ..base.units import ARCSEC, DEG, REV
 from ..control.scenario.spec import ScenarioSpec, lower_maps, names_of_maps
-from ..control.simulation.prepare import Maps
-from ..control.simulation.simulate import load_gears
+from ..control.simulation.prepare import Maps, load_gears
 from ..identify.backlash import contact_map
 from ..identify.result import require_rig
 from ..kinematics.backlash_map import BacklashMap

@@ -22,7 +22,7 @@ from tests.control.compensation.test_compensation import (
 )
 from tests.control.headers import called, compiled, needs_cc
 from tests.oracles.compensated import gap_at, shift_at
-from vttig_jax.base.errors import NoAnswerError, UsageError
+from vttig_jax.base.errors import UsageError
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.control.compensation import c_header as module
 from vttig_jax.control.compensation.c_header import (
@@ -36,17 +36,7 @@ from vttig_jax.control.compensation.map_harmonics import compensation_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.gear_pair import Eccentricities, ShaftReading
-from vttig_jax.rig.paper import paper_pair, paper_rig
-
-
-@pytest.fixture(scope="module")
-def grid() -> BacklashMap:
-    return BacklashMap(paper_rig(1).flank_model(), None, paper_pair())
-
-
-@pytest.fixture(scope="module")
-def compensation(grid) -> Compensation:
-    return compensation_of(grid, allowed_rad=ALLOWED)
+from vttig_jax.rig.paper import paper_pair
 
 
 @pytest.fixture(scope="module")
@@ -277,9 +267,3 @@ def test_no_name_of_a_pair_leaves_its_comment_or_ascii(name):
 def test_names_c_does_not_have_are_refused(compensation, name):
     with pytest.raises(UsageError, match="cannot begin the names of a C header"):
         c_header(compensation, ORIGIN, name=name)
-
-
-def test_a_pair_whose_turn_no_reading_tells_has_no_header():
-    found = compensation_of(drive_map(Fraction(7, 1798)), allowed_rad=0.1 * DEG)
-    with pytest.raises(NoAnswerError, match="do not tell the turn"):
-        c_header(found, ORIGIN, name="axis", quantity="backlash")

@@ -9,21 +9,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.oracles.compensated import gap_at, shift_at
 from vttig_jax.base.errors import NoAnswerError, PairError, UsageError
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.compensation.c_header import HeaderOrigin, c_header
-from vttig_jax.control.compensation.compensation import Compensation
 from vttig_jax.control.compensation.map_harmonics import compensation_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
-from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
+from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 PAIR = paper_pair()
 RATIO = 45 / 80
@@ -31,17 +28,6 @@ CLOSING = 2 * math.tan(3 * DEG) / 80.0
 ALLOWED = 60 * ARCSEC
 ORIGIN = HeaderOrigin("VTTIG rig", "0.1.0", "start")
 ANGLES = np.random.default_rng(1).uniform(0, 16 * REV, 2000)
-
-
-@pytest.fixture(scope="module")
-def grid() -> BacklashMap:
-    """Eccentric gears with eight orders of both shafts and the tooth mesh on top."""
-    return BacklashMap(paper_rig(1).flank_model(), None, PAIR)
-
-
-@pytest.fixture(scope="module")
-def compensation(grid) -> Compensation:
-    return compensation_of(grid, allowed_rad=ALLOWED)
 
 
 def readings(
@@ -74,29 +60,6 @@ def test_single_turn_readings_give_the_map_of_the_hunting_period(grid, compensat
     np.testing.assert_array_equal(shift.slope_mm_per_rad[shift.shift_mm == 0], 0)
     closes = shift.shift_mm > 0
     np.testing.assert_allclose(shift.slope_mm_per_rad[closes], (slope / CLOSING)[closes], atol=1e-5)
-
-
-@given(
-    turns=st.tuples(st.integers(-1000, 1000), st.integers(-1000, 1000)),
-    noise=st.floats(-ALLOWED, ALLOWED),
-    place=st.integers(0, 499),
-    share=st.floats(0, 1),
-)
-def test_windings_and_noise_within_the_tolerance_do_not_matter(
-    grid, compensation, turns, noise, place, share
-):
-    first, second = readings(grid, share, ANGLES[place : place + 1])
-    plain = gap_at(compensation, first, second)
-    gap = gap_at(compensation, first + REV * turns[0], second + REV * turns[1] + 0.99 * noise)
-    assert bool(gap.known[0])
-    assert gap.backlash_rad[0] == pytest.approx(float(plain.backlash_rad[0]), abs=1e-11)
-
-
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_readings_that_are_no_numbers_are_unknown(compensation, bad):
-    for pair in ((bad, 0.0), (0.0, bad), (bad, bad)):
-        assert gap_at(compensation, *pair) == (0.0, 0.0, False)
-        assert shift_at(compensation, *pair) == (0.0, 0.0, False)
 
 
 def test_readings_of_another_place_are_unknown(grid, compensation):

@@ -6,10 +6,9 @@ import equinox as eqx
 import pytest
 
 import vttig_jax
-from tests.control.scenarios import PAIR, SHORT, spec_of
+from tests.control.scenarios import PAIR, SHORT, case_of, spec_of
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.control.controllers.turn_location import turn_error
-from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities
 

@@ -11,12 +11,11 @@ from scipy.integrate import solve_ivp
 
 from tests.control.driven import IDLE, Start, drive_of, follow, told_of, waves
 from tests.control.followed import Still
-from tests.control.scenarios import PAIR, spec_of
+from tests.control.scenarios import PAIR, case_of, spec_of
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control.hardware.servo import Motor, Servo, ServoDrive
 from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.control.plants.plant import Drag, Play
-from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.control.simulation.simulate import simulate
 
 INERTIA, FRICTION = 0.002, 0.05
@@ -172,7 +171,10 @@ def test_a_step_too_long_for_the_gain_is_refused_with_one_that_will_do():
     with pytest.raises(ScenarioError) as caught:
         case_of(spec_of(much), PAIR)
     assert caught.value.where == "sampling.plant_hz"
-    assert "7 N m s/rad on 0.002 kg m²; take 3500 Hz or more" in caught.value.message
+    assert (
+        "too long for servo.speed_gain_Nms and for inertia.driving_kgm2; take plant_hz = 3500"
+        in caught.value.message
+    )
     case_of(spec_of(much, {"sampling.plant_hz": 4000.0}), PAIR)
     case_of(spec_of(much, {"servo.motor": "prescribed"}), PAIR)
 

@@ -7,11 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.control.scenarios import INSTANT, PAIR, SHORT, HoldShift, spec_of
+from tests.control.scenarios import INSTANT, PAIR, SHORT, HoldShift, case_of, spec_of
 from vttig_jax.base.units import DEG
 from vttig_jax.control.hardware.actuator import Thrust
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
-from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.control.simulation.result import Simulation
 from vttig_jax.control.simulation.simulate import simulate
 

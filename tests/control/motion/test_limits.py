@@ -8,8 +8,6 @@ import pytest
 
 from tests.control.parts import motion_of, trapezoid
 from vttig_jax.control import Sine
-from vttig_jax.control.scenario.scenario import MotionTable
-from vttig_jax.control.scenario.spec import smallest_reversal_deg
 
 pytestmark = pytest.mark.smoke
 
@@ -33,10 +31,10 @@ WRONG = [
     *[("reversal", name, value) for name in ("speed_rpm", "ramp_s") for value in (np.nan, np.inf)],
 ]
 LEAST = {
-    "reversal": (180.0, "both ramps"),
-    "slow_down": (360 * (0.5 + 0.46875 + 0.1875), "all ramps and the slow-down"),
-    "aborted": (360 * (0.5 + 0.46875), "all ramps and the slow-down"),
-    "emergency_stop": (180.0, "both ramps"),
+    "reversal": 180.0,
+    "slow_down": 360 * (0.5 + 0.46875 + 0.1875),
+    "aborted": 360 * (0.5 + 0.46875),
+    "emergency_stop": 180.0,
 }
 
 
@@ -69,26 +67,19 @@ def test_an_array_is_no_number():
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 @pytest.mark.parametrize("event", LEAST)
 def test_a_reversal_inside_the_ramps(event: Any, sense):
-    least, what = LEAST[event]
+    least = LEAST[event]
     numbers = {**NUMBERS, "reversal_deg": sense * least}
     motion = motion_of("trapezoid", event, **numbers)
     assert float(motion.at(motion.turn_s).angle) == pytest.approx(np.deg2rad(sense * least))
     numbers["reversal_deg"] = sense * (least - 0.01)
-    words = rf"^Argument `reversal_deg` must be at least {least:.10g}° \({what}\) in either dire"
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=rf"^Argument `reversal_deg` must be .* {least:.10g}°"):
         motion_of("trapezoid", event, **numbers)
 
 
 def test_a_long_emergency_stop_needs_room_too():
     numbers = {**NUMBERS, "reversal_deg": 269.0, "stop_s": 1.0}
-    with pytest.raises(ValueError, match=r"must be at least 270° \(ramp and stop\)"):
+    with pytest.raises(ValueError, match=r"must be at least 270°"):
         motion_of("s_curve", "emergency_stop", **numbers)
-
-
-@pytest.mark.parametrize("event", LEAST)
-def test_the_scenario_asks_for_the_same_least_angle(event: Any):
-    table = MotionTable(**NUMBERS, event=event)
-    assert smallest_reversal_deg(table) == pytest.approx(LEAST[event][0], rel=1e-14)
 
 
 def test_known_numbers_are_checked_beside_traced_ones():

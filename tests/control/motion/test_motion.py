@@ -232,14 +232,6 @@ def test_speed_and_acceleration_are_derivatives_also_at_the_corners(kind, event)
     np.testing.assert_allclose(slope.speed, at(motion, time).acceleration, atol=1e-10)
 
 
-def test_at_a_corner_the_acceleration_is_that_of_what_begins():
-    motion = made("trapezoid", "reversal")
-    steep = REV / 0.5
-    corners = np.array([time for time, _ in CORNERS["reversal"]], float)
-    expected = [steep, 0.0, -steep, 0.0, -steep, 0.0, steep, 0.0, 0.0]
-    np.testing.assert_allclose(motion.at(corners).acceleration, expected, atol=1e-10)
-
-
 @pytest.mark.parametrize("reversal_deg", [720.0, -360.0])
 def test_the_sine_against_its_formula(reversal_deg):
     motion = Sine(60.0, reversal_deg)

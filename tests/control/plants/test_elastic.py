@@ -21,9 +21,6 @@ from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.control.plants.elastic import largest_step, mesh_stiffness
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
-from vttig_jax.kinematics.first_order import closed_model
-from vttig_jax.kinematics.flank_table import first_order_bounds
-from vttig_jax.rig.paper import paper_pair
 
 SPEED = 2 * math.pi
 STIFFNESS, RATIO, INERTIA, COULOMB = 2.3e6, 0.1, 0.01, 0.05
@@ -44,12 +41,6 @@ def contact(motion: Corners, stiffness=STIFFNESS, damping_ratio=RATIO, **values:
 
 def sampled(begin: float, end: float) -> np.ndarray:
     return begin + SAMPLE * np.arange(round((end - begin) / SAMPLE) + 1)
-
-
-@pytest.fixture(scope="module")
-def bounds(paper_rig):
-    pair = paper_pair()
-    return first_order_bounds(closed_model(pair, paper_rig), pair.taper / pair.reference_radii[1])
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,6 @@ from tests.oracles.flank_formulas import PAPER, closed
 from tests.oracles.play_operator import by_samples, by_turns
 from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Play, Slide
-from vttig_jax.kinematics.first_order import closed_model
-from vttig_jax.kinematics.flank_table import first_order_bounds
-from vttig_jax.rig.paper import paper_pair
 
 SPEED = 2 * math.pi
 TURN = math.radians(540.0)
@@ -28,14 +25,6 @@ CORNERS = Corners([0, 0.5, 1.5, 2, 2.1, 2.6, 3.6, 4.1], [0, SPEED, SPEED, 0, 0, 
 """60 rpm to 540° and back, ramps of 0.5 s, 0.1 s of standstill."""
 WALLS = closed()
 STEP = 1e-3
-
-
-@pytest.fixture(scope="module")
-def rig(paper_rig):
-    pair = paper_pair()
-    model = closed_model(pair, paper_rig)
-    bounds = first_order_bounds(model, pair.taper / pair.reference_radii[1])
-    return bounds, trapezoid(60.0, 540.0, 0.1, 0.5)
 
 
 def run(rig, step: float, above: float = 0.0, end: float = 4.1):

@@ -18,23 +18,12 @@ from tests.oracles.rigid_bouncing import Flown, Rig, fly
 from tests.oracles.trapezoid_corners import Corners
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag
-from vttig_jax.kinematics.first_order import closed_model
-from vttig_jax.kinematics.flank_table import first_order_bounds
-from vttig_jax.rig.paper import paper_pair
 
 SPEED = 2 * math.pi
 CORNERS = Corners([0, 0.5, 1.5, 2, 2.1, 2.6, 3.6, 4.1], [0, SPEED, SPEED, 0, 0, -SPEED, -SPEED, 0])
 INERTIA, COULOMB = 0.01, 0.05
 BEGIN, END, SAMPLE = 1.45, 2.55, 1e-3
 """From steady motion over the turn into the way back."""
-
-
-@pytest.fixture(scope="module")
-def rig(paper_rig):
-    pair = paper_pair()
-    model = closed_model(pair, paper_rig)
-    bounds = first_order_bounds(model, pair.taper / pair.reference_radii[1])
-    return bounds, trapezoid(60.0, 540.0, 0.1, 0.5)
 
 
 def times() -> np.ndarray:

@@ -1,7 +1,6 @@
 """Every way to get the scenario file wrong: one sentence that names file and key, exit 3."""
 
 import pytest
-import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,17 +13,6 @@ from vttig_jax.control.scenario.spec import (
     parse_scenario_spec,
     spec_table,
 )
-
-
-@pytest.fixture
-def write(tmp_path):
-    def write(table):
-        path = tmp_path / "scenario.toml"
-        path.write_text(table if isinstance(table, str) else tomli_w.dumps(table), "utf-8")
-        return path
-
-    return write
-
 
 BAD_VALUES = [
     ("plants", "rigid", "unknown key `plants`; did you mean `plant`?"),
@@ -131,24 +119,19 @@ def test_what_does_not_contradict_is_read(motion):
     st.floats(0.01, 3),
     st.floats(0, 5),
 )
-def test_the_smallest_reversal_named_is_allowed_and_the_motions_own(
+def test_the_smallest_reversal_named_is_allowed(
     event, speed_rpm, ramp_s, slow_share, stop_s, dwell_s
 ):
-    """The motion lays out the same ramps by itself; it is the independent opinion here."""
-    from tests.control.parts import trapezoid
-
+    """That it is the angle of the ramps laid out one after the other, test_motion.py tells."""
     numbers = {"speed_rpm": speed_rpm, "ramp_s": ramp_s, "dwell_s": dwell_s}
     numbers |= {"event": event, "slow_share": slow_share, "stop_s": stop_s}
     with pytest.raises(ScenarioError) as caught:
         scenario(motion={**numbers, "reversal_deg": 1e-3})
     smallest = float(caught.value.message.rpartition(" ")[2].rstrip("."))
     assert scenario(motion={**numbers, "reversal_deg": smallest}).motion.reversal_deg == smallest
-    trapezoid(reversal_deg=smallest, **numbers)
     inside = smallest * (1 - 2e-5)  # the sentence rounds up in the sixth digit
     with pytest.raises(ScenarioError, match="inside the ramps"):
         scenario(motion={**numbers, "reversal_deg": inside})
-    with pytest.raises(ValueError, match="must be at least"):
-        trapezoid(reversal_deg=inside, **numbers)
 
 
 @pytest.mark.parametrize("plant_hz", [0, 1000, 3000.0, 1e5])

@@ -30,16 +30,6 @@ from vttig_jax.control.scenario.spec import (
 pytestmark = pytest.mark.smoke
 
 
-@pytest.fixture
-def write(tmp_path):
-    def write(table):
-        path = tmp_path / "scenario.toml"
-        path.write_text(table if isinstance(table, str) else tomli_w.dumps(table), "utf-8")
-        return path
-
-    return write
-
-
 def test_the_contracts_example(write):
     spec = load_scenario_spec(write(CONTRACT))
     assert (spec.pair, spec.plant, spec.controller) == ("pair.toml", "rigid", "acceleration")

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import vttig_jax
-from tests.control.scenarios import PAIR, SHORT, exact_gap, spec_of
+from tests.control.scenarios import PAIR, SHORT, case_of, exact_gap, spec_of
 from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control import Maps, simulate
-from vttig_jax.control.simulation.prepare import case_of
 from vttig_jax.kinematics import as_flank_model
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 
@@ -83,7 +82,7 @@ def test_elastic_teeth_get_the_steps_that_they_need():
     case = case_of(spec_of(SHORT, {"plant": "elastic"}), pair)
     assert case.substeps > 1
     fewer = {"plant": "elastic", "sampling.plant_hz": 1000.0 * (case.substeps - 1)}
-    with pytest.raises(ScenarioError, match="too long for a mesh"):
+    with pytest.raises(ScenarioError, match="too long for the stiffness of the mesh"):
         case_of(spec_of(SHORT, fewer), pair)
 
 

@@ -51,7 +51,7 @@ def readings(run: Simulation) -> np.ndarray:
     """Both encoders, rad, shape (2, samples), from the true angles of the trace."""
     samples = samples_of(run)
     true = np.stack([samples.driving, RATIO * samples.driving + samples.error])
-    key = jax.random.key(run.spec.seed)
+    key = jax.random.key(int(run.scenario.seed))
     noise = np.asarray(jax.vmap(noise_draws, (None, 0))(key, jnp.arange(samples.time.size))).T
     count = REV / 90_000
     shown = [

@@ -20,15 +20,14 @@ from tests.control.scenarios import (
     SHORT,
     UNQUANTISED,
     Run,
+    case_of,
     run_cases,
     spec_of,
 )
 from tests.pair.texts import CONTRACT as PAIR_TEXT
 from vttig_jax.base.units import DEG
 from vttig_jax.control.scenario.spec import KEYS
-from vttig_jax.control.simulation import simulate as simulate_module
-from vttig_jax.control.simulation.case import Case, initial_state, run_periods, trace_periods
-from vttig_jax.control.simulation.prepare import case_of
+from vttig_jax.control.simulation.case import Case, initial_state, run_periods
 from vttig_jax.control.simulation.simulate import simulate
 from vttig_jax.pair.gear_pair import GearPair, load_pair
 
@@ -318,11 +317,11 @@ def test_many_cases_at_once_are_the_same_as_one_after_the_other(runs, folder, ro
 
 def test_a_compiled_period_is_one_computed_step_by_step(runs):
     run = runs[repr(Row("seed", 1))][0]
-    state = simulate_module._run_periods(run.case, initial_state(run.case), jnp.arange(CHUNK))
+    state, _ = eqx.filter_jit(run_periods)(run.case, initial_state(run.case), jnp.arange(CHUNK))
     place = slice(CHUNK, CHUNK + 2)
     assert np.diff(run.samples.reached[place]) > 0  # the actuator is on its way
     with jax.disable_jit():
-        _, samples = trace_periods(run.case, state, jnp.arange(CHUNK, CHUNK + 2))
+        _, samples = run_periods(run.case, state, jnp.arange(CHUNK, CHUNK + 2), True)
     for name, value in vars(samples).items():
         expected = getattr(run.samples, name)[place]
         np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-10, err_msg=name)
@@ -338,9 +337,8 @@ def left(constant_backlash: Any, case: Case, periods: int) -> jax.Array:
     nodes = nodes.at[:, 2].add(jnp.asarray(constant_backlash) - 0.038 * DEG)
     bounds = eqx.tree_at(lambda b: b.nodes, case.bounds, nodes)
     changed = eqx.tree_at(lambda c: c.bounds, case, bounds)
-    return jnp.asarray(
-        run_periods(changed, initial_state(changed), jnp.arange(periods)).accumulators.residual_gap
-    )
+    state, _ = run_periods(changed, initial_state(changed), jnp.arange(periods))
+    return jnp.asarray(state.accumulators.residual_gap)
 
 
 _left_and_slope = eqx.filter_jit(eqx.filter_value_and_grad(left), **fast_to_compile())

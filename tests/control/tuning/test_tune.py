@@ -125,7 +125,7 @@ def test_progress_and_the_scenario_with_the_values(base):
     told: list[tuple[int, int]] = []
     tuned = scattered(progress=lambda done, all_: told.append((done, all_)))
     assert tuned.values == base.values  # nothing changes by itself
-    assert told == [(stage + 1, len(tuned.stages)) for stage in range(len(tuned.stages))]
+    assert told == [(1, 3), (2, 3), (3, 3)]
     assert tuned.spec.judgement.margin_mm == tuned.values[MARGIN] != 0.01
     assert tuned.spec.sweep == SCATTERED.sweep and tuned.spec.rig == SCATTERED.rig
     # What it says of the values is what a sweep says of them.
@@ -196,7 +196,7 @@ def test_the_papers_controller_gets_a_margin_and_is_not_cured():
         ({"free": []}, "must name a key to tune"),
         ({"free": MARGIN}, "is one text"),
         ({"free": ["judgement.margn_mm"]}, "did you mean `judgement.margin_mm`"),
-        ({"free": ["judgement.observer"]}, "takes none"),
+        ({"free": ["judgement.observer"]}, "none of predictive"),
         ({"free": ["motion.speed_rpm"]}, "none of predictive"),
         ({"free": ["judgement.threshold_rad_s2"]}, "none of predictive"),
         ({"free": [MARGIN, MARGIN]}, "does so twice"),

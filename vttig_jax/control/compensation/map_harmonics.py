@@ -9,11 +9,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...base.arrays import Numbers
 from ...base.errors import NoAnswerError, PairError
 from ...base.units import ARCSEC, REV
-from ...kinematics.backlash_map import BacklashMap, chunked
+from ...kinematics.backlash_map import BacklashMap
 from ...kinematics.first_order import ClosedModel
+from ...kinematics.flank_error import errors_at
 from ...kinematics.flank_model import FlankModel, ImplicitModel, fixed_point
 from ...kinematics.harmonic import CombinedModel, OrderModel, Term
 from ...pair.gear_pair import Drive, Flank, GearPair
@@ -163,19 +163,15 @@ def gap_series(model: FlankModel, highest: tuple[int, int]) -> tuple[float, tupl
 @eqx.filter_jit
 def _gap_on_torus(model: ImplicitModel, driving: Array, ideal: Array) -> Array:
     """Return TE_B − TE_A, rad, where both angles are independent: φ₂ = ξ + TE."""
-    upper, lower = (fixed_point(_ON_TORUS[flank], (model, driving, ideal)) for flank in ("B", "A"))
-    return upper - lower
 
+    def error(flank: Flank) -> Array:
+        def step(error: Array, args: Any) -> Array:
+            model, driving, ideal = args
+            return model.at_both_angles(driving, ideal + error, flank)
 
-def _step_on(flank: Flank):
-    def step(error, args):
-        model, driving, ideal = args
-        return model.at_both_angles(driving, ideal + error, flank)
+        return fixed_point(step, (model, driving, ideal))
 
-    return step
-
-
-_ON_TORUS = {flank: _step_on(flank) for flank in ("A", "B")}
+    return error("B") - error("A")
 
 
 def _highest(model: FlankModel, margin: int) -> tuple[int, int]:
@@ -232,14 +228,5 @@ def _range(contact: FlankModel, pair: GearPair | Drive) -> tuple[float, float]:
             where="drive.ratio" if isinstance(pair, Drive) else "driven.teeth",
         )
     grid = np.arange(pair.hunting_turns * per_turn) * (REV / per_turn)
-
-    def over(flank: Flank) -> Float[np.ndarray, " n"]:
-        return chunked(lambda angles: _transmission_error(contact, angles, flank), grid)
-
-    lower, upper = over("A"), over("B")
-    return float(min(lower.min(), upper.min())), float(max(lower.max(), upper.max()))
-
-
-@eqx.filter_jit
-def _transmission_error(model: FlankModel, angles: Numbers, flank: Flank) -> Array:
-    return model.transmission_error(angles, flank)
+    both = errors_at(contact, "A", grid), errors_at(contact, "B", grid)
+    return float(np.min(both)), float(np.max(both))

@@ -226,27 +226,51 @@ class Reversal(Part):
     @property
     def pieces(self) -> PieceMotion:
         """The motion of the driving shaft; see `Motion`."""
+        if known(self) and not self.fits:
+            raise ValueError(
+                f"Argument `reversal_deg` must be at least {float(self.least_deg):.10g}° in either"
+                f" direction, the angle of all ramps, but is {float(self.reversal_deg):.10g}°;"
+                " increase it, reduce the speed or shorten the ramps."
+            )
         return _joined(self._sections(), jerky=self.shape == "s_curve")
+
+    @property
+    def ramps_s(self) -> Any:
+        """Angle of all ramps of one pass, divided by the steady speed, s.
+
+        A ramp covers half the angle that the steady speed covers in the same time.
+        """
+        return self.ramp_s
+
+    @property
+    def least_deg(self) -> Any:
+        """Smallest `reversal_deg`: the angle of all ramps of one pass."""
+        return self.speed_rpm * 6.0 * self.ramps_s
+
+    @property
+    def fits(self) -> Any:
+        """Whether `reversal_deg` lies outside the ramps."""
+        return abs(self.reversal_deg) >= self.least_deg * (1 - _ROUNDING)
 
     def _sections(self) -> list[Section]:
         speed, ramp = self._speed, self.ramp_s
         return [
             *self._forward(),
             Section(ramp, 0.0, -speed, "turn"),
-            Section(self._steady(ramp, "both ramps"), -speed),
+            Section(self._steady(ramp), -speed),
             Section(ramp, -speed, 0.0),
             Section(self.dwell_s),
         ]
 
     def _forward(self) -> list[Section]:
-        return self._pass(self.ramp_s, "both ramps")
+        return self._pass(self.ramp_s)
 
-    def _pass(self, stop: Any, parts: str) -> list[Section]:
-        """Return the sections of a pass that stops within the time `stop` (s); see `_steady`."""
+    def _pass(self, stop: Any) -> list[Section]:
+        """Return the sections of a pass that stops within the time `stop` (s)."""
         speed, ramp = self._speed, self.ramp_s
         return [
             Section(ramp, 0.0, speed),
-            Section(self._steady(0.5 * (ramp + stop), parts), speed),
+            Section(self._steady(0.5 * (ramp + stop)), speed),
             Section(stop, speed, 0.0, "braking"),
             Section(self.dwell_s),
         ]
@@ -257,24 +281,11 @@ class Reversal(Part):
         rate, angle = self.speed_rpm * (REV / 60.0), self.reversal_deg * DEG
         return rate * namespace(angle).sign(angle)
 
-    def _steady(self, ramps: Any, parts: str) -> Any:
-        """Return the time at steady speed in a pass, s.
-
-        `ramps` is the angle of all its ramps divided by the steady speed, s, and `parts` their
-        description for the message of the `ValueError` for ramps that exceed the pass.
-        """
+    def _steady(self, ramps: Any) -> Any:
+        """Return the time at steady speed in a pass with these ramps, s; see `ramps_s`."""
         rate, distance = self.speed_rpm * (REV / 60.0), abs(self.reversal_deg * DEG)
-        ramps = rate * ramps
-        time = (distance - ramps) / rate
-        if not known(time) or time >= 0:
-            return time
-        if distance < ramps * (1 - _ROUNDING):
-            raise ValueError(
-                f"Argument `reversal_deg` must be at least {float(ramps) / DEG:.10g}° ({parts}) in"
-                f" either direction, but is {float(self.reversal_deg):.10g}°; increase it, reduce"
-                " the speed or shorten the ramps."
-            )
-        return 0.0 * time
+        time = (distance - rate * ramps) / rate
+        return time if not known(time) or time >= 0 else 0.0 * time
 
 
 class SlowDown(Reversal):
@@ -291,6 +302,11 @@ class SlowDown(Reversal):
     def _sections(self) -> list[Section]:
         return _slow_pass(self, self.slow_share, self.dwell_s)
 
+    @property
+    def ramps_s(self) -> Any:
+        """See `Reversal.ramps_s`; the time at the slow speed is included."""
+        return _slow_ramps(self.ramp_s, self.slow_share) + self.slow_share * self.dwell_s
+
 
 class AbortedStop(Reversal):
     """The slow-down of `SlowDown` without time at the slow speed, then the reversal."""
@@ -302,6 +318,11 @@ class AbortedStop(Reversal):
     def _forward(self) -> list[Section]:
         return _slow_pass(self, self.slow_share, None)
 
+    @property
+    def ramps_s(self) -> Any:
+        """See `Reversal.ramps_s`."""
+        return _slow_ramps(self.ramp_s, self.slow_share)
+
 
 class EmergencyStop(Reversal):
     """The reversal, but the forward pass stops within `stop_s`."""
@@ -311,7 +332,18 @@ class EmergencyStop(Reversal):
     stop_s: Quantity = number(0.05, "emergency_stop: stopping time", "s", gt=0, le=1e6)
 
     def _forward(self) -> list[Section]:
-        return self._pass(self.stop_s, "ramp and stop")
+        return self._pass(self.stop_s)
+
+    @property
+    def ramps_s(self) -> Any:
+        """See `Reversal.ramps_s`; the longer pass counts."""
+        stop = self.stop_s
+        return namespace(self.ramp_s, stop).maximum(self.ramp_s, 0.5 * (self.ramp_s + stop))
+
+
+def _slow_ramps(ramp: Any, share: Any) -> Any:
+    """Return the angle of two ramps, and of those between both speeds, over the steady speed."""
+    return ramp + ramp * (1.0 - share) * (1.0 + share)
 
 
 def _slow_pass(motion: Reversal, share: Any, slow_time: Any) -> list[Section]:
@@ -322,11 +354,7 @@ def _slow_pass(motion: Reversal, share: Any, slow_time: Any) -> list[Section]:
     """
     speed, ramp = motion._speed, motion.ramp_s
     slow, slowing = share * speed, ramp * (1.0 - share)
-    # Angle of two full ramps and of the two ramps between both speeds, over the steady speed.
-    ramps = ramp + slowing * (1.0 + share)
-    if slow_time is not None:
-        ramps = ramps + share * slow_time
-    half = Section(0.5 * motion._steady(ramps, "all ramps and the slow-down"), speed)
+    half = Section(0.5 * motion._steady(motion.ramps_s), speed)
     marks = ("", "braking") if slow_time is None else ("braking", "")
     return [
         Section(ramp, 0.0, speed),
@@ -386,6 +414,9 @@ class Sine(Motion):
 
     ```
     """
+
+    event: ClassVar[str] = "reversal"
+    shape: ClassVar[str] = "sine"
 
     speed_rpm: Quantity = SPEED_RPM()
     reversal_deg: Quantity = REVERSAL_DEG()

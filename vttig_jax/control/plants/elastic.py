@@ -44,7 +44,7 @@ from .plant import (
     Walls,
     flown,
     touching,
-    walls,
+    walls_of,
 )
 
 Scalar = Float[Array, ""]
@@ -360,11 +360,9 @@ class Elastic(Plant):
         self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
-        ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
+        ratio = jnp.asarray(bounds.ratio)
         step = jnp.asarray(step)
-        flanks = bounds.at(driving.angle)
-        now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
-        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        flanks, now, then = walls_of(shafts, driving, slide, bounds)
         driven_speed = ratio * shafts.speed + shafts.drift
         if self.effective is None:
             slowing = self.drag.acceleration(driven_speed, 0.0, step)
@@ -419,7 +417,7 @@ class Elastic(Plant):
         low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
         high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         return Shafts(driving.angle, driving.speed, offset, drift, side, flanks), touch
 
     def _friction_change(

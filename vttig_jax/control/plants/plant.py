@@ -53,13 +53,11 @@ class ContactEvent(eqx.Module):
     - `side`: the flank (`ON_A` or `ON_B`), or `FREE` if there was no new contact.
     - `angle`: driving angle at the contact, rad.
     - `gap`: backlash at that instant, reduced by the axial displacement, rad.
-    - `share`: elapsed fraction of the step at the contact, 0 … 1.
     """
 
     side: Float[Array, ""]
     angle: Float[Array, ""]
     gap: Float[Array, ""]
-    share: Float[Array, ""]
 
 
 class Drag(eqx.Module):
@@ -185,6 +183,15 @@ def walls(
     )
 
 
+def walls_of(
+    shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds
+) -> tuple[Flanks, Walls, Walls]:
+    """Return the flanks at the end of a step, and the walls at its start and at its end."""
+    flanks, closing = bounds.at(driving.angle), jnp.asarray(bounds.closing)
+    now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
+    return flanks, now, walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+
+
 def flown(shafts, driving, ratio, slowing, step) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Return x and its rate at the end of a step without contact.
 
@@ -231,10 +238,8 @@ class Play(Plant):
         self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
-        ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
-        flanks = bounds.at(driving.angle)
-        now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
-        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        ratio = jnp.asarray(bounds.ratio)
+        flanks, now, then = walls_of(shafts, driving, slide, bounds)
         free = shafts.offset - ratio * (driving.angle - shafts.angle)
         below, above = free <= then.lower, free >= then.upper
         side = touching(below, above, shafts.side)
@@ -245,7 +250,7 @@ class Play(Plant):
         share = first_root(depth)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         met = newly_met(below, above, side, shafts.side)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         offset = jnp.clip(free, then.lower, then.upper)
         rate = jnp.where(
             below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * driving.speed)
@@ -286,11 +291,9 @@ class Rigid(Plant):
         self, shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
     ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
-        ratio, closing = jnp.asarray(bounds.ratio), jnp.asarray(bounds.closing)
+        ratio = jnp.asarray(bounds.ratio)
         step = jnp.asarray(step)
-        flanks = bounds.at(driving.angle)
-        now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
-        then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+        flanks, now, then = walls_of(shafts, driving, slide, bounds)
         driven_speed = ratio * shafts.speed + shafts.drift
         slowing = self.drag.acceleration(driven_speed, 0.0, step)
         free, drift = flown(shafts, driving, ratio, slowing, step)
@@ -318,7 +321,7 @@ class Rigid(Plant):
 
         met = newly_met(below, above, side, shafts.side)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
-        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share), share)
+        touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         offset = jnp.where(stays, end, jnp.where(hit, offset, free))
         drift = jnp.where(stays, end_rate, jnp.where(hit, rebound + rest * pull, drift))
         return (

@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from msgspec import NODEFAULT, Struct, defstruct
 
-from ...base.arrays import Number, Numbers
+from ...base.arrays import Number, Numbers, namespace
+from ...base.errors import ScenarioError
 from ...base.files.toml_io import Table, key
 from ...kinematics.flank_model import FlankModel
 from ...pair.gear_pair import Drive, Eccentricities, GearPair
@@ -37,6 +38,25 @@ class Sampling(Part):
     plant_hz: Quantity = not_negative(
         0.0, "plant rate, a whole multiple of controller_hz; 0: equal to it", "Hz"
     )
+
+    @property
+    def fits(self) -> Any:
+        """Whether the plant rate is a whole multiple of that of the controller."""
+        steps = self.plant_hz / self.controller_hz
+        whole = namespace(steps).maximum(1, namespace(steps).rint(steps))
+        return (self.plant_hz == 0) | (abs(steps - whole) <= 1e-9 * whole)
+
+    def check(self) -> None:
+        """Raise `ScenarioError` if the plant rate, which is known, is no whole multiple."""
+        if self.fits:
+            return
+        plant, controller = float(self.plant_hz), float(self.controller_hz)
+        steps = plant / controller
+        raise ScenarioError(
+            f"{plant:g} Hz is {steps:g} times controller_hz; write a whole multiple such as"
+            f" {max(1, round(steps)) * controller:g}, or 0 for controller_hz itself.",
+            where="sampling.plant_hz",
+        )
 
 
 class Scenario(eqx.Module):

@@ -11,48 +11,30 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
-import numpy as np
 import tomli_w
 from msgspec.structs import replace
 
 from ...base.errors import ScenarioError
 from ...base.files.toml_io import Key, keys, plain_table, value_keys
+from ..motion.motion import Reversal
 from .axes import SCENARIO_FILE, Gap, Sweep, parse_sweep, unknown_key
-from .scenario import ECCENTRICITIES, ScenarioSpec
+from .scenario import ECCENTRICITIES, EVENTS, Sampling, ScenarioSpec, part_of
 
 
 def check_scenario(spec: ScenarioSpec) -> None:
     """Raise `ScenarioError` if keys contradict each other; its `where` is the dotted key."""
     check_choices(spec)
-    motion, (fits, whole) = spec.motion, numbers_fit(spec)
-    if not fits:
-        raise ScenarioError(
-            f"{motion.reversal_deg:g} lies inside the ramps of this {motion.event}; at"
-            f" {motion.speed_rpm:g} rpm with ramp_s = {motion.ramp_s:g} it must be at least"
-            f" {_rounded_up(smallest_reversal_deg(motion))}.",
-            where="motion.reversal_deg",
-        )
-    if not whole:
-        plant, controller = spec.sampling.plant_hz, spec.sampling.controller_hz
-        steps = plant / controller
-        raise ScenarioError(
-            f"{plant:g} Hz is {steps:g} times controller_hz; write a whole multiple such as"
-            f" {max(1, round(steps)) * controller:g}, or 0 for controller_hz itself.",
-            where="sampling.plant_hz",
-        )
-
-
-def numbers_fit(spec: ScenarioSpec) -> tuple[Any, Any]:
-    """Return whether the reversal lies outside the ramps, and whether the rates are multiples.
-
-    The numbers of the scenario may be arrays.
-    """
-    motion, sampling = spec.motion, spec.sampling
-    fits = np.asarray(motion.reversal_deg >= smallest_reversal_deg(motion) * (1 - 1e-12))
-    steps = sampling.plant_hz / sampling.controller_hz
-    whole = np.maximum(1, np.rint(steps))
-    near = np.asarray((sampling.plant_hz == 0) | (abs(steps - whole) <= 1e-9 * whole))
-    return fits | (motion.kind not in ("trapezoid", "s_curve")), near
+    table = spec.motion
+    if table.kind in ("trapezoid", "s_curve"):
+        motion: Reversal = part_of(EVENTS[table.event], table)
+        if not motion.fits:
+            raise ScenarioError(
+                f"{table.reversal_deg:g} lies inside the ramps of this {table.event}; at"
+                f" {table.speed_rpm:g} rpm with ramp_s = {table.ramp_s:g} it must be at least"
+                f" {_rounded_up(float(motion.least_deg))}.",
+                where="motion.reversal_deg",
+            )
+    part_of(Sampling, spec.sampling).check()
 
 
 def check_choices(spec: ScenarioSpec) -> None:
@@ -154,23 +136,6 @@ def lower_maps(spec: ScenarioSpec) -> dict[str, tuple[str, Gap]]:
 
 def _texts(axis: Any) -> list[str]:
     return [value for value in axis if isinstance(value, str)] if isinstance(axis, tuple) else []
-
-
-def smallest_reversal_deg(motion: Any) -> Any:
-    """Return the smallest valid `reversal_deg`: the angle of all ramps of one pass, deg.
-
-    A ramp covers half the angle that the steady speed ω covers in the same time. A slow-down to the
-    speed s ω adds two ramps between ω and s ω, each with (1 − s) times the ramp time, and the time
-    at s ω.
-    """
-    ramps, share = motion.ramp_s, motion.slow_share
-    if motion.event in ("slow_down", "aborted"):
-        ramps += motion.ramp_s * (1 - share) * (1 + share)
-    if motion.event == "slow_down":
-        ramps += share * motion.dwell_s
-    if motion.event == "emergency_stop":
-        ramps = np.maximum(ramps, (motion.ramp_s + motion.stop_s) / 2)
-    return motion.speed_rpm * 6.0 * ramps
 
 
 def _rounded_up(value: float) -> str:

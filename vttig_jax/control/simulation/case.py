@@ -251,17 +251,19 @@ _NEVER = (
 """Accumulators of events that have not happened at the start."""
 
 
-def trace_periods(case: Case, state: State, periods: Int[Array, " n"]) -> tuple[State, Sample]:
-    """Run the given periods from `state` on; return the last state and a sample of each period.
+def run_periods(
+    case: Case, state: State, periods: Int[Array, " n"], trace: bool = False
+) -> tuple[State, Sample | None]:
+    """Run the given periods from `state` on; return the last state and, as `trace`, all samples.
 
     `periods` holds consecutive numbers of controller periods, counted from 0 at the time 0.
     """
-    return jax.lax.scan(lambda state, number: _period(case, state, number), state, periods)
 
+    def period(state: State, number: Int[Array, ""]) -> tuple[State, Sample | None]:
+        state, sample = _period(case, state, number)
+        return state, sample if trace else None
 
-def run_periods(case: Case, state: State, periods: Int[Array, " n"]) -> State:
-    """Run the given periods from `state` on and return the last state; see `trace_periods`."""
-    return jax.lax.scan(lambda *one: (_period(case, *one)[0], None), state, periods)[0]
+    return jax.lax.scan(period, state, periods)
 
 
 def _period(case: Case, state: State, number: Int[Array, ""]) -> tuple[State, Sample]:

@@ -27,16 +27,16 @@ from ...kinematics.flank_table import (
     nodes_per_turn,
     tabulate_flanks,
 )
-from ...pair.gear_pair import Drive, Eccentricities, GearPair
+from ...pair.gear_pair import Drive, Eccentricities, GearPair, load_pair
 from ..controllers.controller import Controller, NoController
 from ..controllers.retreat import retreat_of
 from ..controllers.turn_location import LostController, turn_error
-from ..fields import may_be_positive, number_fields
+from ..fields import may_be_positive
 from ..hardware.actuator import Actuator, Thrust, can_back_drive
 from ..hardware.encoder import Encoder
 from ..hardware.servo import Servo, ServoDrive
 from ..motion.motion import Motion, Reversal, Sine
-from ..motion.recorded import RecordedMotion, read_motion
+from ..motion.recorded import read_motion
 from ..plants.elastic import Elastic, largest_step
 from ..plants.plant import Drag, Friction, Inertia, Load, Mesh, Plant, Play
 from ..scenario.scenario import (
@@ -44,19 +44,12 @@ from ..scenario.scenario import (
     EVENTS,
     OBSERVERS,
     PLANTS,
-    EccentricityTable,
     Sampling,
     Scenario,
     name_of,
     part_of,
 )
-from ..scenario.spec import (
-    ECCENTRICITIES,
-    KEYS,
-    ScenarioSpec,
-    believed_flanks,
-    parse_scenario_spec,
-)
+from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks
 from .case import TIMES, Case
 
 _LOOP_PERIODS = 3.0
@@ -121,7 +114,7 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
         if gap is not None and known(gap) and not gap >= 0:
             place, named = "on the average", which
             if which == "plant_map":
-                place = f"at {_narrowest(bounds) / DEG:.1f}° of the driving shaft"
+                place = f"at {_narrowest(bounds, s.pair) / DEG:.1f}° of the driving shaft"
                 named = which if s.plant_map is not None else "eccentricities"
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
@@ -302,12 +295,12 @@ def _angles_of(pair: Any) -> Float[Array, " n"]:
     return jnp.linspace(0.0, REV * turns, _PER_TURN * turns + 1)
 
 
-def _narrowest(bounds: Bounds) -> float:
+def _narrowest(bounds: Bounds, pair: Any) -> float:
     """Return the driving angle at which the known flanks are closest, rad."""
     if isinstance(bounds, FlankTable):
         return float(bounds.start + np.argmin(np.asarray(_gaps_of(bounds))) * bounds.step)
-    angle = np.linspace(0.0, REV * _MOST_TURNS, _PER_TURN * _MOST_TURNS + 1)
-    return float(angle[np.argmin(np.asarray(bounds.gap(jnp.asarray(angle))))])
+    angle = _angles_of(pair)
+    return float(angle[jnp.argmin(bounds.gap(angle))])
 
 
 def _gaps_of(table: Any) -> Any:
@@ -388,6 +381,7 @@ def _substeps_of(s: Scenario, plant: Plant) -> int:
     """
     if not known(s.sampling):
         raise _traced("sampling", "the number of plant steps in a period")
+    s.sampling.check()
     if not known(plant) and isinstance(plant, Elastic):
         if not s.sampling.plant_hz:
             raise _traced("stiffness of the mesh", "the number of plant steps in a period")
@@ -395,25 +389,18 @@ def _substeps_of(s: Scenario, plant: Plant) -> int:
     with jax.ensure_compile_time_eval():
         steps = plant_steps(s if known(s.servo, s.inertia) else replace(s, servo=None), plant)
         steps = PlantSteps(*map(float, steps))
+    if steps.fit:
+        return int(steps.asked)
     hertz = float(s.sampling.controller_hz)
-    if steps.asked < steps.needed and isinstance(plant, Elastic):
-        stiffness, mass = float(plant.stiffness), float(s.inertia.driven_kgm2)
-        longest = float(largest_step(stiffness, plant.damping_ratio, mass))
-        raise ScenarioError(
-            f"a step of {1 / (hertz * steps.asked):.3g} s is too long for a mesh of"
-            f" {stiffness:.3g} N m/rad on {mass:g} kg m²; the longest is"
-            f" {longest:.3g} s: take plant_hz = {hertz * steps.needed:g}.",
-            where="sampling.plant_hz",
-        )
-    if not steps.fit and s.servo is not None:
-        gain, mass = float(s.servo.speed_gain_Nms), float(s.inertia.driving_kgm2)
-        raise ScenarioError(
-            f"steps of {1 / (hertz * steps.asked):.3g} s are too long for a servo of {gain:g}"
-            f" N m s/rad on {mass:g} kg m²; take {math.ceil(gain / mass):g} Hz"
-            " or more, or lower servo.speed_gain_Nms.",
-            where="sampling.plant_hz",
-        )
-    return int(steps.asked)
+    what, inertia, least, cure = "the stiffness of the mesh", "driven", hertz * steps.needed, ""
+    if steps.asked >= steps.needed and s.servo is not None:
+        what, inertia, cure = "servo.speed_gain_Nms", "driving", ", or lower the gain"
+        least = math.ceil(float(s.servo.speed_gain_Nms / s.inertia.driving_kgm2))
+    raise ScenarioError(
+        f"steps of {1 / (hertz * steps.asked):.3g} s are too long for {what} and for"
+        f" inertia.{inertia}_kgm2; take plant_hz = {least:g} or more{cure}.",
+        where="sampling.plant_hz",
+    )
 
 
 def delay_of(delay_s: Any, hertz: Any) -> Any:
@@ -644,51 +631,32 @@ def scenario_of(
     )
 
 
-def spec_of(scenario: Scenario) -> ScenarioSpec:
-    """Return the file of a scenario, whose numbers are checked; parts of the user have no table.
-
-    **Raises** `ScenarioError` for numbers out of range and for parts that contradict each other.
-    """
-    s = scenario
-    parts = [(name, getattr(s, name)) for name in (*_PLAIN, "motion", "servo")]
-    parts += [("mesh", s.plant), ("judgement", s.controller), ("judgement", s.observer)]
-    table: dict[str, Any] = {"pair": s.pair.name or "pair.toml", "flanks": s.flanks}
-    for place, part in parts:
-        values = table.setdefault(place, {})
-        for name, _, _, signed in [] if part is None else number_fields(part):
-            value, entry = getattr(part, name), KEYS.get(f"{place}.{name}")
-            if entry is not None and value is not None:
-                number = int(value) if int in entry.types else float(value)
-                values[name] = abs(number) if signed else number
-    table["seed"] = int(s.seed)
-    table["judgement"] |= {"turn": s.turn}
-    table["servo"] |= {"motor": "prescribed" if s.servo is None else "pi"}
-    for rig, key in ((s.eccentricities, "eccentricities"), (s.controller_map, "map")):
-        if isinstance(rig, Eccentricities):
-            names = EccentricityTable.__struct_fields__
-            table[key] = {name: float(getattr(rig, name)) for name in names}
-    if s.plant_map is not None:
-        table["plant_map"] = type(s.plant_map).__name__
-    if isinstance(s.controller_map, FlankModel):
-        table["controller_map"] = type(s.controller_map).__name__
-    if s.map_backlash_deg is not None:
-        table["map"] = {"constant_backlash_deg": float(s.map_backlash_deg)}
-    spec = parse_scenario_spec(table)
-    named = {"plant": name_of(s.plant, PLANTS), "controller": name_of(s.controller, CONTROLLERS)}
-    judgement = structs.replace(spec.judgement, observer=name_of(s.observer, OBSERVERS))
-    motion: dict[str, Any] = {"kind": name_of(s.motion, {"sine": Sine, "recorded": RecordedMotion})}
-    if isinstance(s.motion, Reversal):
-        motion = {"kind": s.motion.shape, "event": s.motion.event}
-    if isinstance(s.motion, (Reversal, Sine)):
-        motion["reversal_deg"] = float(s.motion.reversal_deg)
-    motion = structs.replace(spec.motion, **motion)
-    return structs.replace(spec, judgement=judgement, motion=motion, **named)
-
-
-def case_of(spec: ScenarioSpec, pair: GearPair | Drive, *further: Any, **named: Any) -> Case:
-    """Return the case of a validated scenario; further arguments are those of `scenario_of`."""
+def prepared_case(
+    scenario: ScenarioSpec | Scenario,
+    pair: GearPair | Drive | None = None,
+    folder: str | Path | None = None,
+    controller: Controller | None = None,
+    maps: Maps = Maps(),
+    draw: int = 0,
+) -> tuple[Scenario, Case]:
+    """Return the objects of a scenario and its case; further arguments as for `scenario_of`."""
+    if isinstance(scenario, Scenario):
+        scenario = scenario if controller is None else replace(scenario, controller=controller)
+        return scenario, prepared(scenario)[0]
+    folder = Path(folder or "")
+    pair = load_gears(folder / scenario.pair) if pair is None else pair
     try:
-        return prepared(scenario_of(spec, pair, *further, **named))[0]
+        objects = scenario_of(scenario, pair, folder, controller, maps, draw)
+        return objects, prepared(objects)[0]
     except ScenarioError as error:  # the map of the plant is that of the key `rig` if it is given
-        rig = spec.rig is not None and error.where == "plant_map"
+        rig = scenario.rig is not None and error.where == "plant_map"
         raise ScenarioError(error.message, where="rig" if rig else error.where) from None
+
+
+def load_gears(path: Path) -> GearPair | Drive:
+    """Read the gears of a pair file; **raises** `ScenarioError` for a missing file."""
+    if not path.is_file():
+        raise ScenarioError(
+            f"there is no file {path}; name the pair file, relative to the scenario.", where="pair"
+        )
+    return load_pair(path)

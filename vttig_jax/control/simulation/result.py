@@ -14,8 +14,10 @@ from ...base.files.text_tables import key_values
 from ...base.files.toml_io import plain_table
 from ...base.results import PlottedResult
 from ...base.units import ARCSEC, DEG
-from ...pair.gear_pair import Drive, GearPair
-from ..controllers.controller import NoController
+from ..controllers.controller import Acceleration, NoController
+from ..motion.motion import Reversal, Sine
+from ..motion.recorded import RecordedMotion
+from ..scenario.scenario import CONTROLLERS, PLANTS, Scenario, name_of
 from ..scenario.spec import ECCENTRICITIES, ScenarioSpec, believed_flanks, spec_table
 from .case import (
     METRICS,
@@ -53,7 +55,8 @@ def _sentences(run: "Simulation") -> Iterator[str]:
             " driven shaft overruns when the motor brakes; choose a longer motion.ramp_s, or more"
             " friction or load on the driven shaft."
         )
-    values = run.numbers[0]
+    values, jump_s = run.numbers[0], getattr(run.case.controller, "jump_s", None)
+    than = "" if jump_s is None else f" than {float(jump_s):g} s"
     over, thrown = overdone(values)
     if over:
         yield (
@@ -66,13 +69,13 @@ def _sentences(run: "Simulation") -> Iterator[str]:
         yield (
             "The motor throws the driven shaft off the flank that it meets, by up to"
             f" {_angle(values['thrown_back_deg'])} of the gap: it crosses the gap too"
-            f" quickly; choose a longer judgement.jump_s than {run.spec.judgement.jump_s:g} s."
+            f" quickly; choose a longer judgement.jump_s{than}."
         )
     rest = float(run.case.motion.duration_s) - float(run.case.motion.turn_s)
-    if run.turns and run.controller == "feedforward" and run.spec.judgement.jump_s > rest:
+    if run.turns and jump_s is not None and jump_s > rest:
         yield (
             f"The motor is still crossing the gap when the run ends, {rest:.3g} s after the turn;"
-            f" choose a shorter judgement.jump_s than {run.spec.judgement.jump_s:g} s."
+            f" choose a shorter judgement.jump_s{than}."
         )
     if outcome != "ok":
         yield _ending(run)
@@ -115,17 +118,18 @@ def _ending(run: "Simulation") -> str:
         "stroke": f"The controller commands {t.largest_command:.3f} mm, but"
         f" actuator.stroke_mm is {float(run.case.actuator.stroke_mm):g}; choose a longer stroke.",
         "force": "The teeth are stronger than actuator.force_limit_N ="
-        f" {run.spec.actuator.force_limit_N:g}: the actuator stalls or is pushed back; choose a"
-        " higher limit, or less torque on the drive while the actuator moves.",
+        f" {float(run.case.actuator.force_limit_N):g}: the actuator stalls or is pushed back;"
+        " choose a higher limit, or less torque on the drive while the actuator moves.",
         "slow": f"When the motion turns, the actuator still lacks {t.shortfall:.3f} mm;"
         " choose a faster actuator or a longer standstill.",
     }[run.outcome]
 
 
 def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
-    t, spec, metrics = run.tally, run.spec, _numeric_metrics(run)
-    yield "simulated", f"{spec.plant} plant, controller {run.controller}"
-    yield "flanks", flanks_text(spec, type(run.case.controller) is not NoController)
+    t, metrics = run.tally, _numeric_metrics(run)
+    yield "simulated", f"{run.plant} plant, controller {run.controller}"
+    if run.spec is not None:
+        yield "flanks", flanks_text(run.spec, type(run.case.controller) is not NoController)
     yield "motion", _motion(run)
     yield "outcome", run.outcome
     mean, most, least = (metrics[f"te_{name}_deg"] for name in ("mean", "max", "min"))
@@ -158,12 +162,14 @@ def _rows(run: "Simulation") -> Iterator[tuple[str, str]]:
 
 def _motion(run: "Simulation") -> str:
     """Describe the motion of the driving shaft and its duration."""
-    table, hertz = run.spec.motion, run.spec.sampling.controller_hz
+    motion, hertz = run.scenario.motion, float(run.scenario.sampling.controller_hz)
     time = f"{float(run.case.motion.duration_s):g} s at {hertz:g} Hz"
-    if table.kind not in ("trapezoid", "s_curve", "sine"):
-        return f"{table.kind}{f' in {table.file}' if table.file else ''}, {time}"
-    event, shape = _EVENTS[table.event], table.kind.replace("_", "-")
-    return f"{event} at {table.reversal_deg:g}°, {shape} of {table.speed_rpm:g} rpm, {time}"
+    if not isinstance(motion, Reversal | Sine):
+        file = "" if run.spec is None else f" in {run.spec.motion.file}"
+        return f"{name_of(motion, {'recorded': RecordedMotion})}{file}, {time}"
+    angle, speed = abs(float(motion.reversal_deg)), float(motion.speed_rpm)
+    shape = motion.shape.replace("_", "-")
+    return f"{_EVENTS[motion.event]} at {angle:g}°, {shape} of {speed:g} rpm, {time}"
 
 
 def _detection(run: "Simulation") -> str:
@@ -222,13 +228,14 @@ class Simulation(PlottedResult):
     """One simulated run.
 
     **Arguments**
-    - `spec`, `pair`, `case`: scenario, gears and case.
+    - `scenario`, `case`: the scenario as objects, and what is computed from it.
+    - `spec`: the scenario as a file has it; None for a run of objects.
     - `accumulators`: running metrics at the end, in rad, mm and s.
     - `trace`: samples, arrays of shape (n,) in s, rad and mm, or None.
     """
 
-    spec: ScenarioSpec
-    pair: GearPair | Drive
+    scenario: Scenario
+    spec: ScenarioSpec | None
     case: Case
     accumulators: Accumulators
     trace: Sample | None = None
@@ -263,7 +270,8 @@ class Simulation(PlottedResult):
     @property
     def allowed(self) -> float:
         """Gap that the margin of the controller leaves, rad, with a tolerance."""
-        margin = self.spec.judgement.margin_mm * float(self.case.bounds.closing_sum)
+        margin_mm = getattr(self.scenario.controller, "margin_mm", Acceleration().margin_mm)
+        margin = float(margin_mm) * float(self.case.bounds.closing_sum)
         return NEAR_DEG * DEG + 1.01 * max(margin, 0.0)
 
     @property
@@ -274,9 +282,12 @@ class Simulation(PlottedResult):
     @property
     def controller(self) -> str:
         """Name of the controller in the scenario, or the class name of a controller of the user."""
-        kind = type(self.case.controller)
-        built_in = kind.__module__.startswith("vttig_jax.")
-        return self.spec.controller if built_in else kind.__name__
+        return name_of(self.scenario.controller, CONTROLLERS)
+
+    @property
+    def plant(self) -> str:
+        """Name of the plant in the scenario, or the class name of a plant of the user."""
+        return name_of(self.scenario.plant, PLANTS)
 
     @property
     def servo(self) -> bool:
@@ -334,7 +345,7 @@ class Simulation(PlottedResult):
         }
         return {
             "schema": "vttig.simulate/1",
-            "pair": self.pair.name,
+            "pair": self.scenario.pair.name,
             "controller": self.controller,
             "metrics": self.metrics,
             "duration_s": float(motion.duration_s),
@@ -346,11 +357,11 @@ class Simulation(PlottedResult):
             "blocked_s": _finite(t.blocked_s),
             "samples": int(t.samples),
             "remarks": list(self.remarks),
-            "scenario": spec_table(self.spec),
+            "scenario": None if self.spec is None else spec_table(self.spec),
         }
 
     def __str__(self) -> str:
-        head = key_values(list(_rows(self)), title=self.pair.name or "simulation")
+        head = key_values(list(_rows(self)), title=self.scenario.pair.name or "simulation")
         notes = ["", "notes:", *(f"  {one}" for one in self.remarks)]
         return "\n".join([head, *notes]) if self.remarks else head
 

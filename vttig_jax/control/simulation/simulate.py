@@ -4,7 +4,7 @@
 JAX can transform `run`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -16,16 +16,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...base.arrays import Numbers, known
-from ...base.errors import ScenarioError
 from ...base.runtime import require_x64
-from ...pair.gear_pair import Drive, GearPair, load_pair
+from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller, smoothed
-from ..fields import number_fields
 from ..motion.motion import Motion
 from ..scenario.scenario import Scenario
 from ..scenario.spec import ScenarioSpec
-from .case import Case, Sample, State, initial_state, metrics_of, run_periods, trace_periods
-from .prepare import Fixed, Maps, case_of, prepared, spec_of
+from .case import Case, Sample, State, initial_state, metrics_of, run_periods
+from .prepare import Fixed, Maps, prepared, prepared_case
 from .result import Simulation
 
 CHUNK = 1024
@@ -80,39 +78,15 @@ def simulate(
     require_x64("simulate")
     if trace_every < 0:
         raise ValueError(f"Argument `trace_every` must be at least 0, but is {trace_every}.")
-    spec, pair, case = specified_case(scenario, pair, folder, controller, maps)
+    objects, case = prepared_case(scenario, pair, folder, controller, maps)
     state, trace = run_in_chunks(case, trace_every, progress)
     if np.isnan(state.accumulators.output_squares):
         raise ValueError(
             f"Argument `controller` must command finite numbers, but"
             f" {type(case.controller).__name__} commands NaN."
         )
-    return Simulation(spec, pair, case, state.accumulators, trace)
-
-
-def specified_case(
-    scenario: ScenarioSpec | Scenario,
-    pair: GearPair | Drive | None = None,
-    folder: str | Path | None = None,
-    controller: Controller | None = None,
-    maps: Maps = Maps(),
-) -> tuple[ScenarioSpec, GearPair | Drive, Case]:
-    """Return the specification, the gears and the case; the arguments are those of `simulate`."""
-    if isinstance(scenario, Scenario):
-        scenario = scenario if controller is None else replace(scenario, controller=controller)
-        return spec_of(scenario), scenario.pair, prepared(scenario)[0]
-    folder = Path(folder or "")
-    pair = load_gears(folder / scenario.pair) if pair is None else pair
-    return scenario, pair, case_of(scenario, pair, folder, controller, maps)
-
-
-def load_gears(path: Path) -> GearPair | Drive:
-    """Read the gears of a pair file; **raises** `ScenarioError` for a missing file."""
-    if not path.is_file():
-        raise ScenarioError(
-            f"there is no file {path}; name the pair file, relative to the scenario.", where="pair"
-        )
-    return load_pair(path)
+    spec = None if isinstance(scenario, Scenario) else scenario
+    return Simulation(objects, spec, case, state.accumulators, trace)
 
 
 def periods_of(motion: Motion, period: Any) -> int:
@@ -120,7 +94,6 @@ def periods_of(motion: Motion, period: Any) -> int:
     return int(np.floor(float(motion.duration_s) / float(period) * (1 + 1e-12))) + 1
 
 
-_trace_periods = eqx.filter_jit(trace_periods)
 _run_periods = eqx.filter_jit(run_periods)
 
 
@@ -136,16 +109,13 @@ def run_in_chunks(
     state, samples = initial_state(case), list[Sample]()
     chunk = max(CHUNK // case.substeps, 1)
     for first in range(0, periods, chunk):
-        numbers = first + jnp.arange(chunk)
+        state, sample = _run_periods(case, state, first + jnp.arange(chunk), trace_every > 0)
         if trace_every:
-            state, sample = _trace_periods(case, state, numbers)
             chosen = np.flatnonzero((np.arange(first, first + chunk) % trace_every) == 0)
             chosen = chosen[first + chosen < periods]
             samples.append(
                 jax.tree.map(lambda values, rows=chosen: np.asarray(values)[rows], sample)
             )
-        else:
-            state = _run_periods(case, state, numbers)
         if progress is not None:
             progress(min(first + chunk, periods), periods)
     if not trace_every:
@@ -219,7 +189,7 @@ def build_case(
         if base is not None:  # with all its static choices, such as whether encoders have noise
             case = jax.tree.unflatten(jax.tree.structure(base), jax.tree.leaves(case))
     else:
-        _, _, case = specified_case(scenario, pair, folder, controller, maps)
+        _, case = prepared_case(scenario, pair, folder, controller, maps)
     if smooth_width is not None:
         case = replace(case, controller=smoothed(case.controller, smooth_width))
     needed = case.periods
@@ -279,8 +249,8 @@ def run(
     - `rounding`: "exact" rounds as the hardware does, with derivatives of zero. "none" has encoders
       and an actuator without steps. "straight_through" computes rounded values, but derivatives as
       if they were not rounded, so the derivatives are not exactly those of the result.
-    - `smooth_width`: relative width of the smoothed comparisons, as in `tune`; by default the
-      controller of the scenario is used without smoothing.
+    - `smooth_width`: relative width of the smoothed comparisons; by default the controller of the
+      scenario is used without smoothing.
 
     **Raises** what `simulate` raises, and `ValueError` for a static choice that would follow from a
     traced number, fewer `periods` than the motion has, an unknown `rounding`, and a `smooth_width`
@@ -318,49 +288,5 @@ def run(
 
 @eqx.filter_jit
 def _run(case: Case, periods: int, trace: bool) -> CaseRun:
-    start, numbers, samples = initial_state(case), jnp.arange(periods), None
-    if trace:
-        state, samples = trace_periods(case, start, numbers)
-    else:
-        state = run_periods(case, start, numbers)
+    state, samples = run_periods(case, initial_state(case), jnp.arange(periods), trace)
     return CaseRun(*metrics_of(case, state.accumulators), samples)
-
-
-def with_settings(case: Case, settings: Mapping[str, Any]) -> Case:
-    """Return a case with new values for some keys of [judgement].
-
-    JAX may trace the values, so derivatives with respect to them work. They are not checked.
-
-    **Arguments**
-    - `settings`: dotted key → value in the unit of the key.
-
-    **Raises** `ValueError` for a key that the controller of the case does not use.
-
-    **Example**
-    ```python
-    >>> import vttig_jax
-    >>> from vttig_jax.control import build_case, parse_scenario_spec, with_settings
-    >>> from vttig_jax.rig import paper_eccentricities, paper_pair
-    >>> vttig_jax.enable_x64()
-    >>> rig = {"driving_mm": 0.0226, "driving_phase_deg": 49.5, "driven_mm": 0.0273}
-    >>> rig |= {"driven_phase_deg": 79.3, "constant_backlash_deg": 0.038}
-    >>> spec = parse_scenario_spec({"pair": "pair.toml", "eccentricities": rig})
-    >>> case = with_settings(build_case(spec, paper_pair()), {"judgement.margin_mm": 0.02})
-    >>> float(case.controller.margin_mm)
-    0.02
-
-    ```
-    """
-    for name, value in settings.items():
-        field = name.removeprefix("judgement.")
-        parts = {"observer": case.observer, "controller": case.controller}
-        fields = {at: [one.name for one in number_fields(part)] for at, part in parts.items()}
-        place = next((at for at, names in fields.items() if field in names), None)
-        if field == name or place is None:
-            raise ValueError(
-                f"Argument `settings` must have keys that the case uses, but neither"
-                f" {type(case.observer).__name__} nor {type(case.controller).__name__} has"
-                f" {name!r}."
-            )
-        case = replace(case, **{place: replace(parts[place], **{field: value})})
-    return case

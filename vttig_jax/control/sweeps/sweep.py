@@ -32,13 +32,13 @@ from ...base.units import REV
 from ...kinematics.flank_table import FlankTable
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
+from ..motion.motion import Reversal
 from ..scenario.axes import Value
 from ..scenario.scenario import Scenario
 from ..scenario.spec import (
     KEYS,
     ScenarioSpec,
     check_choices,
-    numbers_fit,
     spec_table,
     with_keys,
     with_numbers,
@@ -50,6 +50,7 @@ from ..simulation.case import (
     Accumulators,
     Case,
     Metrics,
+    State,
     initial_state,
     metrics_of,
     run_periods,
@@ -57,20 +58,21 @@ from ..simulation.case import (
 from ..simulation.prepare import (
     Fixed,
     Maps,
-    case_of,
     closing_of,
     covers,
     delay_of,
     drawn_tables,
     ends_of,
+    load_gears,
     located_turns,
     plant_steps,
     prepared,
+    prepared_case,
     queue_of,
     scenario_of,
     shafted,
 )
-from ..simulation.simulate import CHUNK, load_gears
+from ..simulation.simulate import CHUNK
 from .table import DRAW, REFUSED, Rows, SweepTable
 
 _REASONS, _EXAMINED = 5, 500
@@ -138,8 +140,7 @@ class SweepCases:
         assert sweep is not None  # checked by `load_sweep_spec`
         draws = [{DRAW: np.arange(self.maps.number)}] if self.maps.number else []
         return draws + [
-            {name: np.array(sweep.values(name), _type_of(name)) for name in group}
-            for group in sweep.groups
+            {name: np.array(sweep.values(name)) for name in group} for group in sweep.groups
         ]
 
     @property
@@ -185,7 +186,7 @@ class SweepCases:
         """Return the error that prevents a case; None if it can run."""
         try:
             draw: Any = self.values(number).get(DRAW, 0)
-            case_of(self.spec_of(number), *self.inputs, draw=draw)
+            prepared_case(self.spec_of(number), *self.inputs, draw=draw)
         except InputError as error:
             return error
         return None
@@ -201,10 +202,6 @@ class SweepCases:
             "controller": _digest(self.controller),
             "scenario": spec_table(self.spec),
         }
-
-
-def _type_of(axis: str) -> type:
-    return next((kind for kind in (float, int) if kind in KEYS[axis].types), str)
 
 
 def cases_of(
@@ -256,11 +253,6 @@ class Lanes(NamedTuple):
     mapped: Any
     shared: Any
 
-    @property
-    def width(self) -> int:
-        """Number of lanes."""
-        return jax.tree.leaves(self.mapped)[0].shape[0]
-
     def run(
         self,
         periods: np.ndarray,
@@ -273,16 +265,26 @@ class Lanes(NamedTuple):
         """
         places = NamedSharding(mesh, PartitionSpec("lanes")), NamedSharding(mesh, PartitionSpec())
         case = jax.device_put(self.mapped, places[0]), jax.device_put(self.shared, places[1])
-        state, substeps = _start(mesh, *case), self.shared.substeps
+        state, substeps = _on_lanes(_started, mesh, *case, ()), self.shared.substeps
         chunk = max(CHUNK // substeps, 1)
         for first in range(0, int(periods.max()), chunk):
-            state = jax.block_until_ready(_advance(mesh, chunk, *case, state, first))
+            numbers = np.arange(first, first + chunk)
+            state, _ = jax.block_until_ready(_on_lanes(run_periods, mesh, *case, state, numbers))
             done = np.minimum(periods, first + chunk) - np.minimum(periods, first)
             progress(int(done.sum()) * substeps)
-        found = _metrics(mesh, *case, state.accumulators)
+        found = _on_lanes(metrics_of, mesh, *case, state.accumulators)
         return jax.tree.map(np.asarray, (found, state.accumulators))
 
 
+def _started(case: Case, _: tuple[()]) -> State:
+    return initial_state(case)
+
+
+@partial(
+    jax.jit,
+    static_argnums=(0, 1),
+    compiler_options={"xla_cpu_prefer_vector_width": 512},
+)
 def _on_lanes(function: Any, mesh: Mesh, mapped: Any, shared: Any, state: Any, *all_: Any) -> Any:
     """Return `function(case, state, *all_)` of all lanes, shared out to the devices."""
 
@@ -297,28 +299,6 @@ def _on_lanes(function: Any, mesh: Mesh, mapped: Any, shared: Any, state: Any, *
         device, mesh=mesh, in_specs=(own, same, own, same), out_specs=own, check_vma=False
     )
     return sharded(mapped, shared, state, all_)
-
-
-@partial(jax.jit, static_argnums=0)
-def _start(mesh: Mesh, mapped: Any, shared: Any) -> Any:
-    return _on_lanes(lambda case, _: initial_state(case), mesh, mapped, shared, ())
-
-
-@partial(
-    jax.jit,
-    static_argnums=(0, 1),
-    compiler_options={"xla_cpu_prefer_vector_width": 512},
-)
-def _advance(mesh: Mesh, chunk: int, mapped: Any, shared: Any, state: Any, first: Any) -> Any:
-    def advance(case: Case, state: Any, first: Any) -> Any:
-        return run_periods(case, state, first + jnp.arange(chunk))
-
-    return _on_lanes(advance, mesh, mapped, shared, state, first)
-
-
-@partial(jax.jit, static_argnums=0)
-def _metrics(mesh: Mesh, mapped: Any, shared: Any, accumulators: Any) -> Metrics:
-    return _on_lanes(metrics_of, mesh, mapped, shared, accumulators)
 
 
 def lanes_for(cases: int, devices: int) -> int:
@@ -351,8 +331,6 @@ class SweepWork:
     def __init__(self, cases: SweepCases, devices: Sequence[Any] | None = None) -> None:
         self.cases = cases
         self.devices = list(devices or jax.devices())
-        self.build_s = self.device_s = 0.0
-        """Time in which cases were built, and in which they ran, s."""
         self._mesh = mesh_of(self.devices)
         maps: Any = cases.maps
         self._drawn = lru_cache(8)(partial(drawn_tables, maps.draws, cases.pair, maps.number))
@@ -396,7 +374,6 @@ class SweepWork:
 
         `progress` as for `run`.
         """
-        began, before = time.perf_counter() - self.device_s, compiled_s()
         columns = self.cases.columns(numbers)
         rows: Rows = {name: np.full(len(numbers), np.nan) for name in METRICS}
         outcome = np.full(len(numbers), REFUSED, dtype="<U9")
@@ -405,7 +382,6 @@ class SweepWork:
                 for name, column in values.items():
                     rows[name][indices] = column
                 outcome[indices] = np.asarray(OUTCOMES)[codes]
-        self.build_s += time.perf_counter() - self.device_s - began - (compiled_s() - before)
         return columns | rows | {"outcome": outcome}
 
     def _programs(self, columns: Rows) -> Iterator[_Program]:
@@ -421,21 +397,18 @@ class SweepWork:
             try:
                 spec = with_keys(self.cases.spec, dict(text))
                 check_choices(spec)
-                outside, whole = numbers_fit(_numbered(spec, numbers))
-                fits = np.broadcast_to(outside & whole, indices.shape)
-                yield from self._alike(spec, indices[fits], _rows_of(numbers, fits))
+                yield from self._alike(spec, indices, numbers)
             except InputError:  # the same for all of these cases
                 continue
 
     def _alike(self, spec: ScenarioSpec, indices: np.ndarray, columns: Rows) -> Iterator[_Program]:
         """Yield the programs of cases with the same texts."""
-        if not len(indices):
-            return
         columns = columns | self._courses(spec, columns)
         scenario = self._scenario(spec)
         for one in (scenario.plant_map, scenario.controller_map):
             if isinstance(one, FlankTable):
                 columns["fit"] &= covers(one, columns["low"], columns["high"])
+        indices, columns = indices[columns["fit"]], _rows_of(columns, columns["fit"])
         unknown = np.zeros(len(indices), bool)
         if spec.judgement.turn == "located" and spec.controller != "none":
             found = [located_turns(self.cases.scenario(n)) for n in columns["case"].tolist()]
@@ -444,15 +417,14 @@ class SweepWork:
         queues = [queue_of(delay) for delay in columns["delay"]]
         kinds = list(zip(columns["substeps"].astype(int), queues, unknown, strict=True))
         for kind in dict.fromkeys(kinds):
-            alike = np.array([one == kind for one in kinds]) & columns["fit"]
+            alike = np.array([one == kind for one in kinds])
             substeps, queue, lost = kind
             own = spec
             if lost:
                 own = structs.replace(
                     spec, judgement=structs.replace(spec.judgement, turn="unknown")
                 )
-            if alike.any():
-                yield _Program(own, indices[alike], _rows_of(columns, alike), int(substeps), queue)
+            yield _Program(own, indices[alike], _rows_of(columns, alike), int(substeps), queue)
 
     def _ran(
         self, program: _Program, progress: Callable[[int], None]
@@ -467,9 +439,7 @@ class SweepWork:
             chosen = order[first : first + lanes]
             row = _rows_of(columns, np.pad(chosen, (0, lanes - len(chosen)), "edge"))
             side, fits = self._lanes(spec, row, fixed)
-            began, before = time.perf_counter(), compiled_s()
             found, _ = side.run(columns["periods"][chosen], self._mesh, progress)
-            self.device_s += time.perf_counter() - began - (compiled_s() - before)
             fits = fits[: len(chosen)]
             found = jax.tree.map(lambda values, fits=fits: values[: len(fits)][fits], found)
             yield indices[chosen][fits], found
@@ -504,8 +474,9 @@ class SweepWork:
             hertz = jnp.asarray(s.sampling.controller_hz)
             periods = jnp.floor(motion.duration_s / (1.0 / hertz) * (1 + 1e-12)) + 1
             found = {"low": low / REV, "high": high / REV, "sense": sense, "periods": periods}
-            delay = delay_of(s.actuator.delay_s, hertz)
-            return found | {"substeps": steps.asked, "fit": steps.fit, "delay": delay}
+            found |= {"delay": delay_of(s.actuator.delay_s, hertz), "substeps": steps.asked}
+            fit = steps.fit & s.sampling.fits
+            return found | {"fit": fit & s.motion.fits if isinstance(s.motion, Reversal) else fit}
 
         found = jax.vmap(course)(jax.tree.map(jnp.asarray, columns))
         return jax.tree.map(np.array, found)
@@ -587,7 +558,7 @@ def sweep(
     began, before = time.perf_counter(), compiled_s()
     work = SweepWork(cases, _devices(devices))
     _require_memory(len(cases), 2 + len(METRICS) + len(cases.axes))
-    finished, writing = 0, 0.0
+    finished = 0
     with (store or Memory)(cases.header | {"block": work.block_size}) as kept:
         todo = [number for number in range(work.blocks) if number not in kept.done]
         expected = len(todo) / work.blocks * work.expected_steps
@@ -600,22 +571,15 @@ def sweep(
             if progress is not None:
                 progress(finished, expected)
 
-        def write(number: int, rows: Rows) -> None:
-            nonlocal writing
-            started = time.perf_counter()
-            kept.write(number, rows)
-            writing += time.perf_counter() - started
-
         workers = len(work.devices)
         if elsewhere is not None:
-            workers = elsewhere(cases, todo, write, add_steps)
+            workers = elsewhere(cases, todo, kept.write, add_steps)
         else:
             for number in todo:
-                write(number, work.run(number, add_steps))
+                kept.write(number, work.run(number, add_steps))
         compiling = compiled_s() - before
-        spent, joining = time.perf_counter() - began - compiling, time.perf_counter()
+        spent = time.perf_counter() - began - compiling
         columns = kept.finish(work.blocks)
-        writing += time.perf_counter() - joining
     return SweepTable(
         spec=cases.spec,
         pair=cases.pair.name,
@@ -625,9 +589,6 @@ def sweep(
         run_s=spent,
         compile_s=compiling,
         devices=workers,
-        build_s=work.build_s,
-        device_s=work.device_s,
-        write_s=writing,
         refusals=_refusals(work, columns),
         closing=cases.closing,
     )

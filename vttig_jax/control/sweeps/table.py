@@ -54,11 +54,8 @@ class SweepTable(PlottedResult):
       for events that did not happen.
     - `axes`: names of the axes. - `lane_steps`: plant steps of all cases.
     - `run_s`: time of the whole run without `compile_s`, in which programs were compiled, s.
-    - `devices`: number of devices.
-    - `build_s`, `device_s`, `write_s`: time to build the cases, mean time in which a device ran
-      batches, and time to write the table, s. Cases are built while the devices run, so that the
-      sum may exceed `run_s`; on a cluster only the last one is measured.
-    - `refusals`: first refused case of each reason, and the reason. - `path`: Parquet file or None.
+    - `devices`: number of devices. - `refusals`: first refused case of each reason, and the reason.
+    - `path`: Parquet file or None.
     - `closing`: decrease of the backlash per axial displacement, rad/mm; NaN if it is not known.
     """
 
@@ -70,9 +67,6 @@ class SweepTable(PlottedResult):
     run_s: float
     compile_s: float
     devices: int
-    build_s: float = 0.0
-    device_s: float = 0.0
-    write_s: float = 0.0
     refusals: tuple[tuple[int, str], ...] = ()
     path: Path | None = None
     closing: float = math.nan
@@ -117,9 +111,6 @@ class SweepTable(PlottedResult):
             "lane_steps": self.lane_steps,
             "run_s": self.run_s,
             "compile_s": self.compile_s,
-            "build_s": self.build_s,
-            "device_s": self.device_s,
-            "write_s": self.write_s,
             "devices": self.devices,
             "axes": list(self.axes),
             "outcomes": self.outcomes,
@@ -210,12 +201,6 @@ def _text(table: SweepTable) -> str:
                 f" {table.devices} device{'s' if table.devices > 1 else ''}",
             )
         )
-    if table.device_s:
-        shares = (
-            f"cases built in {table.build_s:.2g} s, devices busy for {table.device_s:.3g} s,"
-            f" table written in {table.write_s:.2g} s"
-        )
-        head.append(("of it", shares))
     if table.path is not None:
         head.append(("table", str(table.path)))
     rows = [
@@ -297,8 +282,5 @@ def _share_text(share: float, interval: list[float] | None) -> str:
 def _cells(spread: dict[str, float] | None, form: str) -> tuple[str, str, str]:
     if spread is None:
         return "–", "–", "–"
-    digits = int(form[1:-1])
-    shown = {
-        name: format(round(value, digits) + 0.0, form) for name, value in spread.items()
-    }  # no −0
+    shown = {name: format(value, f"z{form}") for name, value in spread.items()}  # z: no −0
     return shown["mean"], f"{shown['low95']} … {shown['high95']}", shown["max"]

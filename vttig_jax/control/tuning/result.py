@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -41,22 +41,6 @@ class FreeKey:
         """Return whether a value lies at a bound."""
         near = 1e-6 * (self.high - self.low if not self.positive else value)
         return value - self.low < near or self.high - value < near
-
-
-class Stage(NamedTuple):
-    """Result of one stage of the search.
-
-    - `width`: size of the simplex in steps of the keys; see `FreeKey.moved`.
-    - `values`: values of the free keys.
-    - `start_deg`, `end_deg`: objective of the cases searched, before and after the stage.
-    - `evaluations`: number of simulations of these cases.
-    """
-
-    width: float
-    values: tuple[float, ...]
-    start_deg: float
-    end_deg: float
-    evaluations: int
 
 
 @dataclass(frozen=True)
@@ -110,7 +94,7 @@ class Tuned(TextResult):
     - `before`, `after`: scores of the start and of the result over all `cases`.
     - `objective`, `interference_weight`: definition of the objective.
     - `cases`, `searched`: number of all cases, and of those in the search.
-    - `stages`: stages of the search. - `notes`: important remarks, one sentence each.
+    - `notes`: important remarks, one sentence each.
     """
 
     spec: ScenarioSpec
@@ -123,7 +107,6 @@ class Tuned(TextResult):
     interference_weight: float
     cases: int
     searched: int
-    stages: tuple[Stage, ...]
     notes: tuple[str, ...] = ()
 
     @property
@@ -155,10 +138,6 @@ class Tuned(TextResult):
             },
             "before": vars(self.before),
             "after": vars(self.after),
-            "stages": [
-                stage._asdict() | {"values": dict(zip(self.values, stage.values, strict=True))}
-                for stage in self.stages
-            ],
             "notes": list(self.notes),
             "scenario": spec_table(self.spec),
         }
@@ -224,4 +203,4 @@ def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
 
 
 def _number(value: float, form: str) -> str:
-    return "–" if np.isnan(value) else format(round(value, int(form[1:-1])) + 0.0, form)  # no −0
+    return "–" if np.isnan(value) else format(value, f"z{form}")  # z: no −0

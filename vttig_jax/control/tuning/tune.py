@@ -11,17 +11,16 @@ from msgspec import Meta
 from scipy.optimize import differential_evolution, minimize
 
 from ...base.errors import ScenarioError
-from ...base.files.toml_io import Key
+from ...base.files.toml_io import Key, did_you_mean
 from ...base.runtime import require_x64
 from ...base.units import DEG
 from ...pair.gear_pair import Drive, GearPair
-from ..scenario.axes import unknown_key
 from ..scenario.spec import ECCENTRICITIES, KEYS, ScenarioSpec, believed_map, with_numbers
 from ..simulation.case import NEAR_MM
 from ..simulation.prepare import Maps
 from ..sweeps.sweep import SweepWork, cases_of
 from ..sweeps.table import REFUSED, Rows
-from .result import FreeKey, Objective, Score, Stage, Tuned
+from .result import FreeKey, Objective, Score, Tuned
 
 Limits = Mapping[str, tuple[float, float]]
 
@@ -196,14 +195,11 @@ def free_keys(
 def _problem(name: str, names: Sequence[str], spec: ScenarioSpec) -> str:
     """Return why a key cannot be tuned, as the end of a sentence; "" if it can."""
     settings = SETTINGS[spec.controller]
-    if name not in KEYS:
-        return f": {unknown_key(name, KEYS)}"
-    if not {float, int} & set(KEYS[name].types):
-        return f" must name keys that take a number, but `{name}` takes none."
     if name not in settings:
+        hint = did_you_mean(name, settings, f"it is set by {', '.join(settings)}.")
         return (
-            f" must name settings of the controller, but `{name}` is none of {spec.controller}; it"
-            f" is set by {', '.join(settings)}."
+            f" must name settings that take a number, but `{name}` is none of {spec.controller};"
+            f" {hint}"
         )
     if spec.sweep is not None and name in spec.sweep.axes:
         return (
@@ -250,14 +246,13 @@ def _free(key: Key, start: float, limits: tuple[float, float] | None) -> FreeKey
 
 
 def _tuned(judge: "_Judge", progress: Callable[[int, int], None] | None) -> Tuned:
-    best, searched, stages = judge.start, judge.sampled(SEARCHED), list[Stage]()
+    best, searched = judge.start, judge.sampled(SEARCHED)
     if len(judge.keys) > 1:  # the search may begin far away, where several settings fit each other
         best = searched.better(best, _far(judge.sampled(DRAWN), best))
-    for step in STEPS:
-        best, stage = _stage(searched, best, step)
-        stages.append(stage)
+    for finished, step in enumerate(STEPS, 1):
+        best = _stage(searched, best, step)
         if progress is not None:
-            progress(len(stages), len(STEPS))
+            progress(finished, len(STEPS))
     best = judge.better(judge.start, _without_small_gains(judge, best))
     before, after = judge.score(judge.start), judge.score(best)
     values = {key.name: value for key, value in zip(judge.keys, best, strict=True)}
@@ -272,7 +267,6 @@ def _tuned(judge: "_Judge", progress: Callable[[int, int], None] | None) -> Tune
         interference_weight=judge.weight,
         cases=len(judge.numbers),
         searched=len(searched.numbers),
-        stages=tuple(stages),
         notes=tuple(_notes(before, after, judge.keys, values)),
     )
 
@@ -304,7 +298,7 @@ def _far(judge: "_Judge", best: Values) -> Values:
     return judge.moved(best, found.x)
 
 
-def _stage(judge: "_Judge", best: Values, step: float) -> tuple[Values, Stage]:
+def _stage(judge: "_Judge", best: Values, step: float) -> Values:
     """Search with a simplex of this size around the best values (J. Nelder, R. Mead, 1965)."""
     before, size = judge.score(best), len(best)
 
@@ -320,9 +314,7 @@ def _stage(judge: "_Judge", best: Values, step: float) -> tuple[Values, Stage]:
         "fatol": _LEAST_GAIN * before.cost_deg,
     }
     found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
-    values = judge.better(best, judge.moved(best, found.x))
-    after = judge.score(values)
-    return values, Stage(abs(step), values, before.cost_deg, after.cost_deg, found.nfev)
+    return judge.better(best, judge.moved(best, found.x))
 
 
 def _without_small_gains(judge: "_Judge", best: Values) -> Values:
