@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (669, 1),  # 560
     "kinematics": (1228, 23),  # 780
     "geometry": (3423, 56),  # 2800
-    "logs": (10172, 273),  # 7400
+    "logs": (9994, 265),  # 7400
     "rig": (324, 1),  # 260
     "model": (2145, 44),
     "identify": (3765, 38),  # 9000 together with posterior

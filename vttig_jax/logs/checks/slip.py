@@ -57,7 +57,7 @@ def effects_of(
     for turn in (np.exp(1j * angle) for angle in angles):
         wave = turn
         for _ in range(ORDERS):
-            columns += [part * flank for part in (wave.real, wave.imag) for flank in flanks]
+            columns += [part * flank for part in (np.real(wave), np.imag(wave)) for flank in flanks]
             wave = wave * turn
     if log.torque is not None:
         columns.append(_scaled(log.torque[rows]))
