@@ -25,6 +25,14 @@ BLOCKS = 10  # number of blocks of the jackknife (chosen)
 MOST_ROWS = 20_000
 """Largest number of rows of the regression with first orders; longer logs are thinned (chosen)."""
 
+TOLERANCE = 0.005
+"""Largest relative deviation of the slope of two shafts from their ratio over many turns
+(chosen)."""
+
+APART = 0.05
+"""Largest rms deviation of the driven angle from a straight line over the driving one, as a
+fraction of its travel (chosen)."""
+
 LARGEST_ORDER = 0.02
 """Largest plausible amplitude of a first order in rad (chosen: 1.5 mm at 80 mm)."""
 

@@ -87,7 +87,7 @@ class ManyFits:
             if log in logs[:number]:
                 raise UsageError("given twice; give every log once.", where=str(log))
         if pair is not None:
-            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading)
+            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading, block=_BLOCK)
         drive.spec()  # says that the ratio is missing
         failed: LogError | None = None
         for log in logs:
@@ -96,7 +96,9 @@ class ManyFits:
             except LogError as error:
                 failed = failed or error
                 continue
-            return cls(tuple(logs), found.spec, settings, reading, drive, found.roles.guesses)
+            return cls(
+                tuple(logs), found.spec, settings, reading, drive, found.roles.guesses, _BLOCK
+            )
         assert failed is not None  # click asks for at least one log
         raise failed
 

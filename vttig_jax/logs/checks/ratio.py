@@ -31,8 +31,10 @@ from ...base.numerics.student_noise import fit_student_noise
 from ...base.units import DEG, LENGTH_UNITS, REV
 from ..encoder_log import EncoderLog
 from ..slope import (
+    APART,
     DEVIATIONS,
     MOST_TEETH,
+    TOLERANCE,
     better_fraction,
     decimal_option,
     likely_fraction,
@@ -53,45 +55,29 @@ _MOVES = 0.02
 """Share of the largest speed above which a direction of motion counts (chosen)."""
 
 
-@dataclass(frozen=True)
-class SlopeGains:
-    """2 Δ ln L of three explanations of a slope, each over an explanation by noise alone."""
-
-    ratio: float
-    delay: float
-    drift: float
-
-    @property
-    def cause(self) -> Cause:
-        """The best explanation, if it is clearly better than the others and than noise."""
-        gains: dict[Cause, float] = {"ratio": self.ratio, "delay": self.delay, "drift": self.drift}
-        best = max(gains, key=gains.__getitem__)
-        others = max(0.0, *(gain for name, gain in gains.items() if name != best))
-        return best if gains[best] > others + CLEAR else "open"
-
-
-def slope_gains(log: EncoderLog) -> SlopeGains:
-    """Compare the explanations of the slope of the transmission error of `log` by likelihood.
+def cause_of_slope(log: EncoderLog) -> Cause:
+    """Return what explains the slope of the transmission error of `log` best, by likelihood.
 
     Each explanation has one coefficient: of the driving angle, of its speed, or of the time. An
     offset, a gap between the two directions and first orders of the driving shaft are fitted beside
-    it, in the means of blocks of rows, with autoregressive noise.
+    it, in the means of blocks of rows, with autoregressive noise. The best explanation must be
+    clearly better than the others and than noise alone.
 
     **Example**
     ```python
     >>> import numpy as np
     >>> from vttig_jax.logs import EncoderLog
-    >>> from vttig_jax.logs.checks.ratio import slope_gains
+    >>> from vttig_jax.logs.checks.ratio import cause_of_slope
     >>> from vttig_jax.pair import parse_pair_spec
     >>> drive = parse_pair_spec({"drive": {"ratio": "1"}})
     >>> time = np.arange(4000) / 200.0
     >>> driving = 720 * time + 300 * np.sin(0.7 * time)
     >>> noise = 0.01 * np.random.default_rng(0).normal(size=4000)
     >>> late = driving - 0.005 * np.gradient(driving, time) + noise
-    >>> slope_gains(EncoderLog.from_arrays(time, driving, late, pair=drive, unit="deg")).cause
+    >>> cause_of_slope(EncoderLog.from_arrays(time, driving, late, pair=drive, unit="deg"))
     'delay'
     >>> fast = 1.001 * driving + noise
-    >>> slope_gains(EncoderLog.from_arrays(time, driving, fast, pair=drive, unit="deg")).cause
+    >>> cause_of_slope(EncoderLog.from_arrays(time, driving, fast, pair=drive, unit="deg"))
     'ratio'
 
     ```
@@ -103,7 +89,10 @@ def slope_gains(log: EncoderLog) -> SlopeGains:
         columns = np.stack([*base, column - column.mean()], axis=1)
         return 2 * (fit_student_noise(level, columns, plain).log_likelihood - plain.log_likelihood)
 
-    return SlopeGains(ratio=gain(angle), delay=gain(speed), drift=gain(time))
+    gains: dict[Cause, float] = {"ratio": gain(angle), "delay": gain(speed), "drift": gain(time)}
+    best = max(gains, key=gains.__getitem__)
+    others = max(0.0, *(size for name, size in gains.items() if name != best))
+    return best if gains[best] > others + CLEAR else "open"
 
 
 def _block_means(log: EncoderLog) -> Float[np.ndarray, "8 b"]:
@@ -171,9 +160,6 @@ def _places(
     return places
 
 
-TOLERANCE = 0.005
-"""Largest relative deviation of a correct ratio over many turns (chosen)."""
-
 SHIFT_TURNS, MOST_TOLERANCE = 0.015, 0.01
 """Over few turns the slope of a log is uncertain, because a first order resembles a wrong ratio.
 The relative tolerance is then `SHIFT_TURNS` / (turns of the driven shaft), up to `MOST_TOLERANCE`,
@@ -186,14 +172,6 @@ with 97.5 % that it does."""
 DOUBTFUL = 3.0
 """A deviation of more than this many standard errors from the given ratio is reported (chosen). In
 112 simulated logs with the correct ratio the largest deviation was 1.7."""
-
-APART = 0.05
-"""Largest rms residual of the driven angle after the regression, as a fraction of its travel
-(chosen)."""
-
-_DIVIDED = 5e-3
-"""If the ratio in the log deviates from 1 by less than this, the driving angle was probably already
-divided by the ratio; chosen equal to the tolerance of `check_ratio`."""
 
 Verdict = Literal["agrees", "swapped", "sign", "swapped_sign", "differs", "none"]
 
@@ -290,8 +268,8 @@ class SeenRatio:
     @property
     def _cure(self) -> str:
         """Advice to the user on options or entries of the pair file to change."""
-        far = abs(float(self.given) - 1) > 2 * _DIVIDED
-        if far and self.verdict == "differs" and abs((self.seen or 0.0) - 1) < _DIVIDED:
+        far = abs(float(self.given) - 1) > 2 * TOLERANCE
+        if far and self.verdict == "differs" and abs((self.seen or 0.0) - 1) < TOLERANCE:
             return (
                 "the driving column seems to be divided by the ratio already: give --driving-scale"
                 f' {1 / self.given}, or write driving_scale = "{1 / self.given}" under [log] of the'
@@ -400,7 +378,7 @@ def _seen(log: EncoderLog, followed: FollowedMotion | None) -> SeenRatio:
             found = replace(found, lead=text)
     if not found.is_doubtful:
         return found
-    return replace(found, cause=slope_gains(log).cause)
+    return replace(found, cause=cause_of_slope(log))
 
 
 def check_ratio(log: EncoderLog) -> SeenRatio:

@@ -1,9 +1,6 @@
 """Slips of an encoder: steps of the transmission error that stay, and their effects.
 
-Effects in the transmission error that a slip is fitted together with, as a compact matrix.
-
-Most columns of the design matrix are zero in most rows: a sample belongs to one group of segments
-and to one flank. Only the waves of both shafts are stored, once for both flanks.
+Effects in the transmission error that a slip is fitted together with.
 
 Detection of steps in a series, fitted together with regressors, in coloured noise with outliers.
 
@@ -21,14 +18,12 @@ of the residual over short windows. All limits below are chosen values unless th
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...base.errors import LogError
-from ...base.numerics.counting import pieces
 from ...base.numerics.student_noise import NoiseFit, fit_student_noise
 from ...base.numerics.well_conditioned import orthonormal_basis, pseudo_inverse
 from ...base.units import DEG, REV
@@ -38,198 +33,35 @@ from ..motion.segments import Segment, Segments
 ORDERS = 4
 """Number of orders of each shaft in the fit."""
 
-_PIECE, _FEW = 4096, 2048  # rows whose waves and products are computed in the cache (chosen)
 
+def effects_of(
+    log: EncoderLog,
+    rows: Int[np.ndarray, " m"],
+    group: Int[np.ndarray, " m"],
+    forward: Bool[np.ndarray, " m"],
+) -> Float[np.ndarray, "m p"]:
+    """Return the design matrix of all effects in TE except a slip, with columns scaled to about 1.
 
-@dataclass(frozen=True, eq=False)
-class Effects:
-    """Design matrix of all effects in TE except a slip, with columns scaled to about 1.
-
-    The columns are an offset of every group, drift, speed, cosine and sine of every order on each
-    flank, and the torque if it was logged.
-
-    **Arguments**
-    - `group`: number of the group of every row, and `groups`: how many there are.
-    - `flank`: index of the flank of every row, and `flanks`: how many there are.
-    - `plain`: time and speed, shape (2, m). - `waves`: cosines and sines, shape (w, m).
-    - `torque`: torque, shape (t, m) with t = 1, or t = 0 if it was not logged.
-    """
-
-    group: Int[np.ndarray, " m"]
-    groups: int
-    flank: Int[np.ndarray, " m"]
-    flanks: int
-    plain: Float[np.ndarray, "2 m"]
-    waves: Float[np.ndarray, "w m"]
-    torque: Float[np.ndarray, "t m"]
-
-    @classmethod
-    def of(
-        cls,
-        log: EncoderLog,
-        rows: Int[np.ndarray, " m"],
-        group: Int[np.ndarray, " m"],
-        forward: Bool[np.ndarray, " m"],
-    ) -> "Effects":
-        """Return the effects at the samples `rows` of a log.
-
-        `group` and `forward` hold the group of every sample and whether flank A is in contact.
-        """
-        time, speed = log.time[rows], log.driving_speed.value[rows]
-        drift = (time - time.mean()) / max(float(np.ptp(time)), 1e-300)
-        both = forward.any() and not forward.all()
-        return cls(
-            group=group,
-            groups=int(group.max()) + 1,
-            flank=(~forward).astype(np.int64) if both else np.zeros(len(rows), np.int64),
-            flanks=1 + int(both),
-            plain=np.stack([drift, _scaled(speed)]),
-            waves=_waves(log.driving_angle[rows], log.driven_angle[rows]),
-            torque=np.zeros((0, len(rows)))
-            if log.torque is None
-            else _scaled(log.torque[rows])[None],
-        )
-
-    @property
-    def speed_place(self) -> int:
-        """Index of the column of the speed."""
-        return self.groups + 1
-
-    @property
-    def width(self) -> int:
-        """Number of columns."""
-        return self.groups + 2 + self.flanks * len(self.waves) + len(self.torque)
-
-    def few(self, rows: Int[np.ndarray, " k"]) -> "FewRows":
-        """Return the rows of the design matrix with these indices for a fit of their own."""
-        rows = rows[np.argsort(self.group[rows], kind="stable")]
-        table, place = np.ones((3 + len(self.waves) + len(self.torque), len(rows))), 1
-        for part in (self.plain, self.waves, self.torque):
-            np.take(part, rows, axis=1, out=table[place : place + len(part)])
-            place += len(part)
-        edges = np.searchsorted(self.group[rows], np.arange(self.groups + 1)).tolist()
-        parts = [
-            (slice(start + part.start, start + part.stop), self._places_of(group, int(rows[start])))
-            for group, (start, stop) in enumerate(pairwise(edges))
-            for part in pieces(stop - start, _FEW)
-        ]
-        return FewRows(rows, table, parts, self.width)
-
-    def means(
-        self, starts: Int[np.ndarray, " w"], size: Int[np.ndarray, " w"]
-    ) -> Float[np.ndarray, "w p"]:
-        """Return the mean row of every window; no window extends beyond a segment.
-
-        A window has `size` rows from index `starts` on.
-        """
-        plain, waves, torque = (
-            np.add.reduceat(part, starts, axis=1) / size
-            for part in (self.plain, self.waves, self.torque)
-        )
-        return self._spread(self.group[starts], self.flank[starts], plain, waves, torque)
-
-    def times(self, coefficients: Float[np.ndarray, "*c p"]) -> Float[np.ndarray, "*c m"]:
-        """Return the product of the design matrix and the coefficients, for each set of them."""
-        sets = coefficients.reshape(-1, self.width)
-        place = self.groups + 2
-        of_waves = sets[:, place : place + self.flanks * len(self.waves)]
-        of_waves = of_waves.reshape(len(sets), len(self.waves), self.flanks).transpose(2, 0, 1)
-        total = sets[:, : self.groups][:, self.group]
-        for part in pieces(len(self.group), _PIECE):
-            waves = of_waves @ self.waves[:, part]
-            own = waves[0] if self.flanks == 1 else np.where(self.flank[part] == 0, *waves)
-            total[:, part] += own + sets[:, self.groups : place] @ self.plain[:, part]
-            if len(self.torque):
-                total[:, part] += sets[:, -1:] * self.torque[:, part]
-        return total.reshape(*coefficients.shape[:-1], len(self.group))
-
-    def _places_of(self, group: int, row: int) -> Int[np.ndarray, " c"]:
-        """Return the columns that are not zero in a group, of which `row` is a row.
-
-        They are in the order offset, drift, speed, waves, torque.
-        """
-        first = self.groups + 2
-        waves = first + self.flank[row] + self.flanks * np.arange(len(self.waves))
-        torque = [self.width - 1] * len(self.torque)
-        return np.array([group, first - 2, first - 1, *waves, *torque])
-
-    def _spread(
-        self,
-        group: Int[np.ndarray, " k"],
-        flank: Int[np.ndarray, " k"],
-        plain: Float[np.ndarray, "2 k"],
-        waves: Float[np.ndarray, "w k"],
-        torque: Float[np.ndarray, "t k"],
-    ) -> Float[np.ndarray, "k p"]:
-        """Return whole rows of the design matrix, zeros included."""
-        table = np.zeros((self.width, len(group)))
-        rows, place = np.arange(len(group)), self.groups + 2
-        table[group, rows] = 1.0
-        table[self.groups : place] = plain
-        for wave in range(len(waves)):
-            table[place + self.flanks * wave + flank, rows] = waves[wave]
-        if len(torque):
-            table[-1] = torque[0]
-        return table.T
-
-
-@dataclass(frozen=True, eq=False)
-class FewRows:
-    """Rows of the design matrix for a fit of their own, sorted by group.
+    The columns are the speed, the drift, an offset of every group, cosine and sine of every order
+    on each flank, and the torque if it was logged.
 
     **Arguments**
-    - `rows`: their indices. - `width`: number of columns of the design matrix.
-    - `table`: their columns that are not zero, one row for each column, the offset first.
-    - `parts`: parts of one group, each with the columns of the design matrix that `table` holds.
+    - `rows`: the samples of the log, with their `group` and whether flank A is in contact
+      (`forward`).
     """
-
-    rows: Int[np.ndarray, " k"]
-    table: Float[np.ndarray, "c k"]
-    parts: list[tuple[slice, Int[np.ndarray, " c"]]]
-    width: int
-
-    def times(self, coefficients: Float[np.ndarray, " p"]) -> Float[np.ndarray, " k"]:
-        """Return the product of the rows and the coefficients."""
-        return np.concatenate(
-            [coefficients[places] @ self.table[:, part] for part, places in self.parts]
-        )
-
-    def normal(
-        self, weight: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"]
-    ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
-        """Return Xᵀ W X and Xᵀ W y for the rows X, their weights W and the values y."""
-        matrix, right = np.zeros(self.width**2), np.zeros(self.width)
-        for part, places in self.parts:
-            table = self.table[:, part]
-            weighted = table * weight[part]
-            matrix[np.add.outer(places * self.width, places)] += weighted @ table.T
-            right[places] += weighted @ values[part]
-        return matrix.reshape(self.width, self.width), right
-
-
-def _waves(*angles: Float[np.ndarray, " m"]) -> Float[np.ndarray, "w m"]:
-    """Return cosine and sine of the orders 1 to `ORDERS` of every angle."""
-    count = len(angles[0])
-    table = np.empty((2 * ORDERS * len(angles), count))
-    for part in pieces(count, _PIECE):
-        for number, angle in enumerate(angles):
-            first = 2 * ORDERS * number
-            _fill_waves(angle[part], table[first : first + 2 * ORDERS, part])
-    return table
-
-
-def _fill_waves(angle: Float[np.ndarray, " m"], table: Float[np.ndarray, "w m"]) -> None:
-    turns = angle / REV
-    turns -= np.rint(turns)  # NumPy is faster for small angles
-    turns *= REV
-    np.cos(turns, out=table[0])
-    np.sin(turns, out=table[1])
-    double = 2 * table[0]
-    for order in range(1, ORDERS):  # f((k + 1) x) = 2 cos x f(k x) − f((k − 1) x)
-        for part in (0, 1):
-            place = 2 * order + part
-            np.multiply(double, table[place - 2], out=table[place])
-            table[place] -= table[place - 4] if order > 1 else 1.0 - part
+    time, angles = log.time[rows], (log.driving_angle[rows], log.driven_angle[rows])
+    drift = (time - time.mean()) / max(float(np.ptp(time)), 1e-300)
+    columns = [_scaled(log.driving_speed.value[rows]), drift]
+    columns += [group == number for number in range(int(group.max()) + 1)]
+    flanks = [flank for flank in (forward, ~forward) if flank.any()]
+    for turn in (np.exp(1j * angle) for angle in angles):
+        wave = turn
+        for _ in range(ORDERS):
+            columns += [part * flank for part in (np.real(wave), np.imag(wave)) for flank in flanks]
+            wave = wave * turn
+    if log.torque is not None:
+        columns.append(_scaled(log.torque[rows]))
+    return np.stack(columns, axis=1, dtype=np.float64)
 
 
 def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
@@ -571,14 +403,14 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
     edges = _window_starts(segment_of)
     if len(edges) < 4:
         return ()
-    effects = Effects.of(log, rows, group, forward)
+    effects = effects_of(log, rows, group, forward)
     residual = _huber_residual(effects, log.transmission_error[rows])
     size = np.diff([*edges, len(rows)])
-    medians, means = _medians(residual, edges, size), effects.means(edges, size)
-    least, speed = _least_step(log, residual), means[:, effects.speed_place]
+    medians = _medians(residual, edges, size)
+    means = np.add.reduceat(effects, edges, axis=0) / size[:, None]
     found = []
-    for step in find_steps(medians, means, least, rival=speed):
-        row = _first_row_after(rows, residual, edges, step, effects.times(step.coefficients))
+    for step in find_steps(medians, means, _least_step(log, residual), rival=means[:, 0]):
+        row = _first_row_after(rows, residual, edges, step, effects @ step.coefficients)
         found.append(Slip(float(log.time[row]), row, step.size / DEG, step.std / DEG))
     return tuple(found)
 
@@ -659,25 +491,26 @@ def _least_step(log: EncoderLog, residual: Float[np.ndarray, " m"]) -> float:
     return max(limits)
 
 
-def _huber_residual(effects: Effects, error: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+def _huber_residual(
+    effects: Float[np.ndarray, "m p"], error: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, " m"]:
     """Return the residual of a Huber fit of `error` by `effects`; outliers have little influence.
 
     The fit uses one random row of every few neighbouring rows. `find_steps` fits the coefficients
     again together with the steps. Every iteration solves the weighted normal equations for a
     correction of the coefficients, which removes rounding errors of earlier iterations.
     """
-    few = effects.few(_drawn(len(error), effects.width))
-    left, weight = error[few.rows], np.ones(len(few.rows))
+    few = _drawn(*effects.shape)
+    table, left, weight = effects[few], error[few], np.ones(len(few))
     changes = []
     for _ in range(_HUBER_STEPS):
-        matrix, right = few.normal(weight, left)
-        changes.append(pseudo_inverse(matrix, _DEPENDENT) @ right)
-        left = left - few.times(changes[-1])
+        weighted = (table * weight[:, None]).T
+        changes.append(pseudo_inverse(weighted @ table, _DEPENDENT) @ (weighted @ left))
+        left = left - table @ changes[-1]
         size = np.abs(left)
         scale = 1.5 * float(np.median(size)) / 0.6745
         weight = scale / np.maximum(size, max(scale, 1e-300))
-    first, others = effects.times(np.stack([changes[0], np.sum(changes[1:], axis=0)]))
-    return error - first - others
+    return error - effects @ changes[0] - effects @ np.sum(changes[1:], axis=0)
 
 
 def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:

@@ -31,10 +31,9 @@ between the flanks; the torque is used if it fits better.
 
 from bisect import bisect_right
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ...base.numerics.student_noise import fit_student_noise
 from ...base.numerics.well_conditioned import least_squares, orthonormal_basis
@@ -140,41 +139,38 @@ def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
     - `by_motion`: segments with flanks by the direction of motion.
     """
     moving = [phase for phase in by_motion.motion if phase.kind != "dwell"]
-    turns = _reversals(moving)
+    turns = [k for k in range(1, len(moving)) if moving[k].kind != moving[k - 1].kind]
     if not turns:
         return 0.0
     angle = log.driving_angle
     rows, leg, sense = _rows(moving, turns)
     origin = angle[[moving[0].start, *(moving[k].start for k in turns)]]
-    samples = _Samples(rows, sense, np.abs(angle[rows] - origin[leg]), leg > 0)
+    travel = np.abs(angle[rows] - origin[leg])
     stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
     shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
     gap = 0.0
-    for share in shares:
-        gap = _seen(log, samples, share * stroke)
-        if 0 < gap < share * stroke * float(log.ratio):
+    for longest in (share * stroke for share in shares):
+        # The place of the teeth is known after a reversal or after the longest crossing.
+        known = ~log.spikes[rows] & ((leg > 0) | (travel > longest))
+        gap = _crossing_of(log, rows[known], sense[known], travel[known], longest)
+        if 0 < gap < longest * float(log.ratio):
             break  # a longer crossing would be seen at the limit
     return gap
 
 
-class _Samples(NamedTuple):
-    """Samples in motion: their numbers, direction ±1, travel in rad since the start of their leg.
+def _crossing_of(
+    log: EncoderLog,
+    rows: Int[np.ndarray, " m"],
+    sense: Int[np.ndarray, " m"],
+    travel: Float[np.ndarray, " m"],
+    longest: float,
+) -> float:
+    """Return the gap whose crossing takes up to the travel `longest`, rad; 0 without evidence.
 
-    `turned` is False before the first reversal.
+    `rows` are samples in motion, `sense` their direction, ±1, and `travel` in rad is that since the
+    start of their leg.
     """
-
-    rows: Int[np.ndarray, " m"]
-    sense: Int[np.ndarray, " m"]
-    travel: Float[np.ndarray, " m"]
-    turned: Bool[np.ndarray, " m"]
-
-
-def _seen(log: EncoderLog, samples: _Samples, longest: float) -> float:
-    """Return the gap whose crossing takes up to the travel `longest`, rad; 0 without evidence."""
     ratio = float(log.ratio)
-    rows, sense, travel, turned = samples
-    known = ~log.spikes[rows] & (turned | (travel > longest))
-    rows, travel, sense = rows[known], travel[known], sense[known]
     if len(rows) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(sense)) < 2:
         return 0.0
     basis = orthonormal_basis(columns_of(log, rows, log.driving_speed.value[rows]), 1e-9)
@@ -192,11 +188,6 @@ def _seen(log: EncoderLog, samples: _Samples, longest: float) -> float:
     best = int(np.argmin(found))
     evidence = len(rows) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
     return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
-
-
-def _reversals(moving: list[MotionPhase]) -> list[int]:
-    """Return the indices of the phases `moving` whose direction differs from the one before."""
-    return [k for k in range(1, len(moving)) if moving[k].kind != moving[k - 1].kind]
 
 
 def _rows(

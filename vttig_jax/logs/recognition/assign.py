@@ -37,9 +37,8 @@ from ..readers.column_names import (
 )
 from ..readers.table import Table
 from ..readers.times import epoch_unit
-from ..slope import MOST_ROWS, ratio_option, slope
+from ..slope import APART, MOST_ROWS, ratio_option, slope
 from .candidates import (
-    APART,
     EQUAL,
     MOST_LISTED,
     UNIT_TOO,
@@ -346,21 +345,28 @@ class Search:
                 if angle and self.table.starts_with_a_number(one.index):
                     self.table.columns([one.index])
             raise self._shafts_open(missing, listed, given=True)
-        pairs, signs, unknown = self.fitting_pairs(fixed, possible, ratio)
-        if unknown and not pairs:
+        signs, unknown = self.fitting_pairs(fixed, possible, ratio)
+        if unknown and not signs:
             raise self._no_unit(*unknown[0])
-        if not pairs:
+        if not signs:
             raise self._shafts_open(missing, listed, given=True, turning=(fixed, possible))
+        pairs = list(signs)
         if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
-            apart = [k for k, pair in enumerate(pairs) if not is_copy(*pair)]
-            if apart:
-                pairs, signs = [pairs[k] for k in apart], [signs[k] for k in apart]
+            pairs = [pair for pair in pairs if not is_copy(*pair)] or pairs
         if len(pairs) > 1:
-            sided = [k for k, (_, driven) in enumerate(pairs) if driven.reading.output_side]
+            sided = [pair for pair in pairs if pair[1].reading.output_side]
             if len(sided) != 1:
-                raise self._several_pairs(pairs)
-            pairs, signs = [pairs[sided[0]]], [signs[sided[0]]]
-        if signs[0] < 0:
+                columns = list({one.index: one for pair in pairs for one in pair}.values())
+                raise self._ask(
+                    "several-pairs",
+                    columns=columns,
+                    number=len(pairs),
+                    pairs=", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4]),
+                    first=pairs[0][0].name,
+                    second=pairs[0][1].name,
+                )
+            pairs = sided
+        if signs[pairs[0]] < 0:
             raise self._ask(
                 "opposite-directions",
                 columns=pairs[0],
@@ -385,17 +391,6 @@ class Search:
             other_ratio=f"{above}:{below if slash else 1}",
             turns=in_words(ratio),
             inverse=in_words(1 / ratio),
-        )
-
-    def _several_pairs(self, pairs: Sequence[tuple[Candidate, Candidate]]) -> Question:
-        columns = list({one.index: one for pair in pairs for one in pair}.values())
-        return self._ask(
-            "several-pairs",
-            columns=columns,
-            number=len(pairs),
-            pairs=", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4]),
-            first=pairs[0][0].name,
-            second=pairs[0][1].name,
         )
 
     def _shafts_open(
@@ -576,14 +571,12 @@ class Search:
         ratio, measured = self.statement.ratio, [o for o in others if not o.reading.setpoint]
         turn = ratio is not None and guessed and all(one.turns for one in named.values())
         if ratio is not None and turn and measured:
-            fitting, _, unknown = self.fitting_pairs(named, (), ratio)
+            fitting, unknown = self.fitting_pairs(named, (), ratio)
             if not fitting and not unknown:
-                turning, _, _ = self.fitting_pairs({}, [*named.values(), *measured], ratio)
-                for c, d in turning:
-                    a, b = named.values()
-                    raise self._ask(
-                        "names-against-ratio", columns=[a, b, c, d], turns=in_words(ratio)
-                    )
+                turning, _ = self.fitting_pairs({}, [*named.values(), *measured], ratio)
+                for pair in turning:
+                    about = {"columns": [*named.values(), *pair], "turns": in_words(ratio)}
+                    raise self._ask("names-against-ratio", **about)
         self._refuse_two_clocks(named)
 
     def _is_twin(self, one: Candidate, other: Candidate, role: str) -> bool:
@@ -835,17 +828,17 @@ class Search:
 
     def fitting_pairs(
         self, fixed: dict[str, Candidate], free: Sequence[Candidate], ratio: Fraction
-    ) -> tuple[list[tuple[Candidate, Candidate]], list[int], list[tuple[str, Candidate]]]:
-        """Return the pairs (driving, driven) of columns that have a ratio, and their signs.
+    ) -> tuple[dict[tuple[Candidate, Candidate], int], list[tuple[str, Candidate]]]:
+        """Return the pairs (driving, driven) of columns that have a ratio, with their signs.
 
-        `fixed` is role → column of known shafts, `free` are the columns for the others. The third
+        `fixed` is role → column of known shafts, `free` are the columns for the others. The second
         result has a role and its column for every pair without a unit. If no pair has the ratio
         within `TOLERANCE`, those have it whose slope is as uncertain as it is off, as over less
         than a turn. At the ratio 1 a pair fits in both orders if it fits in one.
         """
         missing = [role for role in ("driving", "driven") if role not in fixed]
         unknown: list[tuple[str, Candidate]] = []
-        moving: list[tuple[tuple[Candidate, Candidate], tuple[np.ndarray, np.ndarray]]] = []
+        moving: dict[tuple[Candidate, Candidate], tuple[np.ndarray, np.ndarray]] = {}
         for chosen in permutations(free, len(missing)):
             roles = {**fixed, **dict(zip(missing, chosen, strict=True))}
             sizes = {role: self.per_turn(one, role) for role, one in roles.items()}
@@ -856,15 +849,15 @@ class Search:
             pair = roles["driving"], roles["driven"]
             both = self.turns(*pair, [sizes["driving"], sizes["driven"]])
             if both is not None:  # the two channels have a common time
-                moving.append((pair, both))
+                moving[pair] = both
+        found: dict[tuple[Candidate, Candidate], int] = {}
         for surely in (True, False):
-            found = []
-            for pair, both in moving:
+            for pair, both in moving.items():
                 sign = have_slope(*both, float(ratio), surely=surely)
                 if not sign and ratio == 1:
                     sign = have_slope(both[1], both[0], 1.0, surely=surely)
                 if sign:
-                    found.append((pair, sign))
+                    found[pair] = sign
             if found:
                 break
-        return [pair for pair, _ in found], [sign for _, sign in found], unknown
+        return found, unknown

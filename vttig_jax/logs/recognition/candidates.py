@@ -19,7 +19,7 @@ from ...base.errors import LogError, UsageError, VttigError
 from ...base.units import REV
 from ..channel.unwrap import find_modulus, unwrap
 from ..readers.column_names import ANGLES, TIME_UNITS, NameReading, bracket_of
-from ..slope import DEVIATIONS, slope
+from ..slope import APART, DEVIATIONS, TOLERANCE, slope
 from ..source import LEAST_RANGE
 
 EVEN = 1e-3
@@ -38,13 +38,6 @@ where an angle wraps. Jumps are not used for a slope (chosen)."""
 
 MOST_LISTED = 8
 """Largest number of columns that an error message lists (chosen)."""
-
-TOLERANCE = 0.005
-"""Largest relative deviation of the slope of two columns from the given ratio (chosen)."""
-
-APART = 0.05
-"""Largest rms deviation of the driven column from a straight line over the driving one, as a
-fraction of its travel (chosen)."""
 
 _COPY = 1e-9
 """Two columns are one reading in two units if they differ by at most this fraction of their largest
