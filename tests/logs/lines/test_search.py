@@ -25,7 +25,9 @@ from vttig_jax.logs.lines.search import (
     Spectrum,
     false_alarm_probability,
     find_lines,
+    may_be_highest,
     noise_level,
+    relative_height,
 )
 
 
@@ -203,6 +205,7 @@ def test_the_level_follows_a_slope_and_no_line(slope):
 
 
 def test_the_level_at_some_frequencies_is_that_of_the_whole_spectrum():
+    """And the rough choice of frequencies contains the highest, however strong the lines are."""
     turns = np.linspace(0.0, 900.0, 9000)
     for seed in range(3):
         noise = coloured(9000, [1.0, -0.9], seed)
@@ -211,10 +214,14 @@ def test_the_level_at_some_frequencies_is_that_of_the_whole_spectrum():
         spectrum = Spectrum.of(rows, Regressors.of(rows), 4.0)
         height = spectrum.height(rows.value - rows.value.mean(), np.ones(1))
         lines = np.array([1.234])
-        level, _ = noise_level(spectrum, height, lines).at(spectrum.cycles)
+        level, freedom = noise_level(spectrum, height, lines).at(spectrum.cycles)
         some = spectrum.cycles[np.random.default_rng(seed).integers(0, len(level), 40)]
         near = noise_level(spectrum, height, lines, near=some).at(some)
         np.testing.assert_allclose(near[0], np.interp(some, spectrum.cycles, level), rtol=1e-4)
+        places = np.flatnonzero(np.abs(spectrum.cycles - 1.234) * 900 >= 1)
+        score = relative_height(height / level, freedom)[places]
+        kept = may_be_highest(spectrum, height, lines, places)
+        assert kept[np.argmax(score)] and kept.mean() < 0.2
 
 
 @pytest.mark.parametrize(

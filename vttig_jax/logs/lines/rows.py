@@ -12,7 +12,8 @@ Least-squares fit of lines (cosine and sine of unknown frequency) together with 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -144,14 +145,7 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
                 "Argument `nuisance` must have the same columns in all runs of a group, but group"
                 f" {name!r} has {sorted({run.nuisance.shape[1] for run in members})}."
             )
-    ordered: list[tuple[Stretch, Float[np.ndarray, " m"]]] = []
-    nuisance, first = [], 0
-    for members in groups.values():
-        averaged = [_averaged(run, max(block, 1)) for run in members]
-        columns = np.concatenate([run.nuisance for run, _ in averaged])
-        nuisance.append((slice(first, first + len(columns)), columns))
-        first += len(columns)
-        ordered += averaged
+    ordered = [_averaged(run, max(block, 1)) for members in groups.values() for run in members]
     turns = np.concatenate([run.angle for run, _ in ordered]) / REV
     origin = float(turns.mean()) if len(turns) else 0.0
     starts = (0, *np.cumsum([len(run.value) for run, _ in ordered]).tolist())
@@ -160,9 +154,24 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
         origin=origin,
         width=np.concatenate([width for _, width in ordered]),
         value=np.concatenate([run.value for run, _ in ordered]),
-        nuisance=tuple(nuisance),
+        nuisance=_by_group([run for run, _ in ordered], starts),
         starts=starts,
     )
+
+
+def _by_group(
+    runs: Sequence[Stretch], starts: Sequence[int]
+) -> tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]:
+    """Return the slice of rows and the regressors of every group; runs of a group are neighbours.
+
+    `starts` holds the index of the first row of every run, and the number of rows at the end.
+    """
+    blocks, first = [], 0
+    for _, members in groupby(runs, key=attrgetter("group")):
+        parts = [run.nuisance for run in members]
+        blocks.append((slice(starts[first], starts[first + len(parts)]), np.concatenate(parts)))
+        first += len(parts)
+    return tuple(blocks)
 
 
 def highest_resolved(runs: Sequence[Stretch], rows_per_cycle: float = 2.0) -> float:

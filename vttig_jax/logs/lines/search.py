@@ -167,8 +167,8 @@ class _Search:
         """
         frequencies = np.zeros(0)
         while len(frequencies) < most:
-            residual, value = self.plain.after(frequencies), self.rows.value
-            if float(residual @ residual) <= _ROUNDING * float(value @ value):
+            residual = self.plain.after(frequencies)
+            if self._is_rounding(residual):
                 break
             taps = noise_filter(self.rows, residual)
             parts = [self.plain]
@@ -206,11 +206,12 @@ class _Search:
         The lines `frequencies` are fitted first, and peaks near them are excluded.
         """
         height = self.spectrum.height(regression.after(frequencies), regression.taps)
-        places = np.flatnonzero(self._free(frequencies))
+        open_ = np.flatnonzero(self._free(frequencies))
+        places = open_[may_be_highest(self.spectrum, height, frequencies, open_)]
         if not len(places):
             return -1.0, 0.0
         cycles = self.spectrum.cycles[places]
-        usual, freedom = noise_level(self.spectrum, height, frequencies).at(cycles)
+        usual, freedom = noise_level(self.spectrum, height, frequencies, near=cycles).at(cycles)
         score = relative_height(height[places] / usual, freedom)
         best = int(np.argmax(score))
         return float(score[best]), float(cycles[best])
@@ -267,6 +268,10 @@ class _Search:
     def _alarm(self, score: float) -> float:
         cycles = self.spectrum.cycles
         return false_alarm_probability(score, self.rows.turns, float(np.ptp(cycles)))
+
+    def _is_rounding(self, residual: Float[np.ndarray, " n"]) -> bool:
+        value = self.rows.value
+        return float(residual @ residual) <= _ROUNDING * float(value @ value)
 
     def _lines(
         self,
@@ -620,12 +625,18 @@ _CLIP = 5.0
 """Heights above this multiple of the level are clipped in the fit of the level, because they may be
 lines and not noise (chosen)."""
 
-_ITERATIONS, _SETTLED = 8, 1e-5
-"""Largest number of iterations in the fit of the level; it ends earlier if the logarithm of the
-level changes by less than `_SETTLED` (chosen)."""
+_ITERATIONS, _OF_ROUGH, _SETTLED = 8, 3, 1e-5
+"""Largest number of iterations in the fit of the level, and of a rough one; the fit ends earlier if
+the logarithm of the level changes by less than `_SETTLED` (chosen)."""
 
 _CACHED_KNOTS = 256  # knots fitted at once; their windows fit the processor cache (chosen)
 _EULER = 0.5772156649015329  # minus the mean of the logarithm of an exponential variable
+
+_MANY_KNOTS = 200
+_ROUGHLY = 1.5
+"""With more knots than `_MANY_KNOTS`, a level from one frequency per resolution and every second
+knot is computed first. It is within the factor `_ROUGHLY` of the level; it scatters by a fifth
+(chosen)."""
 
 
 @dataclass(frozen=True)
@@ -665,12 +676,55 @@ def noise_level(
     so are those that the regressors explain. If frequencies `near` are given, only the knots on
     both sides of each of them are fitted; the level is valid there only.
     """
-    count = len(spectrum.cycles)
-    apart = max(round(_KNOT_DISTANCE * spectrum.per_cell), 1)
-    knots = np.unique(np.append(np.arange(0, count, apart), count - 1))
+    knots = _knots(spectrum)
     if near is not None:
         right = np.searchsorted(spectrum.cycles[knots], near)
         knots = knots[np.unique(np.clip([right - 1, right], 0, len(knots) - 1))]
+    return _level(spectrum, height, lines, knots)
+
+
+def may_be_highest(
+    spectrum: Spectrum,
+    height: Float[np.ndarray, " f"],
+    lines: Float[np.ndarray, " k"],
+    places: Int[np.ndarray, " p"],
+) -> Bool[np.ndarray, " p"]:
+    """Return for each of `places` whether its height may be the highest of all `places`.
+
+    Heights are compared relative to the noise level. `places` are indices of frequencies in
+    `spectrum.cycles`, and the other arguments are those of `noise_level`. The level is only
+    roughly estimated here, from few frequencies. The exact level is then needed only at the places
+    for which the result is true.
+    """
+    knots = _knots(spectrum)
+    if len(knots) <= _MANY_KNOTS or not len(places):
+        return np.ones(len(places), bool)
+    few = np.append(knots[:-1:2], knots[-1])
+    level = _level(spectrum, height, lines, few, stride=max(round(spectrum.per_cell), 1))
+    usual, freedom = level.at(spectrum.cycles[places])
+    relative = height[places] / usual
+    least = relative_height(relative / _ROUGHLY, freedom).max()
+    return relative_height(relative * _ROUGHLY, freedom) >= least
+
+
+def _knots(spectrum: Spectrum) -> Int[np.ndarray, " k"]:
+    """Return the indices of the frequencies at which the noise level is fitted."""
+    count = len(spectrum.cycles)
+    apart = max(round(_KNOT_DISTANCE * spectrum.per_cell), 1)
+    return np.unique(np.append(np.arange(0, count, apart), count - 1))
+
+
+def _level(
+    spectrum: Spectrum,
+    height: Float[np.ndarray, " f"],
+    lines: Float[np.ndarray, " k"],
+    knots: Int[np.ndarray, " q"],
+    stride: int = 1,
+) -> Level:
+    """Return the level at the knots, fitted to every `stride`-th frequency of their windows.
+
+    `knots` are indices in `spectrum.cycles`. The other arguments are those of `noise_level`.
+    """
     cycles, per_cell = spectrum.cycles, spectrum.per_cell
     usable = (spectrum.remaining >= LEAST_REMAINING) & (height > 0)
     for line in lines:
@@ -678,7 +732,7 @@ def noise_level(
     size = min(round(_WINDOW * per_cell), len(cycles))
     start = np.clip(knots - size // 2, 0, len(cycles) - size)
     distance, logarithm, weight = (
-        sliding_window_view(values, size)
+        sliding_window_view(values, size)[:, ::stride]
         for values in (
             np.log(cycles),
             np.log(np.maximum(height, 1e-300)).astype(np.float32),
@@ -691,13 +745,14 @@ def noise_level(
             (distance[first] - origin[part, None]).astype(np.float32),
             logarithm[first],
             weight[first],
+            _ITERATIONS if stride == 1 else _OF_ROUGH,
         )
         for part in (slice(k, k + _CACHED_KNOTS) for k in range(0, len(knots), _CACHED_KNOTS))
         for first in (start[part],)
     ]
     found = (np.concatenate(part).astype(np.float64) for part in zip(*parts, strict=True))
     intercept, inverse = found
-    freedom = np.clip(1 / np.maximum(inverse * per_cell, 1e-12), 0.0, size / per_cell)
+    freedom = np.clip(stride / np.maximum(inverse * per_cell, 1e-12), 0.0, size / per_cell)
     return Level(cycles[knots], intercept, freedom)
 
 
@@ -705,6 +760,7 @@ def _gamma_regression(
     distance: Float[np.ndarray, "k m"],
     logarithm: Float[np.ndarray, "k m"],
     weight: Float[np.ndarray, "k m"],
+    iterations: int,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Fit ln(level) = a + b · distance in each of k windows of m frequencies.
 
@@ -728,7 +784,7 @@ def _gamma_regression(
     square = np.maximum(np.einsum("km,km->k", lever, apart), 1e-30)
     response, mean = logarithm + np.float32(_EULER), np.float32(-np.expm1(-_CLIP))
     slope, level, log_level = np.zeros_like(centre), np.zeros_like(centre), np.empty_like(apart)
-    for number in range(_ITERATIONS + 1):
+    for number in range(iterations + 1):
         if number:
             np.multiply(apart, slope[:, None], out=log_level)
             log_level += level[:, None]
