@@ -53,9 +53,8 @@ _SEARCHED = 5.0
 _TRIES, _THIN = 720, 256
 """Shifts of a turn that are tried, and rows at which they are (chosen)."""
 
-_LIMITS, _ROUNDS = np.geomspace(0.03, 0.9, 16), 3
-"""Speed limits that are tried, in parts of the largest speed that the table asks for, and rounds,
-each of which tries limits eight times as close (chosen)."""
+_LIMITS = np.geomspace(0.03, 0.9, 16)
+"""Speed limits that are tried, in parts of the largest speed that the table asks for (chosen)."""
 
 
 @dataclass(frozen=True)
@@ -186,14 +185,14 @@ def _curves(
     steps = np.diff(rows.time)  # the correction jumps at the few samples at which the axis turns
     fastest = np.quantile(np.abs(np.diff(target)), 0.98) / np.median(steps)
     limits, near = fastest * _LIMITS, _LIMITS[1] / _LIMITS[0]
-    for last in range(1, _ROUNDS + 1):
+    for last in (False, False, True):  # each round tries limits eight times as close
         slewed = np.repeat(target[:, None], len(limits), axis=1)
         for k, most in enumerate(np.multiply.outer(steps, limits), 1):
             slewed[k] = slewed[k - 1] + np.clip(target[k] - slewed[k - 1], -most, most)
         sizes = [misfit(left(one[rows.picked])) for one in slewed.T]
         limit = limits[np.argmin(sizes)]
         limits, near = limit * np.geomspace(1 / near, near, len(limits)), near ** (1 / 8)
-        if last == _ROUNDS:
+        if last:
             yield "rate_limited", min(sizes), float(limit) / DEG, _SEARCHED
 
 
