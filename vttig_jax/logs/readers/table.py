@@ -329,14 +329,18 @@ def _times_of_edges(table: Table) -> np.ndarray | None:
     Logic analysers export such rows. Their time is the only column that always rises.
     """
     columns = table.own_numeric().values()
-    times = [one for one in columns if np.all(np.diff(one) > 0)]
-    changes = [np.diff(one) != 0 for one in columns if set(one.tolist()) <= {0, 1}]
+    times = [one for one in columns if np.all(one[1:] > one[:-1])]
+    changes = [one[1:] != one[:-1] for one in columns if set(one.tolist()) <= {0, 1}]
     return times[0] if len(times) == 1 and np.all(np.any(changes, axis=0)) else None
 
 
 def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n"]:
-    """Return the level of each sample, 0 or 1; between both thresholds it is that before."""
-    low, span = float(values.min()), float(np.ptp(values))
+    """Return the level of each sample, 0 or 1; between both thresholds it is that before.
+
+    An infinite value is beyond the range of the instrument, so that it has the level of its sign.
+    """
+    known = values[np.isfinite(values)]
+    low, span = float(known.min(initial=np.inf)), float(np.ptp(known)) if known.size else 0.0
     if not 0 < span < np.inf:
         raise LogError(
             "the level of this channel never changes; name the channels A and B, or STEP and DIR.",
@@ -344,8 +348,8 @@ def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n
         )
     share = (values - low) / span
     clear = (share < _LOW) | (share > _HIGH)
-    known = np.maximum.accumulate(np.where(clear, np.arange(len(values)), 0))
-    return (share[known] > _HIGH).astype(np.int64)
+    last = np.maximum.accumulate(np.where(clear, np.arange(len(values)), 0))
+    return (share[last] > _HIGH).astype(np.int64)
 
 
 def _quadrature(
