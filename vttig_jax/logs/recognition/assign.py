@@ -431,9 +431,9 @@ class Search:
         if len(moving) == 1 and len(missing) == 2:
             alone = moving[0].name
             seen += (
-                f"; this file holds the one channel `{alone}`, and each log needs both shafts: if the"
-                " other one is in a file of its own, as oscilloscopes save them, paste it beside"
-                " this one as another column"
+                f"; this file holds the one channel `{alone}`, and each log needs both shafts: if"
+                " the other one is in a file of its own, as oscilloscopes save them, paste it"
+                " beside this one as another column"
                 if "time" in self.roles and len(self.table.names) == 2
                 else "; if the number of the row is the reading of the other encoder, as in a table"
                 f" of calibration, give --column driving='{alone}' --column driven={ROW}"
