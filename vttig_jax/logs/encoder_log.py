@@ -493,7 +493,15 @@ def at_common_times(table: Table, roles: Roles) -> tuple["OneClock", Source]:
     place = Source(name_of_file(table.source), names, table.line_of)
     size = _common_size(columns, arrays, place)
     if time is not None and time.index != ROW_INDEX:
-        arrays[time.index], told = _seconds(table, time, arrays.get(time.index), size, place)
+        ticks = arrays.get(time.index)
+        arrays[time.index], told = _seconds(table, time, ticks, size, place)
+        if ticks is not None and not (ticks % 1).any():
+            period = 2**32 * TIME_UNITS[time.unit]
+            falls = np.abs(np.diff(arrays[time.index]) / period + 1) < 0.01
+            if falls.any():  # such as `micros()` of an Arduino, after 71 minutes
+                passed = np.cumsum(np.append(False, falls))
+                arrays[time.index] = arrays[time.index] + period * passed
+                told = (*told, f"time: unwrapped, as its counter passed 2³² {falls.sum()} times")
         notes += told
         _common_size(columns, arrays, place)
     rate, numbers = roles.statement.layout.sample_rate_hz, table.sample_numbers

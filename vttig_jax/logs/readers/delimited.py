@@ -45,7 +45,7 @@ _SEXAGESIMAL = re.compile(
 )
 """Degrees, minutes and seconds of an angle, such as 12°30'05.2"."""
 
-_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity|∞)", re.IGNORECASE)
 
 CURE = 'give --decimal "." or --decimal ","'
 
@@ -70,7 +70,7 @@ def to_number(field: str, decimal: str) -> float | None:
     """
     text = _without_thousands_blanks(field)
     if _NOT_FINITE.fullmatch(text):
-        return float(text)
+        return float(text.replace("∞", "inf"))
     if angle := _SEXAGESIMAL.fullmatch(text):
         sign, degrees, minutes, seconds = angle.groups()
         size = int(degrees) + int(minutes) / 60 + float((seconds or "0").replace(",", ".")) / 3600

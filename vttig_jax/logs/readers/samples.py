@@ -23,9 +23,9 @@ new lock position move the zero of the distances; these moves are removed. Rows 
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -34,8 +34,8 @@ from ...base.errors import LogError
 from ...base.units import DEG
 from ..source import Source
 from .binary import ClockedColumn, table_of
-from .column_names import WAYS, fold
-from .delimited import looks_like_number, split, to_number
+from .column_names import SHAFT_UNITS, WAYS, fold, name_and_unit
+from .delimited import is_value, looks_like_number, split, to_number
 from .layouts import SPARE, WHOLE, Found, Row, content, cut_at, numbers
 from .table import MOST_COLUMNS, Table
 from .text import Lines, printable
@@ -59,6 +59,9 @@ SAMPLE = 400
 
 _MOST_CHANNELS = 50
 """Largest number of different channel names in these rows (chosen)."""
+
+_INFLUX = {"_time", "_value"}
+_NO_TAGS = ("", "result", "table", "_start", "_stop", "_time", "_value", "_field")
 
 _FEWEST = 4
 """Least mean number of rows per channel (chosen)."""
@@ -166,25 +169,35 @@ def _messages(lines: Sequence[str]) -> Iterator[tuple[int, str, str]]:
         number, stamp, parts = k, frame["stamp"].strip(), [frame["rest"].strip()]
 
 
-def _long_columns(lines: Sequence[str]) -> tuple[str, tuple[int, int, int]] | None:
-    """Return the delimiter and the column indices of time, name and value, or None."""
+def _long_columns(lines: Sequence[str]) -> tuple[str, str, tuple[int, int, int]] | None:
+    """Return the delimiter, name of the value and column indices of time, name and value, or None.
+
+    Where the first rows have a single channel, rows of the whole text tell whether others follow.
+    """
     for mark in _DELIMITERS:
         head, *rows = (split(line, mark) for line in lines[: SAMPLE + 1])
         rows = [row for row in rows if row][:-1]
         usual = max(map(len, rows), key=[*map(len, rows)].count, default=0)
         whole = [row for row in rows if len(row) == usual]
-        roles = roles_of(head, whole) if len(whole) > WHOLE * len(rows) else None
+        if len(whole) <= WHOLE * len(rows):
+            continue
+        roles = roles_of(head, whole)
+        if roles is None and len(lines) > SAMPLE and 2 <= sum(map(is_value, whole[0])) < usual:
+            thinned = (split(line, mark) for line in lines[1 : -1 : len(lines) // SAMPLE])
+            roles = roles_of(head, [row for row in thinned if len(row) == usual])
         if roles is not None:
-            return mark, roles
+            return mark, head[roles[2]], roles
     return None
 
 
 def read_long(text: Lines, source: str) -> Found | None:
     """Return the channels of a table whose rows are a time, a name of a few, and a number."""
+    if (annotated := _read_influx(text, source)) is not None:
+        return annotated
     found = _long_columns(text)
     if found is None:
         return None
-    (mark, roles), lines = found, list(text)
+    (mark, header, roles), lines = found, list(text)
     rows: list[Row] = []
     notes: list[str] = []
     for number, line in enumerate(lines[1:], 2):
@@ -194,7 +207,47 @@ def read_long(text: Lines, source: str) -> Found | None:
         elif fields:
             what = "this line has too few fields; correct it or remove it."
             notes += cut_at(lines, number, source, what)
-    return read_long_rows(rows, roles, source, notes, comma=mark != ",")
+    return read_long_rows(rows, roles, source, notes, comma=mark != ",", header=header)
+
+
+def _read_influx(text: Lines, source: str) -> Found | None:
+    """Return the channels of an annotated CSV of InfluxDB, or None for another text.
+
+    A channel is named by its tags and its field, without those that all channels share; the unit of
+    a shared field belongs to each of them.
+    """
+    head = next((split(line, ",") for line in content(text) if not line.startswith("#")), [])
+    if not {*head} >= _INFLUX:
+        return None
+    channels, lines, notes = Channels(), list(text), list[str]()
+    for number, line in enumerate(lines, 1):
+        fields = split(line, ",", trim=False)
+        if line.startswith("#") or not any(fields):
+            continue
+        if {*fields} >= _INFLUX:  # another table with other tags
+            head = fields
+        elif len(fields) < len(head):
+            what = "this line has too few fields; correct it or remove it."
+            notes += cut_at(lines, number, source, what)
+        else:
+            row = dict(zip(head, fields, strict=False))
+            own = [field for tag, field in row.items() if tag not in _NO_TAGS]
+            name = "\t".join([*own, row.get("_field", "")])
+            channels.add(name, row["_time"], row["_value"], number)
+    labels = {name: name.split("\t") for name in channels}
+    shared = set.intersection(*map(set, labels.values())) if len(labels) > 1 else set[str]()
+    short = {
+        name: _with_unit(" ".join(t for t in own if t and t not in shared), own[-1], source)
+        for name, own in labels.items()
+    }
+    channels = Channels({short[name]: samples for name, samples in channels.items()})
+    return channels.found(source, ["InfluxDB: every channel has its own time stamps", *notes])
+
+
+def _with_unit(name: str, header: str, source: str) -> str:
+    """Return a name of a channel, with the unit in the name of its values if it has none itself."""
+    (_, unit), (_, own) = (name_and_unit(text, SHAFT_UNITS, source) for text in (header, name))
+    return f"{name} [{unit}]" if unit and not own else name
 
 
 def read_long_rows(
@@ -204,13 +257,18 @@ def read_long_rows(
     notes: Sequence[str] = (),
     *,
     comma: bool = False,
+    header: str = "",
 ) -> Found:
-    """Return the channels of a long table from its rows and the columns of time, name and value."""
+    """Return the channels of a long table from its rows and the columns of time, name and value.
+
+    `header` is the name of the column of values, whose unit a channel without one has.
+    """
     time, name, value = roles
     channels = Channels()
+    names = {text: _with_unit(text, header, source) for text in {row[name] for _, row in rows}}
     for number, row in rows:
         text = row[value].replace(",", ".") if comma else row[value]
-        channels.add(row[name], row[time], text, number)
+        channels.add(names[row[name]], row[time], text, number)
     return channels.found(source, ["long table: every channel has its own time stamps", *notes])
 
 
@@ -221,26 +279,39 @@ def roles_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, i
     if any(map(looks_like_number, head)):
         return None
     names, times, values = [], [], []
-    for k, column in enumerate(zip(*rows, strict=True)):
+    columns = list(zip(*rows, strict=True))
+    for k, column in enumerate(columns):
         if np.mean([looks_like_stamp(text) for text in column]) > WHOLE:
             times.append(k)
         elif np.mean([looks_like_number(text) for text in column]) > WHOLE:
             values.append(k)
-        elif not any(map(looks_like_number, column)) and _repeats(column):
+        elif not any(map(looks_like_number, column)):
             names += [k] * (not WAYS.keys() >= {*map(fold, column)})
     if not times and len(values) == 2:
         times = [values.pop(0)]
-    if len(names) == len(times) == len(values) == 1:
-        return times[0], names[0], values[0]
-    return None
+    if len(times) != 1 or len(values) != 1:
+        return None
+    names = [k for k in names if _repeats(columns[k], columns[times[0]])]
+    return (times[0], names[0], values[0]) if len(names) == 1 else None
 
 
-def _repeats(column: Sequence[str]) -> bool:
-    """Return whether a column contains few different names, each often and mixed with others."""
+def _repeats(column: Sequence[str], times: Sequence[str]) -> bool:
+    """Return whether a column contains few different names, each often.
+
+    They are mixed with others, or come one after the other, and the time falls at each new one.
+    """
     different = len(set(column))
-    changes = sum(a != b for a, b in pairwise(column))
+    changes = [k for k in range(1, len(column)) if column[k] != column[k - 1]]
     often = different * _FEWEST <= len(column) or different * 2 <= len(column) < _FEWEST * 4
-    return 2 <= different <= _MOST_CHANNELS and often and changes >= different
+    if not 2 <= different <= _MOST_CHANNELS or not often:
+        return False
+    if len(changes) >= different:
+        return True
+    with suppress(LogError):
+        dated = looks_like_stamp(times[0])
+        seconds = read_stamps(times, lambda _: "")[0] if dated else exact_numbers(times)
+        return seconds is not None and all(seconds[k] < seconds[k - 1] for k in changes)
+    return False
 
 
 OVERRUN = "overrun"

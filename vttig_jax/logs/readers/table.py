@@ -329,8 +329,8 @@ def _times_of_edges(table: Table) -> np.ndarray | None:
     Logic analysers export such rows. Their time is the only column that always rises.
     """
     columns = table.own_numeric().values()
-    times = [one for one in columns if np.all(np.diff(one) > 0)]
-    changes = [np.diff(one) != 0 for one in columns if set(one.tolist()) <= {0, 1}]
+    times = [one for one in columns if np.all(one[1:] > one[:-1])]
+    changes = [one[1:] != one[:-1] for one in columns if set(one.tolist()) <= {0, 1}]
     return times[0] if len(times) == 1 and np.all(np.any(changes, axis=0)) else None
 
 
@@ -338,9 +338,11 @@ def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n
     """Return the level of each sample, 0 or 1.
 
     A level changes where it passes the middle for the last time before it reaches the other
-    threshold: so an edge is at one place in both directions, also of sines.
+    threshold: so an edge is at one place in both directions, also of sines. An infinite value is
+    beyond the range of the instrument, so that it has the level of its sign.
     """
-    low, span = float(values.min()), float(np.ptp(values))
+    known = values[np.isfinite(values)]
+    low, span = float(known.min(initial=np.inf)), float(np.ptp(known)) if known.size else 0.0
     if not 0 < span < np.inf:
         raise LogError(
             "the level of this channel never changes; name the channels A and B, or STEP and DIR.",

@@ -429,8 +429,12 @@ class Search:
         if len(moving) == 1 and len(missing) == 2:
             alone = moving[0].name
             seen += (
-                "; if the number of the row is the reading of the other encoder, as in a table of"
-                f" calibration, give --column driving='{alone}' --column driven={ROW}"
+                f"; this file holds the one channel `{alone}`, and each log needs both shafts: if"
+                " the other one is in a file of its own, as oscilloscopes save them, paste it"
+                " beside this one as another column"
+                if "time" in self.roles and len(self.table.names) == 2
+                else "; if the number of the row is the reading of the other encoder, as in a table"
+                f" of calibration, give --column driving='{alone}' --column driven={ROW}"
             )
         if still:
             shown = ", ".join(f"`{one.name}` (always {one.first})" for one in still[:MOST_LISTED])
@@ -541,7 +545,7 @@ class Search:
         except LogError as error:
             if error.where == self.source:  # not a stamp, but the marks of all numbers
                 raise
-            fault = error.message.split(";")[0].rstrip(".")
+            fault = error.message.split("; ")[0].rstrip(".")
             return ask("unreadable-time", error.where, role="time", columns=[one], fault=fault)
         raise AssertionError(f"column {one.name} holds numbers only")
 

@@ -316,7 +316,8 @@ QUESTIONS = {
     " that no row holds one instant; interpolate one channel at the stamps of the other, or write"
     " both as a long table of time, channel and value, which is brought onto one clock.",
     "no-time-unit": "the time stamps are whole numbers without a unit, {facts}, and seconds and"
-    " milliseconds look the same; give --unit time=s, ms, us or ns.",
+    " milliseconds look the same; give --unit time=s, ms, us or ns, or --sample-rate HZ where they"
+    " count samples or servo cycles.",
     "unreadable-time": "the stamps of the time column `{a}` must be numbers, or dates such as"
     " 2026-11-30T12:00:00.25, and here {fault}; remove this line if it is no row of the table,"
     " name another column with --column time=NAME, or give --sample-rate HZ.",
