@@ -495,12 +495,12 @@ def at_common_times(table: Table, roles: Roles) -> tuple["OneClock", Source]:
     if time is not None and time.index != ROW_INDEX:
         ticks = arrays.get(time.index)
         arrays[time.index], told = _seconds(table, time, ticks, size, place)
-        if ticks is not None and not (ticks % 1).any():
+        stamps = arrays[time.index]
+        if ticks is not None and np.any(stamps[1:] < stamps[:-1]) and not np.any(ticks % 1):
             period = 2**32 * TIME_UNITS[time.unit]
-            falls = np.abs(np.diff(arrays[time.index]) / period + 1) < 0.01
+            falls = np.abs(np.diff(stamps) / period + 1) < 0.01
             if falls.any():  # such as `micros()` of an Arduino, after 71 minutes
-                passed = np.cumsum(np.append(False, falls))
-                arrays[time.index] = arrays[time.index] + period * passed
+                arrays[time.index] = stamps + period * np.cumsum(np.append(False, falls))
                 told = (*told, f"time: unwrapped, as its counter passed 2³² {falls.sum()} times")
         notes += told
         _common_size(columns, arrays, place)
