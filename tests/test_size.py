@@ -134,39 +134,23 @@ Its documentation has three lines.
 WIDTH, _DEPTH = 2**24, -3 << 30  # a comment beside code
 ANGLE: float = 5 * DEG
 LEVELS = (0.5, 0.95)
-NAMES = ("a", "b")
-FLAG = True
-OTHER = WIDTH
-small = 3
+NAMES, FLAG, OTHER, small = ("a", "b"), True, WIDTH, 3
 
 
 class A:
     """A class."""
 
-    INNER = 4
-
-    def text(self):
-        """Return two lines."""
-        return """first
+    INNER = """first
 
 third"""
 '''
 
 
-def test_documentation_comments_and_blank_lines_are_no_code():
-    assert code_lines(SOURCE) == 13
-    assert code_lines(f"{SOURCE}\n# more\n") == 13
-    assert code_lines(f"{SOURCE}\nmore = 1\n") == 14
+def test_what_is_counted_and_what_has_grown_is_named():
+    assert (code_lines(SOURCE), constants(SOURCE)) == (8, 4)
     assert code_lines("def f():\n    x = 1\n    '''no docstring'''\n") == 3
-
-
-def test_constants_are_numbers_under_names_in_capitals():
-    assert constants(SOURCE) == 4
-    assert constants(f"{SOURCE}\nMORE = 1.0\n") == 5
-
-
-@pytest.mark.parametrize("now", [(11, 2), (10, 3)])
-def test_a_room_that_grew_is_named(now):
-    assert grown({"base": (1268, 19), "rig": now}, {"base": (1268, 19), "rig": (326, 1)}) != []
-    assert grown({"base": (1268, 19), "rig": (326, 1)}, {"base": (1268, 19), "rig": (326, 1)}) == []
-    assert len(grown({"new": now}, {})) == 2
+    bounds = {"base": (1268, 19), "rig": (326, 1)}
+    assert grown(bounds, bounds) == []
+    for more in ((327, 1), (326, 2)):
+        assert len(grown(bounds | {"rig": more}, bounds)) == 1
+        assert len(grown({"new": more}, {})) == 2
