@@ -11,7 +11,7 @@ import pytest
 
 from vttig_jax.base.arrays import Numbers
 from vttig_jax.base.errors import PairError
-from vttig_jax.kinematics.backlash_map import BacklashMap
+from vttig_jax.kinematics.backlash_map import BacklashMap, chunked
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.flank_model import FIRST_ORDERS, FlankModel
@@ -364,3 +364,15 @@ def test_a_known_map_in_a_traced_program_leaves_nothing_behind():
     found = jax.jit(lambda factor: factor * grid.smallest.backlash)(2.0)
     assert isinstance(grid.smallest.backlash, float)
     assert float(found) == pytest.approx(2 * grid.smallest.backlash, abs=1e-15)
+
+
+def test_pieces_of_a_grid_have_one_size_and_finite_padding():
+    """So that one program serves every length."""
+    pieces = []
+
+    def note(piece):
+        pieces.append(piece)
+        return piece
+
+    chunked(note, np.arange(1.0, 10001.0))
+    assert [(len(piece), piece.min() > 0) for piece in pieces] == [(8192, True)] * 2
