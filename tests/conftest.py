@@ -35,21 +35,9 @@ from tests import checked_annotations
 # This precedes the first import of the package: from here on, its annotations are checked at run
 # time, at the first calls of every function in every test. The command line is not checked, because
 # it imports some types only when a command runs, and beartype cannot resolve their names.
-ROOMS = (
-    "base",
-    "pair",
-    "kinematics",
-    "geometry",
-    "logs",
-    "rig",
-    "model",
-    "identify",
-    "posterior",
-    "control",
-    "plotting",
-    "runs",
-)
-checked_annotations.install([f"vttig_jax.{room}" for room in ROOMS])
+_PACKAGE = Path(__file__).resolve().parents[1] / "vttig_jax"
+_ROOMS = {path.parent.name for path in _PACKAGE.glob("*/__init__.py")} - {"report", "cli"}
+checked_annotations.install([f"vttig_jax.{room}" for room in sorted(_ROOMS)])
 
 import scipy.linalg  # noqa: F401 -- its BLAS must be loaded before its threads are limited
 from threadpoolctl import threadpool_limits

@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from beartype import beartype
 from jaxtyping import Float, TypeCheckError
 
 from tests.checked_annotations import CALLS, first_calls, next_test
+from vttig_jax.control.hardware.encoder import MotionEstimate
+from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.pair.gear_pair import involute
 
 WRONG = "not an array"
@@ -26,14 +29,20 @@ class Pair:
 
 
 def test_a_wrong_kind_or_shape_is_refused_at_the_first_call():
-    for made in (length, Pair):
-        for wrong in (
-            (WRONG, WRONG),
-            (np.zeros(2), np.zeros(3)),
-            (np.zeros((1, 2)),) * 2,
-        ):
+    for wrong in ((WRONG, WRONG), (np.zeros(2), np.zeros(3)), (np.zeros((1, 2)),) * 2):
+        for made in (length, Pair):
             with pytest.raises(TypeCheckError):
                 made(*wrong)
+    # The same in the package, and arrays of different rank.
+    with pytest.raises(TypeCheckError):
+        involute("twenty degrees")  # pyright: ignore[reportArgumentType]
+    two, three = jnp.zeros((2, 2)), jnp.zeros((2, 3))
+    with pytest.raises(TypeCheckError):
+        OrderModel(jnp.asarray(0.5), ((1, 0), (0, 1)), jnp.zeros(2), two, three)
+    with pytest.raises(TypeCheckError):
+        MotionEstimate(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
+    with pytest.raises(ValueError, match="rank_promotion"):
+        jnp.add(two, jnp.zeros(2))
 
 
 @pytest.mark.parametrize("made", [length, Pair])
@@ -57,7 +66,4 @@ def test_every_test_checks_functions_of_the_package_again(test):
     for _ in range(CALLS):
         involute(np.full(1, 0.3))
     assert involute(whole) == np.tan(1) - 1
-
-
-def test_names_and_documentation_are_those_of_the_function():
     assert involute.__name__ == "involute" and "tan α" in (involute.__doc__ or "")

@@ -58,24 +58,21 @@ FOUND = [
 ]
 
 
-def rooms(*, slow: bool) -> list[str]:
-    """Rooms that have examples of this kind."""
-    return sorted({room_of(path) for path, *_ in FOUND if (path.stem in SLOW) is slow})
-
-
 def room_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0]
 
 
 @pytest.mark.parametrize(
     ("room", "slow"),
-    [(room, False) for room in rooms(slow=False)]
-    + [pytest.param(room, True, marks=pytest.mark.slow) for room in rooms(slow=True)],
+    [
+        pytest.param(*kind, marks=pytest.mark.slow if kind[1] else ())
+        for kind in sorted({(room_of(path), path.stem in SLOW) for path, *_ in FOUND})
+    ],
 )
 def test_the_examples_of_a_room(room, slow, tmp_path, monkeypatch):
     problems = []
     for number, (path, name, text) in enumerate(FOUND):
-        if room_of(path) == room and (path.stem in SLOW) is slow:
+        if (room_of(path), path.stem in SLOW) == (room, slow):
             (tmp_path / str(number)).mkdir()
             monkeypatch.chdir(tmp_path / str(number))
             problems.append(run(f"{path.name}:{name}", text))

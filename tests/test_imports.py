@@ -6,9 +6,11 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
+from importlib.metadata import version
 from pathlib import Path
+from runpy import run_path
 
 import nbformat
 import pytest
@@ -21,156 +23,48 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 VERBS = [path for path in PACKAGE.glob("cli/verbs/*.py") if path.stem != "__init__"]
 
-FLOORS = (
-    "base",
-    "pair",
-    "kinematics",
-    "geometry",
-    "logs",
-    "rig",
-    "model",
-    "identify",
-    "posterior",
-    "control",
-    "plotting",
-    "runs",
-    "report",
-    "cli",
-)
-"""From the ground up; a module imports from its own floor and those below."""
-
-INNER_FLOORS = {
+FLOORS = {
     "base": (
-        "facade",
-        "results",
-        "errors",
-        "shown_text",
-        "logger",
-        "units",
-        "angles",
-        "arrays",
-        "runtime",
-        "threads",
-        "numerics",
-        "files",
+        "facade results errors shown_text logger units angles arrays runtime threads numerics files"
     ),
+    "pair": "",
+    "kinematics": "",
     "geometry": (
-        "tooth",
-        "surface",
-        "form",
-        "checks",
-        "mounting",
-        "measures",
-        "backlash",
-        "deviations",
-        "flanks",
-        "contact",
-        "contact_report",
-        "outline",
-        "mesh",
-        "drawing",
-        "patches",
-        "sewing",
-        "solid",
+        "tooth surface form checks mounting measures backlash deviations flanks contact "
+        "contact_report outline mesh drawing patches sewing solid"
     ),
     "logs": (
-        "source",
-        "channel",
-        "readers",
-        "slope",
-        "recognition",
-        "encoder_log",
-        "read",
-        "motion",
-        "lines",
-        "checks",
-        "preview",
-        "inspection",
+        "source channel readers slope recognition encoder_log read motion lines checks preview "
+        "inspection"
     ),
+    "rig": "",
     "model": (
-        "density",
-        "outliers",
-        "rows",
-        "runs",
-        "scope",
-        "columns",
-        "newton",
-        "problem",
-        "functionals",
-        "mixed_fit",
-        "gears",
-        "starts",
-        "components",
-        "lines",
-        "parameter",
-        "parameters",
+        "density outliers rows runs scope columns newton problem functionals mixed_fit gears "
+        "starts components lines parameter parameters"
     ),
     "identify": (
-        "fit_settings",
-        "records",
-        "orders",
-        "accuracy",
-        "starts",
-        "readings",
-        "given",
-        "door",
-        "coverage",
-        "checking",
-        "result",
-        "findings",
-        "archive",
-        "identification",
-        "many",
-        "backlash",
+        "fit_settings records orders accuracy starts readings given door coverage checking result "
+        "findings archive identification many backlash"
     ),
     "posterior": (
-        "until",
-        "convergence",
-        "checkpoint",
-        "proposal",
-        "target",
-        "chains",
-        "rig_draws",
-        "summary",
-        "sampler",
-        "planning",
-        "calibration",
+        "until convergence checkpoint proposal target chains rig_draws summary sampler planning "
+        "calibration"
     ),
     "control": (
-        "fields",
-        "hermite",
-        "motion",
-        "plants",
-        "hardware",
-        "controllers",
-        "scenario",
-        "compensation",
-        "simulation",
-        "sweeps",
-        "tuning",
+        "fields hermite motion plants hardware controllers scenario compensation simulation "
+        "sweeps tuning"
     ),
-    "report": (
-        "words",
-        "content",
-        "verdict",
-        "charts",
-        "comparison",
-        "page",
-    ),
+    "plotting": "",
+    "runs": "",
+    "report": "words content verdict charts comparison page",
     "cli": (
-        "output",
-        "library_messages",
-        "program_cache",
-        "completion",
-        "options",
-        "axis_options",
-        "fit_options",
-        "drive_options",
-        "verbs",
-        "main",
+        "output library_messages program_cache completion options axis_options fit_options "
+        "drive_options verbs main"
     ),
 }
-"""Floors inside a room, from the ground up: its sub-rooms and its own modules."""
+"""Rooms from the ground up, each with the floors inside it: its sub-rooms and its own modules.
+
+A module imports from its own floor and those below; the modules of "" have no order inside."""
 
 FORBIDDEN_BELOW = {("control", "identify"), ("control", "posterior")}
 
@@ -186,25 +80,16 @@ def imported(statement: str) -> set[str]:
 HEAVY = {"jax", "numpy", "scipy", "matplotlib", "equinox", "click"}
 
 
-def test_importing_the_package_imports_nothing_heavy():
+def test_what_is_quick_imports_nothing_heavy():
+    """The package, the help of the command, and what `inspect` needs."""
     assert imported("import vttig_jax; dir(vttig_jax)") & HEAVY == set()
     assert imported("import vttig_jax; vttig_jax.enable_x64") >= {"jax"}  # the check can fail
-
-
-def test_the_command_starts_without_numpy_and_jax():
     code = "import contextlib, io\nfrom vttig_jax.cli.main import main\n"
     code += "with contextlib.redirect_stdout(io.StringIO()): main(['--help'])"
     assert imported(code) & HEAVY == {"click"}
-
-
-def test_what_inspect_needs_imports_no_jax():
-    for module in (
-        "pair.pair_file",
-        "logs.encoder_log",
-        "logs.read",
-        "cli.verbs.inspect",
-    ):
-        assert imported(f"import vttig_jax.{module}") & {"jax", "equinox"} == set()
+    inspect = "import vttig_jax.cli.verbs.inspect, vttig_jax.logs.read, vttig_jax.pair.pair_file\n"
+    inspect += "vttig_jax.pair.pair_file.parse_pair_spec({'drive': {'ratio': '1/2'}})"
+    assert imported(inspect) & {"jax", "equinox"} == set()
 
 
 def test_no_verb_imports_jax_before_it_begins():
@@ -214,9 +99,9 @@ def test_no_verb_imports_jax_before_it_begins():
     assert len(VERBS) > 20
 
 
-def public_names(package: str = "") -> dict[str, str]:
-    """Public name → relative module, as the stub of the package or of a room says it."""
-    tree = ast.parse((PACKAGE / package / "__init__.pyi").read_text("utf-8"))
+def public_names(room: str) -> dict[str, str]:
+    """Public name → relative module, as the stub of a room says it; the package is room ""."""
+    tree = ast.parse((PACKAGE / room / "__init__.pyi").read_text("utf-8"))
     return {
         alias.name: "." * node.level + node.module
         for node in tree.body
@@ -226,28 +111,23 @@ def public_names(package: str = "") -> dict[str, str]:
     }
 
 
-def test_the_names_for_type_checkers_are_those_found_at_run_time():
-    assert dir(vttig_jax) == sorted([*public_names(), "__version__"]) == sorted(vttig_jax.__all__)
+@pytest.mark.parametrize("room", ["", *FLOORS][:-1])
+def test_a_front_door_offers_the_names_of_its_stub(room):
+    package, homes = import_module(f"vttig_jax.{room}".rstrip(".")), public_names(room)
+    own = [] if room else ["__version__"]
+    assert dir(package) == sorted(package.__all__) == sorted([*homes, *own])
+    for name, home in homes.items():
+        value = getattr(package, name)
+        assert value is getattr(import_module(home, package.__name__), name)
+        assert vars(package)[name] is value, name  # found directly from now on
+        assert room or (callable(value) and value.__name__ == name)
+    with pytest.raises(AttributeError, match="no attribute 'nonesuch'"):
+        package.nonesuch  # noqa: B018
+    assert {path.stem for path in (PACKAGE / room).iterdir()} & set(homes) == set()
 
 
-def test_each_public_name_is_the_one_of_its_module():
-    for name in public_names():
-        value = getattr(vttig_jax, name)
-        assert callable(value) and value.__name__ == name
-        assert vars(vttig_jax)[name] is value, name  # found directly from now on
-
-
-def test_a_room_has_a_front_door():
-    for room in FLOORS[:-1]:
-        package = import_module(f"vttig_jax.{room}")
-        homes = public_names(room)
-        assert dir(package) == sorted(package.__all__) == sorted(homes)
-        for name, home in homes.items():
-            assert getattr(package, name) is getattr(import_module(home, f"vttig_jax.{room}"), name)
-        with pytest.raises(AttributeError, match="no attribute 'nonesuch'"):
-            package.nonesuch  # noqa: B018
-        modules_there = {path.stem for path in (PACKAGE / room).iterdir()}
-        assert modules_there & set(homes) == set()
+def test_the_version_is_that_of_the_distribution():
+    assert vttig_jax.__version__ == version("vttig-jax")
 
 
 def texts() -> Iterator[tuple[Path, str]]:
@@ -267,28 +147,7 @@ def deep_imports(text: str) -> list[str]:
 
 def test_what_a_user_reads_imports_from_front_doors_only():
     assert {str(path): deep_imports(text) for path, text in texts() if deep_imports(text)} == {}
-
-
-def test_a_deep_import_is_seen():
     assert deep_imports("x\n>>> from vttig_jax.pair.gear_pair import load_pair") != []
-    assert deep_imports("from vttig_jax.pair import load_pair\nimport vttig_jax") == []
-
-
-def test_the_version_is_that_of_the_distribution():
-    from importlib.metadata import version
-
-    assert vttig_jax.__version__ == version("vttig-jax")
-
-
-def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="no attribute 'nonesuch'"):
-        import_module("vttig_jax").nonesuch  # noqa: B018
-
-
-def test_no_submodule_shadows_a_public_name():
-    modules = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"}
-    assert modules & set(public_names()) == set()
-    assert "base" in modules  # the listing sees submodules at all
 
 
 def imports(source: str, module: str) -> Iterator[str]:
@@ -304,8 +163,7 @@ def imports(source: str, module: str) -> Iterator[str]:
 
 def violations(source: str, module: str) -> list[str]:
     """Imports of a module that point upwards in the house or in its room, or to the front door."""
-    floor = module.split(".")[1]
-    found = []
+    floor, order, found = module.split(".")[1], list(FLOORS), []
     for name in imports(source, module):
         package, _, rest = name.partition(".")
         if package != "vttig_jax":
@@ -316,7 +174,7 @@ def violations(source: str, module: str) -> list[str]:
         elif target == floor:
             upwards = is_upwards_inside(module, name)
         else:
-            upwards = FLOORS.index(target) > FLOORS.index(floor)
+            upwards = order.index(target) > order.index(floor)
         if upwards or (floor, target) in FORBIDDEN_BELOW:
             found.append(name)
     return found
@@ -325,109 +183,54 @@ def violations(source: str, module: str) -> list[str]:
 def is_upwards_inside(module: str, name: str) -> bool:
     """Does an import of a module of the same room point to a higher floor of it?"""
     room, own = module.split(".")[1:3]
-    floors = INNER_FLOORS.get(room, ())
+    floors = FLOORS[room].split()
     target = name.split(".")[2]
     if not floors or own in (target, "__init__"):
         return False
     return target not in floors or floors.index(target) > floors.index(own)
 
 
-def modules() -> dict[str, Path]:
-    """Every module on a floor by its dotted name."""
+def modules() -> dict[str, str]:
+    """Dotted name of every module in a room → its source."""
     found = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
-        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
-        if len(parts) > 2:
-            found[".".join(parts)] = path
+    for path in sorted(PACKAGE.glob("*/**/*.py")):
+        name = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
+        found[name] = path.read_text("utf-8")
     return found
 
 
 def test_imports_point_downwards():
-    found = {name: violations(path.read_text("utf-8"), name) for name, path in modules().items()}
+    found = {name: violations(source, name) for name, source in modules().items()}
     assert {name: upwards for name, upwards in found.items() if upwards} == {}
-
-
-def test_every_folder_with_code_is_a_floor():
-    assert {module.split(".")[1] for module in modules()} <= set(FLOORS)
-
-
-def test_every_module_of_a_room_stands_on_an_inner_floor():
-    for room, floors in INNER_FLOORS.items():
-        own = {name.split(".")[2] for name in modules() if name.split(".")[1] == room}
-        assert own - {"__init__"} == set(floors), room
-
-
-def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
-    """Groups of nodes that reach one another."""
-    groups = connected(graph)
-    return [sorted(group) for group in groups if len(group) > 1]
-
-
-def connected(graph: dict[str, set[str]]) -> list[set[str]]:
-    """Strongly connected components, by closing the graph under reachability."""
-    reached = {node: reachable(graph, node) for node in graph}
-    groups: list[set[str]] = []
-    for node in graph:
-        if not any(node in group for group in groups):
-            groups.append({node} | {other for other in reached[node] if node in reached[other]})
-    return groups
-
-
-def reachable(graph: dict[str, set[str]], start: str) -> set[str]:
-    """Nodes that can be reached in one step or more."""
-    seen: set[str] = set()
-    ahead = [*graph[start]]
-    while ahead:
-        node = ahead.pop()
-        if node not in seen:
-            seen.add(node)
-            ahead += graph[node]
-    return seen
-
-
-def import_graph() -> dict[str, set[str]]:
-    """Module → modules it imports at any depth of its code."""
-    known = modules()
-    graph: dict[str, set[str]] = {}
-    for module, path in known.items():
-        names = set(imports(path.read_text("utf-8"), module))
-        names |= {name.rpartition(".")[0] for name in names}
-        graph[module] = {name for name in names if name in known and name != module}
-    return graph
+    assert {name.split(".")[1] for name in found} <= set(FLOORS)
+    for room, floors in FLOORS.items():
+        own = {name.split(".")[2] for name in found if name.split(".")[1] == room}
+        assert not floors or own - {"__init__"} == set(floors.split()), room
 
 
 def test_no_module_imports_itself_through_others():
-    assert cycles(import_graph()) == []
+    known, graph = modules(), TopologicalSorter()
+    for module, source in known.items():
+        names = set(imports(source, module))
+        names |= {name.rpartition(".")[0] for name in names}
+        graph.add(module, *(names & set(known) - {module}))
+    graph.prepare()  # raises CycleError with the modules of a circle
 
 
-def test_a_cycle_is_seen():
-    assert cycles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
-
-
-def test_the_floor_check_sees_an_upward_import():
+def test_an_upward_import_is_seen_and_a_downward_one_is_not():
     for module, source in (
         ("vttig_jax.base.files.text_tables", "from ...pair.gear_pair import Gear"),
-        ("vttig_jax.base.files.text_tables", "from ... import pair"),
         ("vttig_jax.pair.gear_pair", "import vttig_jax.kinematics.first_order"),
-        ("vttig_jax.kinematics.first_order", "from vttig_jax.cli import main"),
         ("vttig_jax.logs.read", "def f():\n    from ..rig.synthetic import SyntheticRig"),
-        ("vttig_jax.rig.synthetic", "import vttig_jax"),
         ("vttig_jax.rig.synthetic", "from vttig_jax import fit"),
         ("vttig_jax.control.plants.plant", "from ...identify.identification import fit"),
-        ("vttig_jax.control.plants.plant", "from ...posterior import summary"),
-        ("vttig_jax.plotting.dispatch", "if True:\n    from ..cli.output import progress"),
         ("vttig_jax.control.motion.motion", "from ..plants.plant import Plant"),
         ("vttig_jax.identify.door", "from . import archive"),
         ("vttig_jax.identify.door", "from .nonesuch import fitting"),
     ):
         assert violations(source, module) != []
-
-
-def test_the_floor_check_passes_a_downward_import():
     for module, source in (
         ("vttig_jax.pair.gear_pair", "from ..base.units import DEG\nfrom .schema import PairSpec"),
-        ("vttig_jax.plotting.dispatch", "from ..posterior import summary"),
-        ("vttig_jax.plotting.dispatch", "from ..control.sweeps.table import SweepTable"),
         ("vttig_jax.cli.verbs.fit", "import vttig_jax\nimport numpy"),
         ("vttig_jax.base.files.text_tables", "from vttig_jax_extra import x\nimport tabulate"),
         ("vttig_jax.control.plants.plant", "from ..motion.motion import Motion"),
@@ -435,24 +238,10 @@ def test_the_floor_check_passes_a_downward_import():
         assert violations(source, module) == []
 
 
-@pytest.fixture
-def draw_rooms():
-    """The script `docs/draw_rooms.py`."""
-    place = PACKAGE.parent / "docs" / "draw_rooms.py"
-    spec = spec_from_file_location("draw_rooms", place)
-    assert spec is not None and spec.loader is not None
-    script = module_from_spec(spec)
-    spec.loader.exec_module(script)
-    return script
-
-
-def test_the_diagram_of_the_rooms_is_that_of_the_imports(draw_rooms):
-    text = draw_rooms.DOCUMENT.read_text("utf-8")
-    assert draw_rooms.drawn(text) == text
+def test_the_diagram_of_the_rooms_is_that_of_the_imports():
+    script = run_path(str(PACKAGE.parent / "docs" / "draw_rooms.py"))
+    text = script["DOCUMENT"].read_text("utf-8")
     without = text.replace("    pair --> base\n", "")
-    assert without != text and draw_rooms.drawn(without) == text
-
-
-def test_an_arrow_that_a_longer_road_replaces_is_left_out(draw_rooms):
+    assert without != text and script["drawn"](without) == script["drawn"](text) == text
     graph = {"a": {"b", "c"}, "b": {"c"}, "c": set()}
-    assert draw_rooms.reduced(graph) == {"a": {"b"}, "b": {"c"}, "c": set()}
+    assert script["reduced"](graph) == {"a": {"b"}, "b": {"c"}, "c": set()}

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.test_fits import FITS
 
-AS5047 = Path(__file__).resolve().parents[2] / "fits" / "as5047"
+AS5047 = FITS / "as5047"
 
 
 def encoder_lines(true_deg: np.ndarray) -> np.ndarray:

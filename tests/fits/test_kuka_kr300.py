@@ -1,6 +1,5 @@
 """Robot axes: a delay that looks like backlash, what stays undetermined, and a line at 3.09."""
 
-import importlib.util
 import itertools
 import re
 from fractions import Fraction
@@ -11,17 +10,15 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.test_fits import FITS, script
 
-KUKA = Path(__file__).resolve().parents[2] / "fits" / "kuka_kr300"
+KUKA = FITS / "kuka_kr300"
 
 
 @pytest.fixture(scope="module")
 def kuka(data_dir: Path) -> ModuleType:
     """The script `fits/kuka_kr300/tables.py`; its fits of 2 s are shared by the tests below."""
-    spec = importlib.util.spec_from_file_location("tables", KUKA / "tables.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = script("kuka_kr300/tables")
     assert data_dir / "kuka_kr300" == module.LOGS
     return module
 
@@ -159,26 +156,17 @@ def test_kuka_raw_gap_grows_with_speed(data_dir: Path, slowest: float, least: in
     assert (round(min(gaps)), round(max(gaps))) == (least, most)
 
 
-@pytest.mark.parametrize(
-    ("log", "above_a_tenth", "above_half", "everywhere"),
-    [("A", 16.2, 14.2, 19.3), ("B", 17.5, 14.4, 18.3)],
-)
-def test_kuka_ripple_of_axis_2(
-    kuka: ModuleType,
-    data_dir: Path,
-    log: str,
-    above_a_tenth: float,
-    above_half: float,
-    everywhere: float,
-):
+@pytest.mark.parametrize(("log", "known"), [("A", (16.2, 14.2, 19.3)), ("B", (17.5, 14.4, 18.3))])
+def test_kuka_ripple_of_axis_2(kuka: ModuleType, data_dir: Path, log: str, known: tuple):
+    """Amplitudes above a tenth and above half of the top speed, and everywhere."""
     channels = kuka_channels(data_dir, 2, log, 0.00293)
     line = kuka.fitted(2, log, kuka.REPORTED).checks.lines[0]
     cycles, amplitude = ripple(channels, 0.1)
     assert line.cycles_per_rev == pytest.approx(cycles, abs=0.004)
     assert line.amplitude_arcsec == pytest.approx(amplitude, abs=1.5)
     assert line.false_alarm < 1e-60
-    for slowest, stated in ((0.1, above_a_tenth), (0.5, above_half), (-1.0, everywhere)):
-        assert ripple(channels, slowest)[1] == pytest.approx(stated, abs=0.06)
+    found = [ripple(channels, slowest)[1] for slowest in (0.1, 0.5, -1.0)]
+    assert found == pytest.approx(known, abs=0.06)
 
 
 def test_ripple_is_recovered():

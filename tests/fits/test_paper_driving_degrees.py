@@ -1,34 +1,25 @@
 """Table 3 of the paper in degrees of the driving gear: what this reading explains."""
 
-import importlib
 import math
-import sys
-from collections.abc import Iterator
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
 from tests.oracles.flank_formulas import Pair, exact
+from tests.test_fits import FITS, script
 
-PAPER = Path(__file__).resolve().parents[2] / "fits" / "paper"
 TURNS = (1080, 3600, 7560, 7524)
 
 
 @pytest.fixture(scope="module")
-def driving() -> Iterator[ModuleType]:
-    """The script `fits/paper/driving_degrees.py`."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(PAPER))
-        yield importlib.import_module("driving_degrees")
-    for name in ("driving_degrees", "compare"):
-        sys.modules.pop(name, None)
+def driving() -> ModuleType:
+    return script("paper/driving_degrees")
 
 
 @pytest.fixture(scope="module")
 def prose() -> str:
-    text = (PAPER / "README.md").read_text(encoding="utf-8")
+    text = (FITS / "paper" / "README.md").read_text(encoding="utf-8")
     section = text.split("## Table 3 in degrees of the driving gear")[1].split("\n## ")[0]
     return " ".join(section.split("<!-- driving degrees: end -->")[1].split())
 
@@ -50,8 +41,7 @@ def test_flank_a_by_hand(driving):
     for turn in TURNS:
         error, found = by_hand(turn), driving.flank_a(turn)
         own = {"mean": error.mean(), "max": error.max(), "min": error.min(), "range": np.ptp(error)}
-        for name, value in own.items():
-            assert found[name] == pytest.approx(value, abs=4e-5), name
+        assert {name: found[name] for name in own} == pytest.approx(own, abs=4e-5)
         assert found["place"] == pytest.approx((own["mean"] - own["min"]) / own["range"], abs=1e-3)
 
 
@@ -169,25 +159,3 @@ def test_prose_has_the_numbers(driving: ModuleType, prose: str):
         if row.source == "experiment"
     ]
     assert f"off by {min(off):.4f}° to {max(off):.4f}°" in prose
-
-
-def test_readme_shows_what_the_script_prints(
-    driving: ModuleType, capsys: pytest.CaptureFixture[str]
-):
-    readme = (PAPER / "README.md").read_text(encoding="utf-8")
-    shown = readme.split(driving.BEGIN)[1].split(driving.END)[0]
-    driving.main([])
-    assert shown.strip() == capsys.readouterr().out.strip()
-
-
-def test_write_renews_only_its_tables(
-    driving: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(driving, "HERE", tmp_path)
-    readme = tmp_path / "README.md"
-    readme.write_text(f"before\n{driving.BEGIN}old\n{driving.END}after\n", encoding="utf-8")
-    driving.main(["--write"])
-    text = readme.read_text(encoding="utf-8")
-    assert text.startswith("before\n") and text.endswith("after\n")
-    assert "old" not in text and "0.1352" in text
-    assert not list(tmp_path.glob("*.png"))

@@ -6,7 +6,6 @@ import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import numpy as np
@@ -222,27 +221,18 @@ def test_prose_has_the_numbers_of_the_runs(found: PaperRuns, prose: str):
     assert 0.45 < np.mean(grown < 0) < 0.52 and f"leaves up to {grown.max():.3f}°" in prose
 
 
-def test_readme_shows_the_pictures_that_are_kept():
-    readme = (PAPER / "README.md").read_text(encoding="utf-8")
-    named = set(re.findall(r"!\[[^]]+\]\(([^)]+\.png)\)", readme))
-    assert named == {path.name for path in PAPER.glob("*.png")} and len(named) == 7
-
-
 def test_picture(found: PaperRuns):
-    run = found.runs[4]
-    figure = plot_paper_run(run.simulated, str(run), run.printed)
-    labels = [label for ax in figure.axes for label in (ax.get_ylabel(), ax.get_xlabel()) if label]
+    first, last = (
+        plot_paper_run(run.simulated, str(run), run.printed)
+        for run in (found.runs[0], found.runs[4])
+    )
+    labels = [label for ax in last.axes for label in (ax.get_ylabel(), ax.get_xlabel()) if label]
     assert len(labels) == 7 and all(re.search(r"\[(°|mm|s)\]$", label) for label in labels)
-    keys = [len(plot.legends[0].get_texts()) for plot in (figure, _picture(found, 0))]
+    keys = [len(plot.legends[0].get_texts()) for plot in (last, first)]
     assert keys == [6, 5]  # at 1080° nothing is commanded too far
-    band = figure.axes[0].patches[0].get_window_extent()
-    low, high = figure.axes[0].transData.inverted().transform(band.get_points())[:, 1]
+    band = last.axes[0].patches[0].get_window_extent()
+    low, high = last.axes[0].transData.inverted().transform(band.get_points())[:, 1]
     assert (low, high) == pytest.approx((-0.0126, 0.1276), abs=1e-6)
-
-
-def _picture(found: PaperRuns, place: int) -> Any:
-    run = found.runs[place]
-    return plot_paper_run(run.simulated, str(run), run.printed)
 
 
 def test_verb_writes_tables_and_pictures(
@@ -272,15 +262,15 @@ def test_verb_writes_tables_and_pictures(
     shutil.rmtree(out)
 
 
-def test_other_options_do_not_go_with_the_runs_of_the_paper():
-    for others in (
-        ["scenario.toml"],
-        ["--set", "controller=none"],
-        ["--figure", "a.png"],
-        ["--overwrite"],
-    ):
-        assert main(["simulate", "--paper", *others]) == 2
-
-
-def test_out_needs_the_runs_of_the_paper(tmp_path: Path):
-    assert main(["simulate", "scenario.toml", "--out", str(tmp_path / "a")]) == 2
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--paper scenario.toml",
+        "--paper --set controller=none",
+        "--paper --figure a.png",
+        "--paper --overwrite",
+        "scenario.toml --out a",
+    ],
+)
+def test_options_that_do_not_go_with_the_runs_of_the_paper(words: str):
+    assert main(["simulate", *words.split()]) == 2

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.test_fits import FITS
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.logs.lines.search import Stretch, find_lines
 from vttig_jax.runs.error_table import error_table
 
-WORM = Path(__file__).resolve().parents[2] / "fits" / "worm_mount"
+WORM = FITS / "worm_mount"
 
 
 @pytest.mark.portable

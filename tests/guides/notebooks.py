@@ -43,18 +43,18 @@ def execute(notebook: nbformat.NotebookNode, folder: Path) -> nbformat.NotebookN
 
 def shown(notebook: nbformat.NotebookNode) -> list[tuple[str, list[str]]]:
     """Return the text and the pictures (PNG, base64) below each cell of code."""
-    return [
-        (
-            "".join(
-                one.get("text", one.get("data", {}).get("text/plain", "") + "\n")
-                for one in cell.outputs
-                if "image/png" not in one.get("data", {})
-            ),
-            [one.data["image/png"] for one in cell.outputs if "image/png" in one.get("data", {})],
-        )
-        for cell in notebook.cells
-        if cell.cell_type == "code"
-    ]
+    found = []
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            texts, pictures = [], []
+            for output in cell.outputs:
+                data = output.get("data", {})
+                if "image/png" in data:
+                    pictures.append(data["image/png"])
+                else:
+                    texts.append(output.get("text", data.get("text/plain", "") + "\n"))
+            found.append(("".join(texts), pictures))
+    return found
 
 
 def light(picture: str, width: int) -> str:

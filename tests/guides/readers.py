@@ -9,7 +9,7 @@ import tomli_w
 
 from tests.cli.drive import write_drive
 from tests.control.compensation.linuxcnc import why_not
-from tests.guides.pages import REPOSITORY, fences, text_of
+from tests.guides.pages import REPOSITORY, fences, pages, text_of
 from vttig_jax.cli.verbs.demo import log_csv
 from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
@@ -97,31 +97,21 @@ def with_worm(folder: Path) -> None:
     shutil.copytree(REPOSITORY / worm, folder / worm)
 
 
-def with_linuxcnc(folder: Path) -> None:
-    """Leave the folder empty; the page is skipped where LinuxCNC cannot run."""
+def with_linuxcnc(_: Path) -> None:
+    """Skip the page where LinuxCNC cannot run."""
     if reason := why_not():
         pytest.skip(f"LinuxCNC: {reason}")
 
 
-def with_nothing(folder: Path) -> None:
-    """Leave the folder empty."""
-
-
 HAVE: dict[str, Callable[[Path], None]] = {
-    "README.md": with_nothing,
-    "docs/calibration.md": with_nothing,
     "docs/commissioning.md": with_linuxcnc,
-    "docs/from_log_to_map.md": with_nothing,
     "docs/gear.md": with_fits,
     "docs/logs.md": with_own_log,
     "docs/many_fits.md": with_rigs,
-    "docs/on_the_machine.md": with_nothing,
-    "docs/reading_a_report.md": with_nothing,
     "docs/reversals.md": with_worm,
     "docs/simulation.md": with_a_sweep,
-    "docs/what_a_log_tells.md": with_nothing,
 }
-"""Page with commands → what its reader has, beside the demo where `DEMO` lists the page."""
+"""Page → what writes the files that its reader has, beside the demo where `DEMO` lists the page."""
 
 DEMO = (
     "README.md",
@@ -133,3 +123,8 @@ DEMO = (
     "docs/what_a_log_tells.md",
 )
 """Pages whose reader has run `vttig demo --out demo`."""
+
+
+def with_commands() -> list[str]:
+    """Return the pages that show commands."""
+    return [page for page in pages() if any(f.language == "sh" for f in fences(text_of(page)))]

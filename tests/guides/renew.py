@@ -20,7 +20,7 @@ import pytest
 import vttig_jax
 from tests.guides.pages import REPOSITORY, text_of
 from tests.guides.printed import differences
-from tests.guides.readers import DEMO, DRAWN_SHARE, HAVE
+from tests.guides.readers import DEMO, DRAWN_SHARE, with_commands
 from tests.guides.test_pages import shown_and_printed
 from vttig_jax.cli.main import main
 
@@ -63,7 +63,7 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as kept:
         demo = Path(kept) / "demo"
         assert main(["demo", "--out", str(demo), "--quiet"]) == 0
-        for page in sys.argv[1:] or sorted(HAVE):
+        for page in sys.argv[1:] or with_commands():
             try:
                 (REPOSITORY / page).write_text(renewed(page, demo), encoding="utf-8")
                 print(page, flush=True)

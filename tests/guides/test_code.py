@@ -1,6 +1,5 @@
 """The Python of README and `docs/` runs, and shows the values that the pages print."""
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -16,31 +15,13 @@ QUICK = ("docs/logs.md", "docs/python.md", "README.md")
 """Pages whose code takes a few seconds; the others are slow."""
 
 
-def own_log(tmp_path) -> dict[str, Any]:
-    """A log and the package, which the page on logs imports elsewhere."""
-    with_own_log(tmp_path)
-    return {"vttig_jax": vttig_jax}
-
-
-def with_sweep(tmp_path) -> dict[str, Any]:
-    """A sweep file."""
-    with_a_sweep(tmp_path)
-    return {}
-
-
-NAMES: dict[str, Callable[..., dict[str, Any]]] = {
-    "docs/logs.md": own_log,
-    "docs/simulation.md": with_sweep,
-}
-"""Page → what its code takes for given."""
-
-
-def test_pages_with_code():
-    assert len(WITH_CODE) == 7 and set(NAMES) | set(QUICK) <= set(WITH_CODE)
+BEFORE = {"docs/logs.md": with_own_log, "docs/simulation.md": with_a_sweep}
+"""Page → what writes the files that its code takes for given."""
 
 
 @pytest.mark.parametrize(("page", "number"), [("docs/many_fits.md", 2), ("docs/own_model.md", 3)])
 def test_examples_of_advanced_use_are_short(page, number):
+    assert len(WITH_CODE) == 7 and {*BEFORE, *QUICK} <= set(WITH_CODE)
     blocks = [one.text for one in fences(text_of(page)) if one.language == "python"]
     assert len(blocks) == number
     assert max(sum(bool(line.strip()) for line in text.splitlines()) for text in blocks) <= 10
@@ -52,7 +33,8 @@ def test_examples_of_advanced_use_are_short(page, number):
 def test_the_code_of_a_page(page, tmp_path, monkeypatch, capsys):
     """A block goes on where the one before it ended; it shows values or checks itself."""
     monkeypatch.chdir(tmp_path)
-    names = NAMES[page](tmp_path) if page in NAMES else {}
+    names: dict[str, Any] = {"vttig_jax": vttig_jax}  # a page may import it elsewhere
+    BEFORE.get(page, lambda _: None)(tmp_path)
     for fence in fences(text_of(page)):
         if fence.language != "python":
             continue
@@ -60,7 +42,7 @@ def test_the_code_of_a_page(page, tmp_path, monkeypatch, capsys):
             problem = run(page, fence.text)
             assert not problem, problem
         else:
-            assert "assert " in fence.text or page in NAMES
+            assert "assert " in fence.text or page in BEFORE
             exec(compile(fence.text, page, "exec"), names)
     if page == "docs/logs.md":
         assert set(names["fit"].flanks) == {"A", "B"}

@@ -51,19 +51,15 @@ def cell(source: str, text: str) -> nbformat.NotebookNode:
     return nbformat.v4.new_code_cell(source, outputs=[stream])
 
 
-def test_another_number_and_a_false_claim_are_seen(tmp_path):
-    kept = nbformat.v4.new_notebook(cells=[cell("print(1.25)", "1.35\n")])
-    (problem,) = unlike(kept, execute(kept, tmp_path), 0.0)
+def test_another_number_and_a_false_claim_are_seen_and_no_kernel_is_left(tmp_path):
+    kept = nbformat.v4.new_notebook(
+        cells=[cell("print(1.25)", "1.35\n"), cell("import os; print(os.getpid())", "")]
+    )
+    run = execute(kept, tmp_path)
+    (problem,) = unlike(kept, run, 0.0)
     assert "1.35" in problem and "1.25" in problem
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(shown(run)[1][0]), 0)
     false = nbformat.v4.new_notebook(cells=[cell("assert 1 + 1 == 3", "")])
     with pytest.raises(CellExecutionError, match="AssertionError"):
         execute(false, tmp_path)
-
-
-def test_no_kernel_outlives_its_notebook(tmp_path):
-    run = execute(
-        nbformat.v4.new_notebook(cells=[cell("import os; print(os.getpid())", "")]), tmp_path
-    )
-    ((printed, _),) = shown(run)
-    with pytest.raises(ProcessLookupError):
-        os.kill(int(printed), 0)

@@ -14,7 +14,16 @@ import pytest
 import benchmarks.environment
 from tests.guides.pages import REPOSITORY, Fence, commands, fences, pages, text_of
 from tests.guides.printed import differences
-from tests.guides.readers import DEMO, DRAWN_SHARE, HAVE, NAMED, SHORTER, files_of, with_demo
+from tests.guides.readers import (
+    DEMO,
+    DRAWN_SHARE,
+    HAVE,
+    NAMED,
+    SHORTER,
+    files_of,
+    with_commands,
+    with_demo,
+)
 from vttig_jax.base.errors import PairError
 from vttig_jax.cli.main import main
 from vttig_jax.pair.gear_pair import load_pair
@@ -25,14 +34,9 @@ QUICK = ("docs/logs.md",)
 INSTALLATION = "python -m pip install"
 
 
-def with_commands() -> list[str]:
-    """Return the pages that show commands."""
-    return [page for page in pages() if any(f.language == "sh" for f in fences(text_of(page)))]
-
-
 def test_every_page_with_commands_is_run():
-    assert with_commands() == sorted(HAVE)
-    assert {*NAMED, *DEMO, *DRAWN_SHARE} <= set(pages())
+    assert {*HAVE, *DEMO, *DRAWN_SHARE} <= set(with_commands()) and set(NAMED) <= set(pages())
+    assert len(with_commands()) == 12
     shown = {shlex.join(c) for p in pages() for f in fences(text_of(p)) for c in commands_of(f)}
     assert set(SHORTER) <= shown and len(shown) > 25
     assert {one for one in shown if one.startswith("python -m benchmarks.")} <= set(SHORTER)
@@ -53,7 +57,7 @@ def test_every_page_says_first_what_it_answers():
 
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(p, marks=() if p in QUICK else pytest.mark.slow) for p in sorted(HAVE)]
+    "page", [pytest.param(p, marks=() if p in QUICK else pytest.mark.slow) for p in with_commands()]
 )
 def test_the_commands_of_a_page(page, request, tmp_path, monkeypatch, capsys):
     demo = request.getfixturevalue("demo") if page in DEMO else None
@@ -74,7 +78,8 @@ def shown_and_printed(
     `printed` returns what was printed since its last call.
     """
     monkeypatch.chdir(folder)
-    HAVE[page](folder)
+    if page in HAVE:
+        HAVE[page](folder)
     if demo is not None:
         keep = folder / "pair.toml"
         own = keep.read_text() if keep.exists() else None
@@ -130,26 +135,20 @@ def test_ci_installs_as_the_readme_says():
 
 
 def test_the_files_of_the_page_on_pair_files(tmp_path):
-    """The second block shows two files side by side."""
+    """The second block shows two files side by side; measures of another page go with the first."""
     one, two = (f.text for f in fences(text_of("docs/pair_file.md")) if f.language == "toml")
+    stated = next(f.text for f in fences(text_of("docs/gear.md")) if f.language == "toml")
     rows = [re.split(r" {3,}(?!#)", row) for row in two.splitlines()]
     left = [row[0] for row in rows if row[0]]
     right = [row[-1] for row in rows if len(row) > 1]
-    ratios = []
-    for text in (one, "\n".join(left), "\n".join(right)):
-        (tmp_path / "pair.toml").write_text(text, encoding="utf-8")
-        ratios.append(str(load_pair(tmp_path / "pair.toml").ratio))
-    assert ratios == ["9/16", "7/1798", "1"]
-
-
-def test_stated_measures_belong_to_a_pair_file(tmp_path):
-    stated = next(f.text for f in fences(text_of("docs/gear.md")) if f.language == "toml")
-    shown = next(f.text for f in fences(text_of("docs/pair_file.md")) if f.language == "toml")
-    (tmp_path / "pair.toml").write_text(shown + stated, encoding="utf-8")
-    load_pair(tmp_path / "pair.toml")
-    (tmp_path / "pair.toml").write_text(shown + stated.replace("ball_", "bal_"), encoding="utf-8")
+    ratios, path = [], tmp_path / "pair.toml"
+    for text in (one, "\n".join(left), "\n".join(right), one + stated):
+        path.write_text(text, encoding="utf-8")
+        ratios.append(str(load_pair(path).ratio))
+    assert ratios == ["9/16", "7/1798", "1", "9/16"]
+    path.write_text(one + stated.replace("ball_", "bal_"), encoding="utf-8")
     with pytest.raises(PairError, match="bal_diameter_mm"):
-        load_pair(tmp_path / "pair.toml")
+        load_pair(path)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.oracles import flank_formulas
@@ -78,17 +78,14 @@ def test_the_table_of_a_mesh_order_is_the_model():
     assert deviation(tabulated(model, per_turn=480), model, angles)[0] > 1e-9 * DEG
 
 
-def test_the_exact_relation_and_its_slope(exact, table):
+def test_the_relations_and_their_slopes(exact, table):
     value, slope = deviation(table, exact)
     assert value < 1e-13 and slope < 1e-11
-    value, slope = deviation(first_order_bounds(closed_model(PAIR, RIG)), exact)
-    assert value > 1e-8 and slope > 1e-8
-
-
-def test_the_closed_form_and_its_slope():
-    model = closed_model(PAIR, RIG)
-    value, slope = deviation(first_order_bounds(model), model)
+    closed = closed_model(PAIR, RIG)
+    value, slope = deviation(first_order_bounds(closed), closed)
     assert value < 1e-15 and slope < 1e-15
+    value, slope = deviation(first_order_bounds(closed), exact)
+    assert value > 1e-8 and slope > 1e-8
 
 
 @given(
@@ -96,6 +93,7 @@ def test_the_closed_form_and_its_slope():
     phases=st.tuples(st.floats(0.0, 360.0), st.floats(0.0, 360.0)),
     gap=st.floats(0.0, 0.5),
 )
+@example(sizes=(0.0, 0.0), phases=(0.0, 0.0), gap=0.04)
 def test_any_eccentricities(sizes, phases, gap):
     model = exact_model(PAIR, Eccentricities(sizes[0], phases[0], sizes[1], phases[1], gap))
     value, slope = deviation(tabulated(model), model)
@@ -105,13 +103,11 @@ def test_any_eccentricities(sizes, phases, gap):
 @pytest.mark.parametrize("form", ["exact", "closed"])
 def test_formulas_in_plain_python(form, exact, table):
     bounds = table if form == "exact" else first_order_bounds(closed_model(PAIR, RIG))
-    oracle = getattr(flank_formulas, form)()
-    shifted = getattr(flank_formulas, form)(
-        dataclasses.replace(flank_formulas.PAPER, driving=(0.0226, math.radians(49.6)))
-    )
+    other_rig = dataclasses.replace(flank_formulas.PAPER, driving=(0.0226, math.radians(49.6)))
+    walls = getattr(flank_formulas, form)
     found = values(bounds, ANGLES)
     errors, slopes = (found.lower, found.upper), (found.lower_slope, found.upper_slope)
-    for wall, other, error, slope in zip(oracle, shifted, errors, slopes, strict=True):
+    for wall, other, error, slope in zip(walls(), walls(other_rig), errors, slopes, strict=True):
         known = np.array([wall(float(angle)) for angle in ANGLES])
         np.testing.assert_allclose(error, known[:, 0], rtol=0, atol=2e-13)
         np.testing.assert_allclose(slope, known[:, 1], rtol=0, atol=2e-9)
@@ -141,23 +137,20 @@ def test_the_gap_is_the_backlash_and_closes(exact, table):
     assert np.isinf(tabulated(exact, 1, periodic=False).closed_at(gap)).all()
 
 
-def test_centred_gears_have_constant_flanks():
-    model = exact_model(PAIR, Eccentricities(constant_backlash_deg=0.04))
-    found = values(tabulated(model), ANGLES)
-    assert np.ptp(found.lower) < 1e-15 and np.abs(found.upper_slope).max() < 1e-14
-    np.testing.assert_allclose(found.upper - found.lower, np.radians(0.04), atol=1e-15)
-
-
 # A pure function.
+
+
+def same(one, other, atol: float) -> None:
+    """All numbers of two pytrees are the same."""
+    assert jax.tree.structure(one) == jax.tree.structure(other)
+    for found, known in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_allclose(found, known, rtol=0, atol=atol)
 
 
 def test_a_compiled_table_is_the_eager_one(exact, table):
     eager = tabulate_flanks(exact, TURNS, closing=CLOSING)
-    assert jax.tree.structure(eager) == jax.tree.structure(table)
-    np.testing.assert_allclose(eager.nodes, table.nodes, rtol=0, atol=1e-15)
-    both = zip(*map(jax.tree.leaves, (values(table, ANGLES), eager.at(ANGLES))), strict=True)
-    for one, other in both:
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-15)
+    same(eager, table, 1e-15)
+    same(values(table, ANGLES), eager.at(ANGLES), 1e-15)
 
 
 def test_tables_of_stacked_models_are_those_of_a_loop():
@@ -215,9 +208,7 @@ def test_derivatives_by_eccentricities_backlash_and_helix_angle(share):
 
 
 def test_a_periodic_table_repeats_after_the_hunting_period(exact, table):
-    again = table.at(ANGLES + TURNS * REV)
-    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(table.at(ANGLES)), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-14)
+    same(table.at(ANGLES + TURNS * REV), table.at(ANGLES), 1e-14)
     assert deviation(tabulated(exact, TURNS - 1), exact)[0] > 1e-6
 
 
@@ -226,23 +217,17 @@ def test_another_table_keeps_the_values_of_its_ends(exact):
     inside = jnp.linspace(-3.0, -1.0, 101) * REV
     assert deviation(part, exact, inside)[0] < 1e-13
     for end, outside in ((-3.0, -3.5), (-1.0, 4.0)):
-        np.testing.assert_allclose(
-            part.at(jnp.asarray(outside * REV)).lower,
-            exact.transmission_error(end * REV, "A"),
-            rtol=0,
-            atol=1e-14,
-        )
+        found, known = part.at(jnp.asarray(outside * REV)), exact.transmission_error(end * REV, "A")
+        np.testing.assert_allclose(found.lower, known, rtol=0, atol=1e-14)
 
 
-def test_flanks_some_turns_later(table):
-    for turns in (-3, 0, 1, 16):
-        for form in ("table", "closed"):
-            bounds = table if form == "table" else first_order_bounds(closed_model(PAIR, RIG))
-            later, direct = bounds.turned(turns).at(ANGLES), bounds.at(ANGLES + turns * REV)
-            for found, known in zip(jax.tree.leaves(later), jax.tree.leaves(direct), strict=True):
-                np.testing.assert_allclose(found, known, rtol=0, atol=2e-15 * abs(turns) + 1e-15)
-            same = np.allclose(bounds.turned(turns).gap(ANGLES), bounds.gap(ANGLES), atol=1e-6)
-            assert same == (turns % 16 == 0)
+@pytest.mark.parametrize("turns", [-3, 0, 1, 16])
+def test_flanks_some_turns_later(table, turns):
+    for bounds in (table, first_order_bounds(closed_model(PAIR, RIG))):
+        later = bounds.turned(turns)
+        same(later.at(ANGLES), bounds.at(ANGLES + turns * REV), 2e-15 * abs(turns) + 1e-15)
+        unmoved = np.allclose(later.gap(ANGLES), bounds.gap(ANGLES), atol=1e-6)
+        assert unmoved == (turns % 16 == 0)
 
 
 # What else may be a map.

@@ -10,12 +10,9 @@ def curve():
     return TECurve("B", angle, 1e-4 * np.cos(angle), np.linspace(0.0, 1.0, 73))
 
 
-def test_length_and_range(curve):
+def test_text_names_flank_turns_and_range(curve):
     assert len(curve) == 73
     assert curve.peak_to_peak == pytest.approx(2e-4, rel=1e-12)
-
-
-def test_text_names_flank_turns_and_range(curve):
     text = str(curve)
     assert "flank B" in text and "73" in text and "2.000" in text
     assert "720.000° … 0.000°" in text and f"{np.degrees(2e-4):.5f}°" in text

@@ -1,7 +1,6 @@
 """Each check of the law table catches a function that is wrong in just that way."""
 
 import types
-from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -17,8 +16,9 @@ pytestmark = pytest.mark.smoke
 HERE = (np.array([0.3, -2.0, 1.7]), np.array(0.5))
 
 
-def caught():
-    return pytest.raises(AssertionError)
+def check_dimensions(function, arguments):
+    """The result is a length as `gain` is."""
+    checks.check_dimensions(function, arguments, 1, lambda args, by: (args[0], args[1] * by))
 
 
 def test_a_sound_function_passes_every_check():
@@ -31,144 +31,120 @@ def test_a_sound_function_passes_every_check():
     checks.check_derivatives(sound, HERE)
     checks.check_finite_gradient(sound, HERE)
     checks.check_one_trace(jax.jit(sound), HERE)
-    checks.check_dimensions(sound, HERE, 1, _scale_gain)
+    check_dimensions(sound, HERE)
 
 
-def test_single_precision_is_caught():
-    with caught():
-        checks.check_double(lambda angle, gain: jnp.sin(angle).astype(jnp.float32), HERE)
+def single(angle, gain):
+    return jnp.sin(angle).astype(jnp.float32)
 
 
-def test_single_precision_inside_is_caught():
-    def hidden(angle, gain):
-        return jnp.asarray(gain, jnp.float64) * jnp.sin(angle)
-
-    with caught():
-        checks.check_double(hidden, HERE)
+def single_inside(angle, gain):
+    return jnp.asarray(gain, jnp.float64) * jnp.sin(angle)
 
 
-def test_a_result_that_depends_on_tracing_is_caught():
-    def peeking(angle, gain):
-        return gain * angle + (1e-9 if isinstance(angle, Tracer) else 0.0)
-
-    with caught():
-        checks.check_jit_is_eager(peeking, HERE)
+def traced_otherwise(angle, gain):
+    return gain * angle + (1e-9 if isinstance(angle, Tracer) else 0.0)
 
 
-def test_elements_that_know_of_each_other_are_caught():
-    with caught():
-        checks.check_vmap_is_loop(lambda angle, gain: gain * (angle - jnp.mean(angle)), HERE)
+def knows_the_others(angle, gain):
+    return gain * (angle - jnp.mean(angle))
 
 
-def test_an_argument_without_effect_is_caught():
-    with caught():
-        checks.check_vmap_is_loop(lambda angle, gain: jnp.sin(angle) + 0.0 * gain, HERE)
+def without_gain(angle, gain):
+    return jnp.sin(angle) + 0.0 * gain
 
 
-def test_a_wrong_derivative_is_caught():
-    @jax.custom_jvp
-    def wrong(angle, gain):
-        return gain * jnp.sin(angle)
-
-    @wrong.defjvp
-    def _(primals, tangents):
-        (angle, gain), (moved, _) = primals, tangents
-        return wrong(angle, gain), gain * jnp.cos(angle) * moved
-
-    with caught():
-        checks.check_derivatives(wrong, HERE)
+@jax.custom_jvp
+def wrong_derivative(angle, gain):
+    return gain * jnp.sin(angle)
 
 
-def test_a_reverse_mode_that_differs_from_forward_mode_is_caught():
-    def wrong(angle, gain):
-        twice = jax.custom_derivatives.linear_call(
-            lambda _, value: 2.0 * value, lambda _, weight: 3.0 * weight, (), jnp.asarray(angle)
-        )
-        return gain * twice
-
-    with caught():
-        checks.check_derivatives(wrong, HERE)
+@wrong_derivative.defjvp
+def _(primals, tangents):
+    (angle, gain), (moved, _) = primals, tangents
+    return wrong_derivative(angle, gain), gain * jnp.cos(angle) * moved
 
 
-def test_an_infinite_gradient_is_caught():
-    with caught():
-        checks.check_finite_gradient(
-            lambda angle, gain: jnp.sqrt(angle**2 + gain**2), (np.zeros(3), np.array(0.0))
-        )
+def wrong_reverse_mode(angle, gain):
+    twice = jax.custom_derivatives.linear_call(
+        lambda _, value: 2.0 * value, lambda _, weight: 3.0 * weight, (), jnp.asarray(angle)
+    )
+    return gain * twice
 
 
-def test_recompiling_for_a_plain_number_is_caught():
-    static = eqx.filter_jit(lambda angle, gain: gain * jnp.sin(angle))
-    with caught():
-        checks.check_one_trace(static, HERE)
+def infinite_at_zero(angle, gain):
+    return jnp.sqrt(angle**2 + (gain - HERE[1]) ** 2)
 
 
-def test_recompiling_for_an_array_is_caught():
-    def fresh(angle, gain):
-        return jax.jit(lambda x: gain * jnp.sin(x))(angle)
+@eqx.filter_jit
+def static_number(angle, gain):
+    return gain * jnp.sin(angle)
 
-    with caught():
-        checks.check_one_trace(fresh, HERE)
+
+def program_of_its_own(angle, gain):
+    return jax.jit(lambda x: gain * jnp.sin(x))(angle)
+
+
+def sine_of_a_length(angle, gain):
+    return jnp.sin(gain) * angle
+
+
+def length_squared(angle, gain):
+    return gain**2 * angle
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [lambda angle, gain: jnp.sin(gain) * angle, lambda angle, gain: gain**2 * angle],
-    ids=["sine of a length", "length squared"],
+    ("check", "wrong"),
+    [
+        (checks.check_double, single),
+        (checks.check_double, single_inside),
+        (checks.check_jit_is_eager, traced_otherwise),
+        (checks.check_vmap_is_loop, knows_the_others),
+        (checks.check_vmap_is_loop, without_gain),
+        (checks.check_derivatives, wrong_derivative),
+        (checks.check_derivatives, wrong_reverse_mode),
+        (checks.check_finite_gradient, infinite_at_zero),
+        (checks.check_one_trace, static_number),
+        (checks.check_one_trace, program_of_its_own),
+        (check_dimensions, sine_of_a_length),
+        (check_dimensions, length_squared),
+    ],
 )
-def test_a_wrong_dimension_is_caught(wrong):
-    with caught():
-        checks.check_dimensions(wrong, HERE, 1, _scale_gain)
+def test_a_wrong_function_is_caught(check, wrong):
+    angles = np.zeros(3) if wrong is infinite_at_zero else HERE[0]
+    with pytest.raises(AssertionError):
+        check(wrong, (angles, HERE[1]))
 
 
 def test_a_declared_unit_that_is_wrong_is_caught():
     law = next(law for law in table.LAWS if law.covers == "axial_displacement")
-    law = replace(law, unit="rad")
-    with caught():
-        checks.check_dimensions(law.function, law.arguments, table.POWER[law.unit], law.scale)
+    with pytest.raises(AssertionError):
+        checks.check_dimensions(law.function, law.arguments, table.POWER["rad"], law.scale)
 
 
 def test_scaling_reaches_every_length_and_no_angle():
-    before, after = (table.scaled([table.PAIR, table.RIG], factor) for factor in (1.0, 2.0))
+    before = jax.tree_util.tree_leaves_with_path([table.PAIR, table.RIG])
+    after = jax.tree.leaves(table.scaled([table.PAIR, table.RIG], 2.0))
     changed = {
         jax.tree_util.keystr(path)
-        for (path, old), (_, new) in zip(
-            jax.tree_util.tree_leaves_with_path(before),
-            jax.tree_util.tree_leaves_with_path(after),
-            strict=True,
-        )
+        for (path, old), new in zip(before, after, strict=True)
         if not np.array_equal(old, new)
     }
     assert changed == {
-        "[0].driving.face_width_mm",
-        "[0].driven.face_width_mm",
-        "[0].module_mm",
-        "[0].centre_distance_mm",
-        "[1].driving_mm",
-        "[1].driven_mm",
-        "[1].axial_mm",
+        *(f"[0].{gear}.face_width_mm" for gear in ("driving", "driven")),
+        *(f"[0].{name}" for name in ("module_mm", "centre_distance_mm")),
+        *(f"[1].{name}" for name in ("driving_mm", "driven_mm", "axial_mm")),
     }
 
 
-def test_an_export_without_a_row_is_seen():
+def test_an_export_and_a_method_without_a_row_are_seen():
     module = types.ModuleType("vttig_jax.kinematics.functions")
 
-    def runout():
+    def runout(_=None):
         return 0.0
 
     runout.__module__ = module.__name__
     vars(module).update(runout=runout, _hidden=runout, borrowed=np.sin, Kind=dict)
     assert table.public_functions(module) == {"runout"}
-
-
-def test_a_method_without_a_row_is_seen():
-    class Model(table.ClosedModel):
-        def runout(self):
-            return 0.0
-
-    Model.__module__ = "vttig_jax.made_up"
-    assert "Model.runout" in table.public_methods(Model)
-
-
-def _scale_gain(arguments, factor):
-    return arguments[0], arguments[1] * factor
+    model = type("Model", (table.ClosedModel,), {"runout": runout, "__module__": "vttig_jax.made"})
+    assert "Model.runout" in table.public_methods(model)

@@ -1,10 +1,11 @@
 """`[rack]`, profile_shift and crowning_um: each changes what it says, in the module it is in."""
 
 import math
-import tomllib
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import bisect
 
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.tooth import tooth_of
@@ -31,20 +32,19 @@ def pair_of(
 
 
 def test_the_usual_rack():
-    pair = pair_of()
-    np.testing.assert_array_equal(pair.tip_radii, [47.0, 82.0])
-    np.testing.assert_array_equal(pair.root_radii, [42.5, 77.5])
-    usual = 0.25 * 2.0 / (1 - math.sin(math.radians(20)))
-    assert tooth_of(pair, "driving").fillet_radius_mm == pytest.approx(usual, rel=1e-14)
-    assert parse_pair_spec(spec_table(spec_of(pair))).rack == RackTable()
+    assert parse_pair_spec(spec_table(spec_of(pair_of()))).rack == RackTable()
+
+
+USUAL = 1 - math.sin(math.radians(20))
 
 
 @pytest.mark.parametrize(
     ("rack", "tips", "roots", "fillet"),
     [
+        ({}, [47.0, 82.0], [42.5, 77.5], 0.25),
         ({"addendum": 0.8}, [46.6, 81.6], [42.9, 77.9], 0.25),
         ({"clearance": 0.4}, [47.0, 82.0], [42.2, 77.2], 0.4),
-        ({"tip_radius": 0.3}, [47.0, 82.0], [42.5, 77.5], 0.3 * (1 - math.sin(math.radians(20)))),
+        ({"tip_radius": 0.3}, [47.0, 82.0], [42.5, 77.5], 0.3 * USUAL),
         ({"tip_radius": 0.0}, [47.0, 82.0], [42.5, 77.5], 0.0),
     ],
 )
@@ -52,13 +52,10 @@ def test_each_key_of_the_rack(rack, tips, roots, fillet):
     pair = pair_of(rack)
     np.testing.assert_allclose(pair.tip_radii, tips, rtol=1e-14)
     np.testing.assert_allclose(pair.root_radii, roots, rtol=1e-14)
-    radius = 2.0 * fillet / (1 - math.sin(math.radians(20)))
-    for shaft in ("driving", "driven"):
+    for shaft, tip, root in zip(("driving", "driven"), tips, roots, strict=True):
         tooth = tooth_of(pair, shaft)
-        assert tooth.fillet_radius_mm == pytest.approx(radius, abs=1e-15)
-        index = ("driving", "driven").index(shaft)
-        assert tooth.tip_radius == pytest.approx(tips[index], rel=1e-14)
-        assert tooth.root_radius == pytest.approx(roots[index], rel=1e-14)
+        assert tooth.fillet_radius_mm == pytest.approx(2.0 * fillet / USUAL, abs=1e-15)
+        assert (tooth.tip_radius, tooth.root_radius) == pytest.approx((tip, root), rel=1e-14)
     assert spec_of(pair).rack.tip_radius == rack.get("tip_radius")
 
 
@@ -84,40 +81,38 @@ def test_crowning_thins_both_ends():
 HELICAL = {"helix_left_deg": 15.0, "helix_right_deg": -15.0}
 
 
-def test_depths_and_shifts_count_in_normal_modules_where_that_is_given():
-    """m_n = 2, β = 15°, x = +0.3: the tip is 1.3 m_n above the reference circle, not 1.3 m_t."""
-    shifted, against = {"profile_shift": 0.3, **HELICAL}, {"profile_shift": -0.3, **HELICAL}
-    pair = pair_of(
-        {"tip_radius": 0.3},
-        driving=shifted,
-        driven=against,
-        normal_module_mm=2.0,
-        centre_distance_mm=129.409522551,
-    )
+@pytest.fixture(scope="module")
+def normal() -> GearPair:
+    """m_n = 2, β = 15° and x = ±0.3, at the centre distance of teeth without play."""
+    shifts = ({"profile_shift": x, **HELICAL} for x in (0.3, -0.3))
+    options = {"normal_module_mm": 2.0, "centre_distance_mm": 129.409522551}
+    driving, driven = shifts
+    return pair_of({"tip_radius": 0.3}, driving=driving, driven=driven, **options)
+
+
+def test_depths_and_shifts_count_in_normal_modules_where_that_is_given(normal):
+    """The tip is 1.3 m_n above the reference circle, not 1.3 m_t."""
     reference = 45.0 / math.cos(math.radians(15))
     assert reference == pytest.approx(46.5874, abs=5e-5)
-    assert pair.tip_radii[0] == pytest.approx(reference + 2.6, rel=1e-14)
-    assert pair.root_radii[0] == pytest.approx(reference + 0.6 - 2.5, rel=1e-14)
-    tooth = tooth_of(pair, "driving")
+    assert normal.tip_radii[0] == pytest.approx(reference + 2.6, rel=1e-14)
+    assert normal.root_radii[0] == pytest.approx(reference + 0.6 - 2.5, rel=1e-14)
+    tooth = tooth_of(normal, "driving")
     assert tooth.fillet_radius_mm == pytest.approx(0.6, rel=1e-14)
     assert tooth.profile_shift_mm == pytest.approx(0.6, rel=1e-14)
     thickness = tooth.thickness(np.array([reference]), np.zeros(1))[0]
-    normal = thickness * math.cos(math.radians(15))
     # s_n = m_n (π/2 + 2 x tan α_n), with the transverse angle given here
     tangent = math.tan(math.radians(20)) * math.cos(math.radians(15))
-    assert normal == pytest.approx(2.0 * (math.pi / 2 + 0.6 * tangent), rel=1e-13)
+    expected = 2.0 * (math.pi / 2 + 0.6 * tangent)
+    assert thickness * math.cos(math.radians(15)) == pytest.approx(expected, rel=1e-13)
 
 
-def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears():
-    shifted, against = {"profile_shift": 0.3, **HELICAL}, {"profile_shift": -0.3, **HELICAL}
-    options = {"normal_module_mm": 2.0, "centre_distance_mm": 129.409522551}
-    pair = pair_of({"tip_radius": 0.3}, driving=shifted, driven=against, **options)
-    again = pair_from_spec(spec_of(pair))
+def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears(normal):
+    again = pair_from_spec(spec_of(normal))
     assert isinstance(again, GearPair)
-    np.testing.assert_allclose(again.tip_radii, pair.tip_radii, rtol=1e-14)
-    np.testing.assert_allclose(again.root_radii, pair.root_radii, rtol=1e-14)
+    np.testing.assert_allclose(again.tip_radii, normal.tip_radii, rtol=1e-14)
+    np.testing.assert_allclose(again.root_radii, normal.root_radii, rtol=1e-14)
     for shaft in ("driving", "driven"):
-        one, other = tooth_of(pair, shaft), tooth_of(again, shaft)
+        one, other = tooth_of(normal, shaft), tooth_of(again, shaft)
         assert other.fillet_radius_mm == pytest.approx(one.fillet_radius_mm, rel=1e-14)
         assert other.profile_shift_mm == pytest.approx(one.profile_shift_mm, rel=1e-14)
         z = np.array([-3.0, 4.0])
@@ -135,24 +130,15 @@ def test_a_rack_is_numpy_doubles():
 )
 def test_the_hint_for_the_centre_distance_knows_profile_shifts(shifts, expected):
     """Against the same equation solved by bisection."""
-    alpha, low, high = math.radians(20), 1e-6, 1.4
+    alpha = math.radians(20)
     wanted = math.tan(alpha) - alpha + 2 * math.tan(alpha) * sum(shifts) / 50
-    for _ in range(200):
-        middle = (low + high) / 2
-        low, high = (middle, high) if math.tan(middle) - middle < wanted else (low, middle)
-    exact = 75 * math.cos(alpha) / math.cos(low)
+    working: Any = bisect(lambda angle: math.tan(angle) - angle - wanted, 1e-6, 1.4, xtol=1e-15)
+    exact = 75 * math.cos(alpha) / math.cos(working)
     assert exact == pytest.approx(expected, abs=0.2)
-    text = f"""
-    [pair]
-    module_mm = 3.0
-    pressure_angle_deg = 20.0
-    centre_distance_mm = 200.0
-    [driving]
-    teeth = 17
-    profile_shift = {shifts[0]}
-    [driven]
-    teeth = 33
-    profile_shift = {shifts[1]}
-    """
+    table = {
+        "pair": {"module_mm": 3.0, "pressure_angle_deg": 20.0, "centre_distance_mm": 200.0},
+        "driving": {"teeth": 17, "profile_shift": shifts[0]},
+        "driven": {"teeth": 33, "profile_shift": shifts[1]},
+    }
     with pytest.raises(PairError, match=f"need about {exact:.6g} mm"):
-        parse_pair_spec(tomllib.loads(text))
+        parse_pair_spec(table)

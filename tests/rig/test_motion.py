@@ -30,22 +30,14 @@ STEADY_S = 2.0 - 0.5
 PASS_S = STEADY_S + 2 * 0.5 + 0.75
 
 
-def test_forward_pass_runs_at_the_trapezoid():
+def test_both_passes_run_at_the_trapezoid():
     time = np.linspace(0.003, 2.497, 301)
+    forward, back = _speed(MOTION, time), _speed(MOTION, PASS_S + time)
     expected = STEADY * _trapezoid(time, 0.5, STEADY_S)
-    np.testing.assert_allclose(_speed(MOTION, time), expected, atol=1e-5)
-
-
-def test_backward_pass_is_the_mirror_image():
-    time = np.linspace(0.003, 2.497, 301)
-    back = _speed(MOTION, PASS_S + time)
-    np.testing.assert_allclose(back, -STEADY * _trapezoid(time, 0.5, STEADY_S), atol=1e-5)
-
-
-def test_a_wrong_ramp_would_be_seen():
-    time = np.linspace(0.003, 2.497, 301)
+    np.testing.assert_allclose(forward, expected, atol=1e-5)
+    np.testing.assert_allclose(back, -expected, atol=1e-5)
     wrong = STEADY * _trapezoid(time, 0.45, STEADY_S + 0.1)
-    assert np.abs(_speed(MOTION, time) - wrong).max() > 0.1
+    assert np.abs(forward - wrong).max() > 0.1
 
 
 def test_both_ends_and_the_dwell_between():
@@ -90,24 +82,20 @@ def test_speed_sets_the_time_and_reversal_the_way():
     assert angle.max() == pytest.approx(2 * REV)
 
 
-def test_positive_arguments():
-    for name in ("speed_rpm", "reversal_deg"):
-        for value in (0.0, -1.0, float("nan")):
-            with pytest.raises(ValueError, match=f"Argument `{name}` must be positive, but is"):
-                replace(MOTION, **{name: value})
-
-
-@pytest.mark.parametrize("name", ["passes", "ripple_order"])
-def test_positive_whole_arguments(name):
-    with pytest.raises(ValueError, match=f"Argument `{name}` must be positive, but is 0"):
-        replace(MOTION, **{name: 0})
-
-
-@pytest.mark.parametrize("name", ["dwell_s", "ramp_s", "ripple"])
-def test_arguments_that_may_be_zero(name):
-    replace(MOTION, **{name: 0.0})
-    with pytest.raises(ValueError, match=f"Argument `{name}` must not be negative, but is -0.1"):
-        replace(MOTION, **{name: -0.1})
+@pytest.mark.parametrize(
+    ("name", "wrong", "condition"),
+    [
+        *((name, value, "positive") for name in ("speed_rpm", "reversal_deg")
+          for value in (0.0, -1.0, float("nan"))),
+        *((name, 0, "positive") for name in ("passes", "ripple_order")),
+        *((name, -0.1, "not be negative") for name in ("dwell_s", "ramp_s", "ripple")),
+    ],
+)  # fmt: skip
+def test_arguments_out_of_range(name, wrong, condition):
+    with pytest.raises(ValueError, match=f"Argument `{name}` must .*{condition}, but is {wrong}"):
+        replace(MOTION, **{name: wrong})
+    if condition != "positive":
+        replace(MOTION, **{name: 0.0})
 
 
 def test_reversal_inside_the_ramps_is_refused():

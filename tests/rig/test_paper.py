@@ -32,13 +32,9 @@ def test_imperfections_of_the_issue(seed):
 
 def test_the_seed_draws_orders_and_encoder_phases():
     first, again, other = paper_rig(4), paper_rig(4), paper_rig(5)
-    assert first.orders == again.orders
-    assert first.orders != other.orders
+    assert first.orders == again.orders != other.orders
     assert first.driving_encoder == again.driving_encoder != other.driving_encoder
     assert other.driven_encoder != first.driven_encoder != first.driving_encoder
-
-
-def test_the_motion_is_passed_on():
     motion = PassMotion(reversal_deg=1800.0)
     assert paper_rig(0, motion).motion == motion
     assert paper_rig().motion == PassMotion()

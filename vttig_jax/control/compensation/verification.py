@@ -44,7 +44,7 @@ FAULTS = {
 _CLEAR = 6.9
 """Log likelihood ratio from which on one curve excludes another: 1 : 1000."""
 
-_SHARES = (0.0, 0.001, 0.003, 0.01, 0.03, 0.1)
+_SHARES = np.append(0.0, np.geomspace(0.001, 0.1, 5))
 """Shares ε of the table that a curve may miss (chosen): a tenth may be another load or warmth."""
 
 _SEARCHED = 5.0
