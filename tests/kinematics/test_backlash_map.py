@@ -49,10 +49,10 @@ def grid(paper_pair, paper_rig):
     return BacklashMap(exact_model(paper_pair, paper_rig), closed, paper_pair)
 
 
-def dense(model, turns, per_turn, ratio=Fraction(9, 16)):
+def dense(model, turns, per_turn):
     """Extremes over an even grid by nothing but evaluation."""
     angles = np.arange(turns * per_turn) * (TURN / per_turn)
-    gaps = BacklashMap(model, None, Drive(ratio)).over(angles)
+    gaps = BacklashMap(model, None, Drive(Fraction(9, 16))).over(angles)
     return gaps.min(), angles[gaps.argmin()], gaps.max(), angles[gaps.argmax()]
 
 
@@ -93,25 +93,40 @@ def test_extremes_lie_where_they_say(grid):
     assert f"{np.degrees(grid.smallest.backlash):.5f}°" in text
 
 
-def test_extremes_against_a_dense_grid(paper_pair):
-    """Ripples of the mesh are far finer than the eccentricities that carry them.
+@pytest.mark.parametrize("ripple", [3e-5, 1e-3])
+def test_extremes_against_a_dense_grid(paper_pair, ripple):
+    """Ripples of the mesh are far finer than the eccentricities that carry them."""
+    model = meshing_map(RIG, ripple).model
+    found = BacklashMap(model, None, paper_pair)
+    low, low_at, high, high_at = dense(model, 16, 9000)
+    assert found.smallest.backlash <= low + 1e-17
+    assert found.largest.backlash >= high - 1e-17
+    assert found.smallest.backlash == pytest.approx(low, abs=1e-8)
+    assert found.largest.backlash == pytest.approx(high, abs=1e-8)
+    assert found.smallest.driving_angle == pytest.approx(low_at, abs=2e-3)
+    assert found.largest.driving_angle == pytest.approx(high_at, abs=2e-3)
 
-    One driving turn of the speed increaser is ten driven turns: the grid follows the faster shaft.
-    """
-    faster = GearPair(Gear(200), Gear(20), module_mm=1.0, pressure_angles_deg=20.0)
-    numbers = np.random.default_rng(3).uniform([0.01, 0, 0.01, 0, 0.02], [0.1, 360, 0.1, 360, 0.1])
-    for model, pair, turns, per_turn in (
-        (meshing_map(RIG, 3e-5).model, paper_pair, 16, 9000),
-        (meshing_map(RIG, 1e-3).model, paper_pair, 16, 9000),
-        (exact_model(paper_pair, Eccentricities(*numbers)), paper_pair, 16, 9000),
-        (exact_model(faster, Eccentricities(0.001, 10.0, 0.03, 100.0, 0.5)), faster, 1, 200_000),
-    ):
-        found = BacklashMap(model, None, pair)
-        low, low_at, high, high_at = dense(model, turns, per_turn, pair.ratio)
-        assert low - 1e-8 < found.smallest.backlash <= low + 1e-17
-        assert high - 1e-17 <= found.largest.backlash < high + 1e-8
-        assert found.smallest.driving_angle == pytest.approx(low_at, abs=2e-3)
-        assert found.largest.driving_angle == pytest.approx(high_at, abs=2e-3)
+
+def test_extremes_of_any_rig(paper_pair):
+    for seed in range(6):
+        draw = np.random.default_rng(seed)
+        numbers = draw.uniform([0.01, 0, 0.01, 0, 0.02], [0.1, 360, 0.1, 360, 0.1])
+        model = exact_model(paper_pair, Eccentricities(*map(float, numbers)))
+        found = BacklashMap(model, None, paper_pair)
+        low, _, high, _ = dense(model, 16, 4000)
+        assert low - 1e-9 < found.smallest.backlash <= low + 1e-17
+        assert high - 1e-17 <= found.largest.backlash < high + 1e-9
+
+
+def test_a_speed_increaser_is_resolved():
+    """One driving turn is ten driven turns here: the grid must follow the faster shaft."""
+    pair = GearPair(Gear(200), Gear(20), module_mm=1.0, pressure_angles_deg=20.0)
+    rig = Eccentricities(0.001, 10.0, 0.03, 100.0, 0.5)
+    model = exact_model(pair, rig)
+    low, low_at, _, _ = dense(model, 1, 200_000)
+    found = BacklashMap(model, None, pair).smallest
+    assert found.backlash == pytest.approx(low, abs=1e-10)
+    assert found.driving_angle == pytest.approx(low_at, abs=1e-3)
 
 
 def test_constant_backlash_alone_has_no_place_of_its_own(paper_pair):
