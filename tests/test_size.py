@@ -26,7 +26,7 @@ BOUNDS = {
     "geometry": (3394, 56),  # 2800
     "logs": (10107, 268),  # 7400
     "rig": (298, 1),  # 260
-    "model": (2138, 44),
+    "model": (2141, 44),
     "identify": (3597, 38),  # 9000 together with posterior
     "posterior": (2763, 46),
     "control": (5521, 77),  # 3600

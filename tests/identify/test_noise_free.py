@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+import vttig_jax
 from vttig_jax.identify.identification import fit
 from vttig_jax.rig.motion import PassMotion
 
@@ -37,3 +39,14 @@ def test_one_flank_alone(clean_rig, flank):
     rig = replace(clean_rig, motion=PassMotion(speed_rpm=180.0, reversal_deg=3600.0))
     result = fit(rig.log(), rig.pair, flank=flank)
     assert result.value("driving_eccentricity_mm") == pytest.approx(0.0226, rel=5e-3)
+
+
+def test_rounded_volts_of_one_direction_have_an_answer(tmp_path):
+    """The likeliest noise of one pass has no density after the next step of the delay."""
+    row = np.arange(120)
+    volts = [np.round(10 * row * share / 360 * 5 % 5, 4) for share in (1.0, 0.5)]
+    path = tmp_path / "log.csv"
+    table = np.column_stack([0.05 * row, *volts])
+    np.savetxt(path, table, "%.4f", ",", header="time_s,motor [V],load [V]", comments="")
+    found = vttig_jax.fit(vttig_jax.read_log(path, ratio="2:1", counts=(5, 5)))
+    assert np.isfinite(found.parameters["delay_s"].value)

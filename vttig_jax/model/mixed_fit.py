@@ -287,6 +287,9 @@ def mixed_fit(
         while True:
             search = largest if searched else partial(maximise, rough=True)
             found = search(problem.compressed, theta)
+            if theta is not None and not np.isfinite(found.aux.value):
+                theta = None  # what was largest before the last step of the delay has no density
+                continue
             theta = np.asarray(found.value)
             steps += int(found.stats["num_steps"])
             posterior = Posterior(problem, theta, found.aux)
