@@ -1,6 +1,8 @@
 """`EncoderLog`: angles of two shafts, or of one shaft with the transmission error, over time.
 
-Readings of all roles at common instants: of rows, or of channels with separate time stamps.
+`at_common_times` takes the columns of a `Table` (`readers/table.py`) that have `Roles`
+(`recognition/assign.py`), and brings them to common instants. `make_channel` (`channel/channel.py`)
+makes the angle of a shaft of each, and a `Source` says the file, line and column of a value.
 
 A channel with a sample at every common time stamp is not interpolated. A channel that is sampled
 cyclically is interpolated linearly between its samples. The error of the interpolation is at most

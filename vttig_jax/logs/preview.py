@@ -1,6 +1,6 @@
 """Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it.
 
-Rows of a column without a number: empty cells, and readings that are NaN or infinite.
+Columns with rows without a number (empty cells, NaN, infinite) are named with the first such row.
 """
 
 from collections import Counter

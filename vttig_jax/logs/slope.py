@@ -1,13 +1,9 @@
-"""Slope of two angles, and the fraction that is likely behind it.
-
-Slope of driven over driving angle, and its standard error.
+"""Slope of driven over driving angle, and the fraction of whole numbers that is likely behind it.
 
 A periodic transmission error is not white noise. Therefore the standard error is the largest of
 three: from the residual, with one independent value per driven turn; from a block jackknife; and
 the change of the slope when first orders of both shafts are fitted as well, which is the effect of
-an eccentricity over less than a turn.
-
-Ratios of whole numbers of teeth that explain the ratio in a log, compared by likelihood.
+an eccentricity over less than a turn. Ratios of whole numbers of teeth are compared by likelihood.
 """
 
 import itertools

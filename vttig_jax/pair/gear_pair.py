@@ -1,20 +1,12 @@
 """Gear, rack, gear pair and drive: nominal transverse data and what is derived from them.
 
-Basic rack of both gears, with tooth depths in modules.
-
-Gear, gear pair and drive: nominal transverse data and the quantities derived from them.
-
 Lengths are in mm and angles in rad unless a suffix states another unit. Flank A is the left flank
 of both gears and flank B the right one; arrays with a flank axis are ordered (A, B). Objects are
 frozen pytrees with NumPy float64 leaves, so new values never recompile a jitted function.
 
-Conversion of a pair file to a `GearPair` or `Drive` and back, and of encoder readings.
-
-Conversion of a pair file to a `GearPair` or `Drive`, and of a `GearPair` to a pair file.
-
-Conversion of an encoder reading to the angle of its shaft.
-
-Eccentricities of both gears and the constant backlash: the errors of an individual rig.
+`Eccentricities` are the errors of an individual rig: of both gears, with the constant backlash.
+`pair_from_spec` and `spec_of` convert from and to a pair file, and a `ShaftReading` converts an
+encoder reading to the angle of its shaft.
 """
 
 import math

@@ -1,14 +1,10 @@
 """Files that are written whole or not at all, one or several at once.
 
-Atomic write of one file: write a temporary file, sync it to disk, then rename it.
+One file is written under a random name, synced to disk and renamed. It is created exclusively, so
+that an existing file or link of the same name is never opened.
 
-The temporary name is random and the file is created exclusively, so that an existing file or link
-of the same name is never opened.
-
-Commit of several files as one: the rename of one file, the result, switches all of them.
-
-New files are written into a stage, a folder with a random name inside the target folder. Its record
-lists them with their SHA-256. One of the files marks the result, for example `fit.json`:
+Several files are written into a stage, a folder with a random name inside the target folder, whose
+record lists them with their SHA-256. One of them marks the result, for example `fit.json`:
 
 1. If no file of these names exists, the others are moved first and the result is moved last.
 2. Otherwise the result is moved first and replaces the old one; the others follow, and files that

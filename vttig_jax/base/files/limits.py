@@ -1,16 +1,12 @@
 """Memory that files may take when they are read, and bytes from standard input.
 
-Bounded reading: only regular files are read, and their content takes limited memory.
-
 A small file can declare arrays of any size or unpack to any length, and a device has no end. So
-sizes are compared with a limit before memory is allocated. The limit is 64 times the size of the
-file and at least 256 MiB, but not more than half of the free memory of the machine. The option
-`--most-memory` of the command line replaces this limit.
+only regular files are read, and sizes are compared with a limit before memory is allocated. The
+limit is 64 times the size of the file and at least 256 MiB, but not more than half of the free
+memory of the machine. The option `--most-memory` of the command line replaces it.
 
-Standard input as a file: its bytes are read once and kept in memory under a file name.
-
-A log is opened several times (to recognise its columns, to read them, to take its digest), but a
-pipe can be read only once.
+Standard input is read once and kept under a file name, because a log is opened several times (to
+recognise its columns, to read them, to take its digest) and a pipe can be read only once.
 """
 
 import errno

@@ -73,11 +73,12 @@ def command(
     """Tune the controller of SWEEP (TOML) for all cases of its axes.
 
     Minimises the backlash left at the turn plus the weighted interference over speeds, turns, and
-    rigs drawn from a posterior where SWEEP has rig = { from = "RUN", draws = 200 }. One setting
-    after the other is changed by steps that shrink, and every value tried is judged by the cases as
-    `vttig sweep` has them; values that are not better are not taken. For the controller
-    feedforward, which moves no gear, it minimises the lost motion over the gap that the motor makes
-    up for (map.constant_backlash_deg).
+    rigs drawn from a posterior where SWEEP has rig = { from = "RUN", draws = 200 }. With several
+    settings the search begins where a differential evolution ends; simplexes that shrink follow.
+    The search is judged by up to 256 cases, its end by all of them, as `vttig sweep` has them, and
+    values that are not better are not taken. For the controller feedforward, which moves no gear,
+    it minimises the lost motion over the gap that the motor makes up for
+    (map.constant_backlash_deg).
     """
     _check_out(scenario, out, overwrite=overwrite)
     keys = [key for key, _ in free] or None

@@ -110,12 +110,15 @@ def judged(error: AxisError, table: CorrectionTable, rows: AxisRows, turns: int)
     whole = np.std(list(table.values.values()), axis=1).max() * np.sqrt(len(rows.series))
     series = rows.series * whole / np.linalg.norm(rows.series)
     design = rows.white(np.column_stack([rows.open, series]))
-    sizes = [np.repeat([1.0, e], [rows.open.shape[1], series.shape[1]]) for e in (*_SHARES, 1.0)]
-    grams = [np.eye(len(size)) + design.T @ design * np.outer(size, size) for size in sizes]
-    solvers = [(size, cho_factor(gram)) for size, gram in zip(sizes, grams, strict=True)]
-    paid = np.array([np.linalg.slogdet(gram)[1] for gram in grams])
+    gram, solvers, paid = design.T @ design, [], []
+    for share in (*_SHARES, 1.0):
+        size = np.repeat([1.0, share], [rows.open.shape[1], series.shape[1]])
+        inner = np.eye(len(gram)) + gram * np.outer(size, size)
+        solvers.append((size, cho_factor(inner)))
+        paid.append(np.linalg.slogdet(inner)[1])
 
     def misfits(left: np.ndarray | float) -> np.ndarray:
+        """Return rᵀ (Σ + D Dᵀ + ε² X Xᵀ)⁻¹ r for every share ε."""
         white = rows.white(rows.left - left)
         inside = design.T @ white
         open_ = [(size * inside) @ cho_solve(factor, size * inside) for size, factor in solvers]
@@ -146,7 +149,7 @@ def _curves(
 ) -> Iterator[tuple[str, float, float | None, float]]:
     """Yield the name of each curve, its misfit, its value, and what it pays for being searched."""
     step = np.sign(np.diff(rows.command, prepend=rows.command[:1]))
-    step[0] = step[np.argmax(step != 0)]  # an axis that waits at first came to stand as it leaves
+    step[0] = step[np.argmax(step != 0)]  # before its first motion it came as it goes
     ahead = step[np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))] > 0
     held = [table.values.get(n, next(iter(table.values.values()))) for n in DIRECTIONS]
     both = [np.interp(rows.command, table.positions, one) for one in held]

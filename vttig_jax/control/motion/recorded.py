@@ -113,13 +113,6 @@ def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.nd
                 f" write the header {header}.",
                 where=source,
             )
-    for line, fields in table.rows():
-        if len(fields) > len(table.names):
-            raise InputError(
-                f"{len(fields)} fields under {len(table.names)} column names; give every column one"
-                " value, with a decimal point.",
-                where=f"{source}: line {line}",
-            )
     places = [table.names.index(name) for name in COLUMNS]
     times, angles = (values.astype(float) for values in table.own_columns(places, keep_last=True))
     gaps = np.diff(times, prepend=-np.inf)

@@ -1,10 +1,7 @@
-"""Encoder channel: continuous readings, the shaft angle that they are, and a channel that is stuck.
+"""One encoder channel: its readings made continuous, and the shaft angle that they are.
 
-Unwrapping of one channel, with detection of spikes and rejection of lasting steps.
-
-Encoder channel: unwrapped readings and their conversion to a shaft angle.
-
-Detection of a channel that stands still while the other shaft turns (chosen limits).
+The readings are unwrapped, spikes are marked, and lasting steps are refused, as is a channel that
+stands still while the other shaft turns. All limits are chosen values.
 """
 
 from dataclasses import dataclass, replace

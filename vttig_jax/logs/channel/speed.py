@@ -1,21 +1,13 @@
-"""Smoothed speed of a shaft, and whether its readings are those at standstill.
+"""Speed of a shaft, smoothed over many encoder steps, and readings that are no motion.
 
-Speed of a shaft from its angle, smoothed over many encoder steps, and runs of equal state.
+A *spike* (a late poll, a glitch, a wrong reading) lies off the local line of motion while the
+readings around it lie on that line. A *step* (a reset, a lost wrap) does not return and is refused
+(`channel.py`). The local line has the median slope of 21 samples and passes through the median of
+11 samples, so that up to five of eleven readings may be wrong, even all on the same side.
 
-Readings at standstill: a channel that was read once or several times at each of its places.
-
-Readings that are no motion: spikes, and stalls of the logger.
-
-Spikes: readings far from their neighbours, caused by late polls, glitches or wrong readings.
-
-A *spike* lies off the local line of motion while the readings around it lie on that line. A *step*
-(a reset, a lost wrap) does not return and is refused (`channel.py`). The local line has the
-median slope of 21 samples and passes through the median of 11 samples, so that up to five of eleven
-readings may be wrong, even all on the same side. All limits below are chosen values.
-
-Repeated readings of a turning shaft, caused by stalls of the logger or a lower sampling rate.
-
-All limits below are chosen.
+A turning shaft repeats a reading if the logger stalls or samples it at a lower rate. A channel that
+was read once or several times at each of its places holds readings at standstill. All limits are
+chosen values.
 """
 
 from collections.abc import Iterator

@@ -1,14 +1,11 @@
-"""Unwrapping of counters and single-turn angles, and the step of the readings.
-
-Unwrapping of counters and single-turn angles, exact for integers.
+"""Unwrapping of counters and single-turn angles, exact for integers, and the step of readings.
 
 A reading r of a counter with modulus M represents r + kM. If the shaft turns less than M/2 between
-two samples, the true step is the smallest possible one, and k decreases by ⌊(Δr + ⌊M/2⌋)/M⌋.
+two samples, the true step is the smallest possible one, and k decreases by ⌊(Δr + ⌊M/2⌋)/M⌋. Shafts
+are unwrapped also through the rows that a user leaves out: those without a number, outside a window
+or in cuts.
 
-Quantisation step of the readings of a channel, and the digits with which the log stores them.
-
-Rows of a log that a user leaves out (without a number, outside a window, or in cuts), and the
-unwrapping of shafts through them.
+The step of the readings of a channel is that of its encoder or of the digits that the log stores.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,20 +1,15 @@
-"""Ratio that a log shows, and what else a slope or a lost motion may come from.
+"""Ratio that a log shows beside the given one, and what else a slope may come from.
 
-What explains a slope of the transmission error best: another ratio, a delay or a drift.
-
-Driven angle without the motion that the teeth lose when they cross the gap after a reversal.
-
-Let the driving shaft need the travel c to cross the gap. The place s of the teeth in the gap, from
-0 to 1, follows the play operator of the driving angle φ₁, and the driven angle is linear in both:
+The ratio is the slope of driven over driving angle, beside the motion that the teeth lose when they
+cross the gap after a reversal. Let the driving shaft need the travel c to cross the gap. The place
+s of the teeth in the gap, from 0 to 1, follows the play operator of the driving angle φ₁, and the
+driven angle is linear in both:
 
     s ← min(max(s + Δφ₁ / c, 0), 1),    φ₂ = a + b φ₁ + k s.
 
 c has the least sum of squares. In short strokes the crossing is a notable part of the travel: the
-slope of φ₂ over φ₁ alone is then too small, and its residual is large.
-
-Comparison of the ratio in a log with the ratio in the pair file.
-
-The ratio is the slope of driven over driving angle, beside the motion that is lost in the gap.
+slope of φ₂ over φ₁ alone is then too small, and its residual is large. A slope of the transmission
+error may also come from a delay or a drift; the likelihoods of the three are compared.
 """
 
 import itertools

@@ -1,8 +1,6 @@
-"""Sampling of a log: rate, plateaus, aliasing, and the orders that it shows.
+"""Sampling of a log: rate, jitter and gaps, steady speeds, aliasing, and the orders that it shows.
 
-Sampling of a log: rate, jitter and gaps, and effects of the rate on counts and orders.
-
-Order spectrum of the transmission error, by least squares over samples with a certain flank.
+The order spectrum of the transmission error is by least squares over samples with a certain flank.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,18 +1,11 @@
-"""Slips of an encoder: steps of the transmission error that stay, and their effects.
-
-Effects in the transmission error that a slip is fitted together with.
-
-Detection of steps in a series, fitted together with regressors, in coloured noise with outliers.
-
-All limits below are chosen values unless they say otherwise.
-
-Detection of slips: lasting steps of the transmission error.
+"""Slips of an encoder: lasting steps of the transmission error.
 
 An encoder that slips on its shaft, lost counts or a jumped tooth leave both channels smooth; only
 TE = φ₂ − i φ₁ shows them. A robust fit removes all other effects from TE: an offset of each flank
 at each speed (backlash, delay, torque of the drive), drift, orders 1 to 4 of both shafts on each
 flank, delay times speed, and logged torque. Then steps are searched by least squares in the medians
-of the residual over short windows. All limits below are chosen values unless they say otherwise.
+of the residual over short windows, together with these effects, in coloured noise with outliers.
+All limits are chosen values unless they say otherwise.
 """
 
 from collections.abc import Sequence

@@ -1,12 +1,8 @@
 """Averaged rows of the transmission error, their noise, and regressions on them.
 
-Rows of a line search: stretches of one or several logs, averaged in blocks and stacked.
-
-Autoregression of the noise along every run, and whitening by it.
-
-A run is an uninterrupted stretch of rows.
-
-Least-squares fit of lines (cosine and sine of unknown frequency) together with regressors.
+Stretches of one or several logs are averaged in blocks and stacked. A run is an uninterrupted
+stretch of rows, along which the noise is an autoregression that whitens it. Lines (cosine and sine
+of unknown frequency) are fitted by least squares together with regressors.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,18 +1,9 @@
-"""Spectral lines of the residual: their search, the blind search, and lines of a hidden shaft.
-
-Search for periodic lines in the transmission error at unknown frequencies.
+"""Periodic lines of unknown frequency in the transmission error, after a fit or before one.
 
 Lines of a belt, a bearing ring or an inner gear stage appear without a known tooth count or order.
-
-Search for periodic lines of unknown period in a log before a fit.
-
-Hidden shafts: more lines at multiples of one frequency than a coincidence can explain.
-
-Spectrum of averaged rows, and the level of its noise at a frequency.
-
-Spectrum of the rows over the driving angle by FFT.
-
-Level of the noise in a spectrum, and the probability of a height in noise alone.
+They are searched in the spectrum of averaged rows over the driving angle (FFT), where the level of
+the noise gives the probability of a height in noise alone. More lines at multiples of one frequency
+than a coincidence can explain are those of a hidden shaft.
 """
 
 import math

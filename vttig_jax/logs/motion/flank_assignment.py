@@ -1,32 +1,26 @@
-"""Flank of each segment: by torque or motion, the crossings of the gap, and the braking.
+"""Flank of each segment, by torque or motion, and the ramps in which no flank is certain.
 
-Step of the transmission error between the flanks, from a linear fit to up to 1000 samples.
+The sign of the transmitted torque defines the loaded flank. However, the torque of a motor also
+accelerates its rotor and overcomes friction, and in a drive without backlash it says nothing about
+flanks. Therefore torque and direction of motion are both tested in a linear model with a step of
+the transmission error between the flanks, on up to 1000 samples; the torque is used if it fits
+better.
 
-Gap by the travel that the teeth need to cross it after a reversal.
-
-At one speed a gap and a delay of the driven channel leave the same step between the flanks. They
-differ after a reversal: the driven shaft stands still until the driving shaft has turned by the gap
-divided by the ratio, while the step of a delay follows the speed. Let s be the travel of the
-driving shaft since the reversal, i the ratio and g the gap. The transmission error then contains
+**The gap after a reversal.** At one speed a gap and a delay of the driven channel leave the same
+step between the flanks. They differ after a reversal: the driven shaft stands still until the
+driving shaft has turned by the gap divided by the ratio, while the step of a delay follows the
+speed. Let s be the travel of the driving shaft since the reversal, i the ratio and g the gap. The
+transmission error then contains
 
     g · min(i s / g, 1) on the way to flank B,  g · (1 − min(i s / g, 1)) on the way to flank A.
 
 g has the least sum of squares beside a delay. It is a gap if the likelihood is enough larger than
 that of a delay alone.
 
-Flank of an overrunning load: its inertia carries it to the other flank while the drive brakes.
-
-Friction slows a free load by a limited deceleration. If the drive brakes harder, the load leaves
-flank A of a forward motion and lies on flank B until the drive brakes less. The limit is unknown.
-It is found by a search for the least sum of squares. The flanks by this limit are used if the
-likelihood improves enough and the estimated gap is positive.
-
-Assignment of a flank to every segment by torque or motion, and the ramps between speeds.
-
-The sign of the transmitted torque defines the loaded flank. However, the torque of a motor also
-accelerates its rotor and overcomes friction, and in a drive without backlash it says nothing about
-flanks. Therefore torque and direction of motion are both tested in a linear model with a step
-between the flanks; the torque is used if it fits better.
+**An overrunning load.** Friction slows a free load by a limited deceleration. If the drive brakes
+harder, the load leaves flank A of a forward motion and lies on flank B until the drive brakes less.
+The limit is unknown. It is found by a search for the least sum of squares. The flanks by this limit
+are used if the likelihood improves enough and the estimated gap is positive.
 """
 
 from bisect import bisect_right

@@ -1,20 +1,14 @@
-"""Segments of a log: steady stretches between reversals, or single readings at standstill.
-
-Plateaus of the speed of a run, and the steady stretches at them.
-
-Segments of a log in which the contacting flank is certain.
+"""Segments of a log in which the contacting flank is certain, and the turns that they cover.
 
 At steady speed the direction of motion defines the loaded flank: A while φ₁ increases, B while it
 decreases. Ramps, dwell and the crossing of the gap after a reversal are masked. A torque or
 direction column of the log is better evidence and overrides the motion.
 
-Tables of readings at standstill: one row for each place at which the shafts stood.
-
 A calibration table, a table after ISO 230-2 or readings of a dial gauge have no motion: no speed,
-ramps or crossing of the gap, and their time says only the order of the readings. The flank follows
-from the direction of approach.
+ramps or crossing of the gap, and their time says only the order of the readings. Each row is a
+place at which the shafts stood, and the flank follows from the direction of approach.
 
-Coverage of a log: turns of each shaft and directions, which decide what a fit can determine.
+The turns of each shaft and the directions decide what a fit can determine.
 """
 
 from collections.abc import Sequence

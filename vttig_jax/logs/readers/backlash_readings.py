@@ -1,8 +1,7 @@
 """Small tables that are no logs: backlash readings, and deviations of flanks and pitch.
 
-Backlash readings at single angles: gear 1 is held and gear 2 is turned to both flanks.
-
-Reader of measured flank and pitch deviations, with one point or tooth on each line.
+A backlash reading is taken at a single angle: gear 1 is held and gear 2 is turned to both flanks.
+Flank and pitch deviations have one point or tooth on each line.
 """
 
 import math

@@ -1,10 +1,7 @@
 """Names of columns: roles, units, other quantities, setpoints, and a column by its name.
 
-Roles of columns, units in their names or in a row of units, and a column by its name.
-
-Meaning of a column name: its role, unit, another quantity, or a setpoint, in common languages.
-
-A word with another meaning in a second language is not in the lists: an unknown word leads to a
+The words are those of common languages, and a unit may stand in the name or in a row of units. A
+word with another meaning in a second language is not in the lists: an unknown word leads to a
 question to the user, but a wrong word leads to a wrong role.
 """
 

@@ -1,16 +1,12 @@
-"""Tables of delimited text, and the numbers in them.
+"""Tables of delimited text: their delimiter, header, rows and columns, and the numbers in them.
 
-Conversion of written numbers with a decimal point or comma and thousands marks.
+pyarrow parses the columns. What it refuses (thousands marks, rows of unequal length, damaged
+fields) is read field by field, which either converts a field or names its line and column.
 
 Thousands marks are the mark that is not the decimal mark, apostrophes and no-break spaces: 1,234.5,
 1'234.5 and 1 234.5. `1,234` can mean 1.234 or 1234. If tabs or semicolons delimit the fields, the
 comma is a decimal comma. Otherwise the argument `decimal` is required, unless another number in the
 log resolves the ambiguity.
-
-Table of delimited text: where it begins, its delimiter, its header, its rows and its columns.
-
-pyarrow parses the columns. What it refuses (thousands marks, rows of unequal length, damaged
-fields) is read field by field, which either converts a field or names its line and column.
 """
 
 import csv
@@ -691,7 +687,7 @@ def _more_fields(
 ) -> RowTooLong:
     cure = "correct the line or the header"
     if delimiter == ",":
-        cure = "correct it, or save the log with semicolons if it has decimal commas"
+        cure = "correct it, or write decimal points if it has decimal commas"
     return RowTooLong(
         f"this row has {len(fields)} fields, but the header has {len(names)}; {cure}.", where=where
     )

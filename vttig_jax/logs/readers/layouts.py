@@ -1,8 +1,4 @@
-"""Text layouts whose header describes the columns, and files in sections.
-
-Fields of a text layout with their line numbers, and the columns of numbers in them.
-
-Layouts whose header says the time of their columns: TwinCAT Scope, LabVIEW, oscilloscopes.
+"""Text layouts whose header says the time of their columns, and files in sections.
 
 TwinCAT Scope View: every column with the name `Name` is the time of the group of channels that
 follows it, in ms or as FILETIME. There is one group for each sample time; groups with longer sample
@@ -16,11 +12,9 @@ Oscilloscopes: the header states the first stamp and the increment of the time, 
 such as `HResolution,5e-2,5e-2` (Yokogawa), under the names `Start` and `Increment` or as `t0 = …,
 tInc = …` (Rigol). Older ones of Tektronix have such rows beside the table.
 
-Files in sections: several tables in one text, each with a header and perhaps a heading.
-
-Guide logs, reports of test stands and the sheets of a workbook are such files. A section begins
-with a line of names, perhaps a row of units, and a row of numbers with as many fields. Its columns
-are named `2/motor` for column `motor` of section 2.
+Files in sections: several tables in one text, such as guide logs, reports of test stands and the
+sheets of a workbook. A section begins with a line of names, perhaps a row of units, and a row of
+numbers with as many fields. Its columns are named `2/motor` for column `motor` of section 2.
 """
 
 import re

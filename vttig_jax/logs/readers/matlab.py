@@ -1,17 +1,12 @@
 """Arrays of MATLAB and HDF5 files, and columns of MATLAB tables.
 
-Reading of the numeric arrays of a MATLAB file (v4 to v7), after a check of its elements.
+`scipy.io.loadmat` does not check the type and length in the tag before each element of a file of
+MATLAB v4 to v7. Damaged tags make it read outside its buffers and crash the process. It also
+allocates memory for as many cells, structs and letters as an element declares. So the elements are
+checked first. A file of MATLAB v7.3 is an HDF5 file.
 
-`scipy.io.loadmat` does not check the type and length in the tag before each element. Damaged tags
-make it read outside its buffers and crash the process. It also allocates memory for as many cells,
-structs and letters as an element declares.
-
-Reading of the numeric arrays of an HDF5 file, which may be a MATLAB v7.3 file.
-
-Tables, timetables, dates and durations of MATLAB, which the library mat-io reads.
-
-MATLAB stores them as objects in a separate part of the file. The bytes of this part are checked
-before the library reads them, like those of the other variables.
+Tables, timetables, dates and durations are objects in a separate part of the file, whose bytes are
+checked like those of the other variables before the library mat-io reads them.
 """
 
 import io

@@ -1,6 +1,6 @@
 """The table of a file of any format, or of standard input.
 
-Text layouts that are recognised, in the order in which they are tested.
+Text layouts are tried one after the other; what none of them knows is delimited text.
 """
 
 from collections.abc import Sequence

@@ -1,11 +1,7 @@
-"""Numeric fields of the messages of a ROS bag, after a check of its unpacked size.
+"""Numeric fields of the messages of a ROS bag: a ROS 2 folder (sqlite or MCAP), .mcap or .bag.
 
-Unpacked sizes of the files of ROS bags, without unpacking them into memory.
-
-Every function adds sizes in bytes to a `MemoryBudget`, whose method `take` raises `InputError`
-beyond its limit.
-
-Numeric fields of the messages of a ROS bag: a ROS 2 folder (sqlite or MCAP), .mcap or .bag.
+The unpacked sizes of its files are added up first, without unpacking them into memory: every
+function adds bytes to a `MemoryBudget`, whose method `take` raises `InputError` beyond its limit.
 
 The joints of `sensor_msgs/JointState` are found by name in every message, because their order may
 change. The stamp in the header of a message is preferred to the time of its recording.

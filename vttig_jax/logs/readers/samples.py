@@ -1,24 +1,21 @@
-"""Text layouts of one sample a line, and the output of LinuxCNC halsampler.
+"""Text layouts of one sample a line: cantools, EPICS, InfluxDB, long tables, halsampler and PHD2.
 
-Layouts with one sample of one channel a line: `candump | cantools decode`, EPICS, long tables.
+In `candump | cantools decode`, EPICS `camonitor` and long tables every channel has time stamps of
+its own. A frame of cantools may take several lines. A line of `camonitor` is a change of a channel:
+its name, date and time, the value, and status and severity if they are not normal; `***` says that
+a channel is disconnected. A row of a long table has the time, the name of a channel and a number;
+an annotated CSV of InfluxDB names its channels by their tags.
 
-Every channel has time stamps of its own. A frame of cantools may take several lines. A line of
-EPICS `camonitor` is a change of a channel: its name, date and time, the value, and status and
-severity if they are not normal; `***` says that a channel is disconnected. A row of a long table
-has the time, the name of a channel and a number.
+In the output of LinuxCNC `halsampler` lines `overrun` between the rows of numbers say that samples
+are lost. The rows have neither header nor time. With its option -t the first field is the number of
+the sample. An output without a line `overrun` is read like any table without a header.
 
-Output of LinuxCNC `halsampler` with lost samples: lines `overrun` between the rows of numbers.
-
-The rows have neither header nor time. With the option -t of halsampler, the first field is the
-number of the sample. An output without a line `overrun` is read like any table without a header.
-
-Guide log of PHD2: transmission error of a telescope mount, from star distances and guide pulses.
-
-The mount turns at sidereal rate, so that the time gives the angle of the worm. In every session
-"Guiding Begins" the transmission error is RARawDistance × pixel scale / cos(declination), plus the
-sum of all previous pulses × guide rate; this is the distance that the star would have without the
-pulses. A pulse to the west counts positive, because it makes RARawDistance smaller. Dithering and a
-new lock position move the zero of the distances; these moves are removed. Rows `DROP` have no star.
+A guide log of PHD2 gives the transmission error of a telescope mount. The mount turns at sidereal
+rate, so that the time gives the angle of the worm. In every session "Guiding Begins" the
+transmission error is RARawDistance × pixel scale / cos(declination), plus the sum of all previous
+pulses × guide rate; this is the distance that the star would have without the pulses. A pulse to
+the west counts positive, because it makes RARawDistance smaller. Dithering and a new lock position
+move the zero of the distances; these moves are removed. Rows `DROP` have no star.
 """
 
 import re

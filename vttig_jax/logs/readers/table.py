@@ -1,15 +1,12 @@
-"""Table: named columns of one file, of which some are computed from others.
+"""Table: named columns of one file, each of which is read once, when it is used.
 
-Passes up and down side by side: readings of a place in one row, such as `position,up1,down1`.
+Some are computed from others by a formula such as `0.5*(m1+m2)`, with numbers, names of columns, +,
+-, * and brackets. `quadrature(A,B)` are the counts of the levels of two channels, A and B or STEP
+and DIR: four counts a period if their edges alternate, and one count a rising edge of the first
+channel if it has more than twice the edges of the second one, which is then the direction.
 
-Table: named columns of one file, each of which is read once, when it is used.
-
-Columns computed from others: a formula such as `0.5*(m1+m2)`, or `quadrature(A,B)`.
-
-A formula has numbers, names of columns, +, -, * and brackets. `quadrature(A,B)` are the counts of
-the levels of two channels, A and B or STEP and DIR: four counts a period if their edges alternate,
-and one count a rising edge of the first channel if it has more than twice the edges of the second
-one, which is then the direction.
+Passes up and down that stand side by side, such as `position,up1,down1`, become one below the
+other.
 """
 
 import ast

@@ -1,12 +1,9 @@
 """Bytes and text of a file, packed or not, with its encoding, its digest and its lines.
 
-Texts in other files, recognised by their first bytes: packed texts, and workbooks as text.
-
-A workbook of Excel or OpenDocument becomes a text with tabs, a line for each row of a sheet. The
-largest sheet comes first, so that its line numbers are the numbers of its rows; other sheets with
-more than one row follow under their names.
-
-Bytes and text of a file, with its encoding, its digest and its lines.
+Packed texts and workbooks are recognised by their first bytes. A workbook of Excel or OpenDocument
+becomes a text with tabs, a line for each row of a sheet. The largest sheet comes first, so that its
+line numbers are the numbers of its rows; other sheets with more than one row follow under their
+names.
 """
 
 import bz2

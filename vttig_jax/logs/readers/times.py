@@ -1,14 +1,10 @@
 """Times of a log: dates and times of day, stamps since an epoch, and their seconds.
 
-Conversion of written dates and times of day to whole nanoseconds.
-
-The accepted forms are ISO 8601 with or without date, zone, and decimal comma, also in its basic
-form `20261101T235950.5`; German dates `01.11.2026`; dates with slashes; names of months; AM and PM;
-times of day, which may pass midnight; and minutes and seconds `59:50.5`, which may pass the hour.
-
-Conversion of the stamps of a time column to seconds without loss of digits.
-
-Units of numeric time stamps that count from an epoch, recognised from their magnitude.
+Written forms become whole nanoseconds: ISO 8601 with or without date, zone, and decimal comma, also
+in its basic form `20261101T235950.5`; German dates `01.11.2026`; dates with slashes; names of
+months; AM and PM; times of day, which may pass midnight; and minutes and seconds `59:50.5`, which
+may pass the hour. The unit of a numeric stamp that counts from an epoch follows from its size.
+Stamps become seconds without loss of digits.
 """
 
 import re

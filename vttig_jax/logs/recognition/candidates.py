@@ -1,10 +1,7 @@
-"""Columns that may have a role, and the questions where several may.
+"""Columns that may be time or the angle of a shaft, and the questions where several may.
 
-Columns that may be time or the angle of a shaft, and what the values of two of them say.
-
-Questions to the user where a log can be read in two ways, and notes on what was recognised.
-
-Both are records; their sentences stand in the catalogues `QUESTIONS` and `GUESSES`.
+Questions to the user and notes on what was recognised are records; their sentences stand in the
+catalogues `QUESTIONS` and `GUESSES`.
 """
 
 from collections.abc import Callable, Sequence
