@@ -190,20 +190,19 @@ def is_at_standstill(
     turning shaft are not, or if unequal times made steps that are alike.
     Small steps that go on in one direction are motion beside the wraps of a large counter.
     """
-    usual, step = usual_step(signed), np.abs(signed)
-    moved = step > SAME * usual
-    if len(step) < 3 or np.any(moved & (step < _PART * usual)):
+    usual = usual_step(signed)
+    moved = np.abs(signed) > SAME * usual
+    if len(signed) < 3 or np.any(moved & (np.abs(signed) < _PART * usual)):
         return False
     small = np.where(moved, np.int8(0), (signed > 0) - (signed < 0).astype(np.int8))[signed != 0]
     if np.sum(small[1:] * small[:-1]) > 0:  # noise turns back more often than not
         return False
-    del signed, small
     took = np.diff(time)
     slow = bool(np.median(took) >= LONG_S)
     if not clock or (moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS):
         held = np.diff(time[:-1][moved], prepend=-np.inf)
         return slow or (clock and bool(np.median(held) >= LONG_S))
-    step, took = step[moved], took[moved]
+    step, took = np.abs(signed[moved]), took[moved]
     uneven, steps, speeds = (
         float(np.std(one)) / max(float(np.mean(one)), 1e-300)
         for one in (took, step, step / np.maximum(took, 1e-300))
