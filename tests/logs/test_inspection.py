@@ -104,6 +104,15 @@ def test_commensurate_sampling_is_told():
     assert free.commensurate == () and "a whole number" not in flat(free)
 
 
+def test_one_rounding_error_of_a_driving_shaft_is_an_offset_and_no_remark():
+    half = np.floor(0.5 * np.concatenate([np.arange(9000), np.arange(9000, 0, -1)]) + 0.3)
+    driven = np.floor(0.5625 * half + 50 * np.sin(2 * np.pi * half / 1000))
+    time, readings = np.arange(len(half)) / 500.0, (half.astype(int), driven.astype(int))
+    encoders = dict.fromkeys(("driving_encoder", "driven_encoder"), {"counts_per_rev": 1000})
+    log = EncoderLog.from_arrays(time, *readings, pair=spec(**encoders))
+    assert inspect_log(log).commensurate == ()
+
+
 def test_aliased_orders():
     slow = inspect_log(rig(rate=70.0), spec())
     named = {a.shaft: (a.order, a.highest) for a in slow.aliased}

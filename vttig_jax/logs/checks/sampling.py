@@ -60,8 +60,7 @@ class Commensurate:
 
     `speed_rpm` is the signed speed of the driving shaft. `rounding_arcsec` is the standard
     deviation of what the rounding of the counts adds to cosine or sine of an order, as an angle of
-    the driven shaft: that of all of it, q/√12, over the root of the counts over which it strays; 0
-    for a driving shaft that does not stray.
+    the driven shaft: that of all of it, q/√12, over the root of the counts over which it strays.
     """
 
     shaft: str
@@ -77,8 +76,8 @@ class Commensurate:
             f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
             f" {self.counts_per_sample:.4f} counts a sample, a whole number"
             f"{f' in {step} samples' * (step > 1)}: its quantisation"
-            f" ({self.rounding_arcsec:.2g}″ in gap and orders) does not average out; change the"
-            " speed or the rate slightly"
+            f" ({self.rounding_arcsec:.2g}″ in backlash and orders) does not average out; change"
+            " the speed or the rate slightly"
         )
 
 
@@ -151,10 +150,10 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
             continue
         for segment in segments:
             step, samples, strayed = _locked(channel.reading[segment.start : segment.stop])
-            if samples:
-                # A driving shaft that moves by p/q counts alone has one rounding error.
-                size = 0.0 if shaft == "driving" and strayed <= 1 else gain * channel.resolution
-                size /= samples * ARCSEC * float(np.sqrt(12 * max(strayed, 1.0)))
+            # A driving shaft that moves by p/q counts alone has one rounding error, an offset.
+            if samples and (shaft == "driven" or strayed > 1):
+                size = gain * channel.resolution / (samples * ARCSEC)
+                size /= float(np.sqrt(12 * max(strayed, 1.0)))
                 one = Commensurate(shaft, 60 * segment.speed / REV, abs(step), size)
                 findings.setdefault((shaft, abs(step)), one)
     return tuple(findings.values())
