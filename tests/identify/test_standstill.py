@@ -26,10 +26,10 @@ def table(tmp_path, angle, *, gap=0.0, noise=2.0, ratio=1, wrapped=False):
     return path
 
 
-def fitted(path, ratio="1:1", **options):
+def fitted(path, ratio="1:1", *, perfect_gears=True, **options):
     columns = {"driving": "reference_deg", "driven": "encoder_deg"}
     log = vttig_jax.read_log(path, ratio=ratio, columns=columns, sample_rate_hz=1.0)
-    return vttig_jax.fit(log, perfect_gears=True, **options)
+    return vttig_jax.fit(log, perfect_gears=perfect_gears, **options)
 
 
 def near(order, true):
@@ -81,6 +81,26 @@ def test_orders_that_look_alike_at_the_places(tmp_path, step, told):
     assert (("driving", 1) in found) == told
     for name in [*true][0 if told else 1 :]:
         assert abs(found[name].amplitude_arcsec - true[name][0]) < 4 * found[name].std_arcsec < 3
+
+
+@pytest.mark.parametrize(("step", "alike"), [(1.025, "nearly"), (36 / 37, "exactly")])
+def test_two_first_orders_that_look_alike_are_told_with_their_spread(tmp_path, step, alike):
+    """Neither takes over what the other one does: left out, driven 1 made driving 1 29″ ± 0.4″."""
+    turns = step * np.arange(round(36 / step))
+    places = 360 * np.tile(np.append(turns, turns[::-1]), 6)
+    error = 8 * np.sin(np.radians(places - 10)) + 20 * np.sin(np.radians(places / 36 + 30))
+    noise = np.random.default_rng(1).normal(0.0, 1.0, len(places))
+    path = tmp_path / "table.csv"
+    values = np.column_stack([places, places / 36 + (error + noise) * ARCSEC])
+    np.savetxt(path, values, delimiter=",", header="reference_deg,encoder_deg", comments="")
+    found = fitted(path, "36:1", perfect_gears=False).parameters
+    for shaft, true in (("driving", 8), ("driven", 20)):
+        one = found[f"{shaft}_amplitude_arcsec"]
+        assert one.determined == (alike == "nearly")
+        if one.determined:
+            assert one.std > 1.0
+            high = one.high95 if one.low95 is not None else one.upper95
+            assert (one.low95 or 0.0) < true < high
 
 
 POSITION = {"driving": "position_deg", "driven": "measured_deg"}

@@ -12,6 +12,7 @@ from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
+from ..logs.channel.speed import robust_deviation
 from ..logs.motion.segments import Segment, Segments
 from ..model.components import NEEDED, likelihood_ratio
 from ..model.density import LAGS, whitening
@@ -335,16 +336,18 @@ def reversal_jumps(
 
     On a reducer the teeth cross the gap during more than 1° of driving angle after the turn.
     Therefore the window begins at least 1.5 times `gap_deg` before the turn, if the passes are long
-    enough. `gap_deg` is the gap as an angle of the driving shaft.
+    enough. `gap_deg` is the gap as an angle of the driving shaft. The largest of n noisy readings,
+    which is taken for the turn, is expected √(2 ln n) of their deviations beyond it.
     """
     jumps = []
-    beyond = _GAPS * gap_deg
     for before, after in pairwise(segments):
         if before.flank == after.flank:
             continue
         window = slice(before.start, after.stop)
         sense = 1.0 if before.flank == "A" else -1.0
         along = sense * driving[window]
+        noise_deg = robust_deviation(np.diff(along, 2)) / (np.sqrt(6) * DEG)
+        beyond = _GAPS * gap_deg + noise_deg * np.sqrt(2 * np.log(len(along)))
         within = (max(_NEAR_DEG, beyond) + 2 * _WINDOW_DEG) * DEG
         near = np.flatnonzero(along >= along.max() - within)
         turn = int(np.searchsorted(near, np.argmax(along)))

@@ -354,7 +354,8 @@ def told_waves(
     """
     own = lambda wave: max(abs(wave.driving), abs(wave.driven)) + (wave.shaft == "both")  # noqa: E731
     likely = sorted(waves, key=own)
-    told = told_orders(angle, [wave.cycles(ratio) for wave in likely])
+    first = sum(wave.is_first for wave in waves)
+    told = told_orders(angle, [wave.cycles(ratio) for wave in likely], first)
     kept = {wave for wave, one in zip(likely, told, strict=True) if one}
     return tuple(wave for wave in waves if wave in kept)
 

@@ -57,10 +57,16 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], waves: Sequence[Wav
         turns = max(turns, float(min(filter(None, spans), default=0.0)) / REV)
     ratio = shafts[0].ratio
     found = {"driving": turns, "driven": turns * abs(ratio)}
-    # A shaft that turns may have orders that the model does not have; a table tells few anyway.
-    others = () if all(one.still for one in shafts) else range(1, HIGHEST + 1)
+    # A shaft that turns may have orders that the model does not have; a table tells few anyway, and
+    # its two first orders are in the model together, whose spread says how alike they are.
+    still = all(one.still for one in shafts)
+    others = () if still else range(1, HIGHEST + 1)
     for shaft, gain in (("driving", 1.0), ("driven", abs(ratio))):
-        orders = {wave.cycles(ratio) / gain for wave in waves if wave.shaft in SHAFTS}
+        orders = {
+            wave.cycles(ratio) / gain
+            for wave in waves
+            if wave.shaft == shaft or (wave.shaft in SHAFTS and not (still and wave.is_first))
+        }
         orders = sorted({*(float(f"{order:.9g}") for order in orders), *map(float, others)})
         on_flanks = [
             gain * np.concatenate([one.angle[one.flank * side < 0] for one in rows])

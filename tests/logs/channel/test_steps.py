@@ -23,6 +23,9 @@ TRAVEL = np.cumsum(np.random.default_rng(0).integers(1, 4, 900_000)).astype(np.f
         (np.sqrt(np.arange(2, 50.0)), 0.0),
         (360 / 16384 * TRAVEL[:90000], 360 / 16384),
         (0.004 * TRAVEL * (1 + 1e-12 * np.sin(1e6 * np.arange(9e5))), 0.004),
+        (np.round(0.0054931640625 * TRAVEL[:4000], 6), 0.0054931640625),
+        (np.float32(360 / 4096 * TRAVEL[:2000]), 360 / 4096),
+        (27.0 * np.arange(99) + np.round(0.02 * np.sin(np.arange(99.0)), 4), 1e-4),
         (0.012 * TRAVEL[::2] + 0.004 * 7 * np.cumsum(np.arange(450000) % 5 == 0), 0.004),
     ],
 )

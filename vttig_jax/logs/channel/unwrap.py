@@ -348,10 +348,12 @@ def common_step(values: Real[np.ndarray, " n"]) -> float:
     gaps = gaps[gaps > rounding]
     if len(gaps) == 0:
         return 0.0
-    step = gaps[0]
+    step, shown = gaps[0], max(_stored_step(values), rounding)
     for _ in range(_MOST_DIVISIONS):
-        left = np.abs(gaps - step * np.rint(gaps / step))
-        left = left[left > _STEP_TOLERANCE * step]
+        steps = np.rint(gaps / step)
+        left = np.abs(gaps - step * steps)
+        # Places that a motor goes to are alike within more than what rounding moves a reading by.
+        left = left[left > np.minimum(_STEP_TOLERANCE * step, shown * (1 + steps))]
         if len(left) == 0:
             return float(np.ptp(values) / np.rint(np.diff(ordered) / step).sum())
         step = left.min()
@@ -372,8 +374,7 @@ def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> li
         return []
     values = values[:: -(-len(values) // _SAMPLE)].astype(np.float64)
     top = float(np.abs(values).max())
-    short = values.astype(np.float32)
-    step = float(np.spacing(np.abs(short).max())) if np.array_equal(short, values) else 0.0
+    step = _binary_step(values)
     found = step if step and step_of(values) < step else 0.0, _step_of_digits(values)
     step, reason = max(zip(found, ("numbers of 32 bits", "the printed digits"), strict=True))
     seen = step * radians / ARCSEC
@@ -383,6 +384,19 @@ def digits_note(role: str, values: Real[np.ndarray, " n"], radians: float) -> li
         f"{role}: this log cannot show less than {seen:.3g}″, the step of {reason} at"
         f" {top * radians / DEG:.5g}°; log from a zero nearby, or with more digits"
     ]
+
+
+def _binary_step(values: Float[np.ndarray, " n"]) -> float:
+    """Return the step of the largest of values that are numbers of 32 bits, else 0."""
+    short = values.astype(np.float32)
+    return float(np.spacing(np.abs(short).max())) if np.array_equal(short, values) else 0.0
+
+
+def _stored_step(values: Real[np.ndarray, " n"]) -> float:
+    """Return how finely the largest values are stored: their last digit, or that of 32 bits."""
+    few = values[:: -(-len(values) // _SAMPLE)].astype(np.float64)
+    large = few[np.abs(few) >= 0.1 * np.abs(few).max()]
+    return max(_last_place(large), _binary_step(few))
 
 
 def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:

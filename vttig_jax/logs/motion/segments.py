@@ -524,7 +524,9 @@ CLEAR = 0.1
 variance would be ten times as large (chosen)."""
 
 
-def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list[bool]:
+def told_orders(
+    angle: Float[np.ndarray, " n"], orders: Sequence[float], likely: int = 0
+) -> list[bool]:
     """Return which orders the places of a table tell from a level and from the orders before them.
 
     At n places 360°/n apart the orders k and n − k have the same values, and of n/2 one part is
@@ -532,6 +534,8 @@ def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list
 
     **Arguments**
     - `angle`: angles in rad. - `orders`: in cycles per turn, the likelier ones first.
+    - `likely`: number of orders that are there for certain: left out, they would be taken for the
+      order that looks like them, so that each is told that a level does not imitate.
 
     **Example**
     ```python
@@ -549,12 +553,14 @@ def told_orders(angle: Float[np.ndarray, " n"], orders: Sequence[float]) -> list
     for place, order in enumerate(orders):
         own = np.stack([np.cos(order * angle), np.sin(order * angle)])
         rest = own - own @ basis.T @ basis
+        beside = own - own @ basis[:1].T @ basis[:1] if place < likely else rest
         # The last factor is the part of the second column that the first one does not have.
         factor = np.linalg.qr(rest.T)
-        clear = np.diag(factor[1]) ** 2 >= CLEAR * len(angle) / 2
+        new = np.diag(factor[1]) ** 2 > 1e-9 * len(angle)
+        clear = np.diag(np.linalg.qr(beside.T)[1]) ** 2 >= CLEAR * len(angle) / 2
         if len(basis) + 2 <= len(angle) / 2 and np.all(clear):
             told[place] = True
-            basis = np.concatenate([basis, factor[0].T])
+            basis = np.concatenate([basis, factor[0].T[new]])
     return told
 
 
