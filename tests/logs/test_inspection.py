@@ -108,8 +108,9 @@ def test_one_rounding_error_of_a_driving_shaft_is_an_offset_and_no_remark():
     half = np.floor(0.5 * np.concatenate([np.arange(9000), np.arange(9000, 0, -1)]) + 0.3)
     driven = np.floor(0.5625 * half + 50 * np.sin(2 * np.pi * half / 1000))
     time, readings = np.arange(len(half)) / 500.0, (half.astype(int), driven.astype(int))
-    encoders = dict.fromkeys(("driving_encoder", "driven_encoder"), {"counts_per_rev": 1000})
-    log = EncoderLog.from_arrays(time, *readings, pair=spec(**encoders))
+    encoder = {"counts_per_rev": 1000}
+    pair = spec(driving_encoder=encoder, driven_encoder=encoder)
+    log = EncoderLog.from_arrays(time, *readings, pair=pair)
     assert inspect_log(log).commensurate == ()
 
 
