@@ -26,10 +26,12 @@ from ..kinematics.accuracy import (
     perfect_axis,
     single_flank_numbers,
 )
+from ..kinematics.flank_model import flank_index
 from ..logs.channel.speed import SAME, usual_step
 from ..model.mixed_fit import MixedFit, residuals
-from ..model.rows import SHAFTS, Shafts
+from ..model.rows import SHAFTS, RowName, S, Shafts
 from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import Flank
 from .orders import Order
 
 STATEMENT = "a pair in its machine, no master gear: not a conformity statement"
@@ -55,7 +57,7 @@ class Run(NamedTuple):
     and delay (NaN in a cell without a sample), rad; and the variance of places in a cell, cells².
     """
 
-    flank: str
+    flank: Flank
     angles: tuple[np.ndarray, np.ndarray]
     error: np.ndarray
     steady: np.ndarray
@@ -88,7 +90,7 @@ class Orders(NamedTuple):
     shaft: np.ndarray
     order: np.ndarray
     cells: int
-    fitted: dict[tuple[str, Any], tuple[int, complex]]
+    fitted: dict[RowName, tuple[int, complex]]
 
 
 def measured(core: MixedFit, pair: GearPair | Drive, told: Sequence[Order]) -> Measured | None:
@@ -101,7 +103,8 @@ def measured(core: MixedFit, pair: GearPair | Drive, told: Sequence[Order]) -> M
         places, readings = _approaches(first)
         return Measured(np.empty((0, 6)), readings, places, float(np.std(core.residual)), turns)
     teeth, ends = (pair.driving.teeth, _PER_PITCH) if isinstance(pair, GearPair) else (1, _PER_TURN)
-    speed = float(np.median(np.concatenate([np.abs(first.speed[a:b]) for a, b, _ in first.runs])))
+    running = [np.abs(first.speed[run.start : run.stop]) for run in first.runs]
+    speed = float(np.median(np.concatenate(running)))
     cells = teeth * int(np.clip(REV / (speed * first.interval_s) / teeth / 2, *ends))
     most = np.minimum(_HIGHEST * cells / np.array([1.0, ratio]), _MOST_ORDERS) * (turns >= _TURNS)
     driving, driven = (np.arange(1, int(one) + 1) for one in most)
@@ -114,7 +117,8 @@ def measured(core: MixedFit, pair: GearPair | Drive, told: Sequence[Order]) -> M
         own = (0, cycles) if cycles == int(cycles) and len(driving) else (1, wave.driven)
         for place in np.flatnonzero((shaft == own[0]) & (orders.order == float(own[1]))):
             factor = np.exp(1j * wave.driven * first.nominal[1])
-            orders.fitted[wave.shaft, wave.order] = int(place), factor
+            orders.fitted[wave.row("cos")] = int(place), factor
+            orders.fitted[wave.row("sin")] = int(place), -1j * factor
     runs = list(_runs(core, orders))
     sides = [own for own in ([r for r in runs if r.flank == flank] for flank in "AB") if own]
     parts = [_harmonics(core, abs(pair.ratio), told, own, orders) for own in sides]
@@ -126,14 +130,15 @@ def measured(core: MixedFit, pair: GearPair | Drive, told: Sequence[Order]) -> M
 def _runs(core: MixedFit, orders: Orders) -> Iterator[Run]:
     """Yield the runs of the logs that share one zero."""
     problem, coefficients = core.posterior.problem, core.posterior.coefficients
-    others = np.array([column.name[:2] not in orders.fitted for column in problem.columns])
+    others = np.ones(len(coefficients), bool)
+    others[[at for name, at in problem.index.items() if name.row in orders.fitted]] = False
     both = (residuals(problem.columns, core.rows, coefficients * part) for part in (0.0, others))
     for shafts, rows, whole, left in zip(core.shafts, core.rows, *both, strict=True):
         if any(shafts.start.spread):
             continue
         (slope, level), start = shafts.nominal, shafts.start.angles
         moved, error = shafts.on_time(core.delay_s)
-        for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
+        for first, last, flank in zip(rows.first, rows.last, rows.flanks, strict=True):
             own = np.arange(rows.samples[first, 0], rows.samples[last, -1] + 1)
             own = own if shafts.good is None else own[shafts.good[own]]
             place = moved[own] * (orders.cells / REV)
@@ -149,7 +154,7 @@ def _runs(core: MixedFit, orders: Orders) -> Iterator[Run]:
             variance = float(np.mean(mean[1] - mean[0] ** 2))
             angles = angle + start[0], slope * angle + level - core.shafts[0].nominal[1] + start[1]
             steady = np.where(count > 0, shown - slow, np.nan)
-            yield Run("A" if side > 0 else "B", angles, shown, steady, variance)
+            yield Run(flank, angles, shown, steady, variance)
 
 
 def _harmonics(
@@ -176,11 +181,11 @@ def _harmonics(
         return np.interp(fine * spots[place], np.arange(len(dense)), dense, period=len(dense))
 
     value: Any = np.zeros(len(orders.order), complex)
-    for name, found in zip(posterior.problem.index, posterior.coefficients, strict=True):
-        if name[:2] in orders.fitted:
-            place, factor = orders.fitted[name[:2]]
-            factor *= (side - 0.5 if name[3] else 1.0) * {"cos": 1.0, "sin": -1j}[name[2]]
-            value[place] += factor * found
+    for name, column in posterior.problem.index.items():
+        if name.row in orders.fitted:
+            place, factor = orders.fitted[name.row]
+            factor *= S[runs[0].flank] if name.differs else 1.0
+            value[place] += factor * posterior.coefficients[column]
     rest = rest - sum(curve(k, value[orders.shaft == k]) for k in (0, 1))
     seen = np.flatnonzero(np.isfinite(rest))  # a chord of the whole error would flatten its waves
     rest = np.interp(np.arange(len(rest)), seen, rest[seen])
@@ -199,8 +204,9 @@ def _harmonics(
         waves = np.exp(2j * np.pi * np.outer(delta, phases[0][:: -(-len(rest) // 2000)]))
         std /= np.sqrt(np.maximum(1 - np.abs(waves.mean(axis=1)) ** 2, 0.05))[which]
     for one in told:
-        if one.flank == runs[0].flank and (one.shaft, one.order) in orders.fitted:
-            place = orders.fitted[one.shaft, one.order][0]
+        name = RowName(one.shaft, one.order, "cos")
+        if one.flank == runs[0].flank and name in orders.fitted:
+            place = orders.fitted[name][0]
             std[place] = max(std[place], one.std_arcsec * ARCSEC)
     both = orders.order * ratio.denominator % ratio.numerator == 0
     driven = np.where(both, orders.order * ratio.denominator // ratio.numerator, 0)
@@ -250,9 +256,9 @@ def _approaches(shafts: Shafts) -> tuple[np.ndarray, np.ndarray]:
     up = np.sort(shafts.driving)
     edges = up[np.diff(up, prepend=-np.inf) > SAME * usual_step(shafts.driving)]
     found, seen = np.full((len(edges), 2, _MOST_PASSES), np.nan), np.zeros((len(edges), 2), int)
-    for start, stop, side in shafts.runs:
+    for start, stop, flank in shafts.runs:
         target = np.searchsorted(edges, shafts.driving[start:stop], side="right") - 1
-        first, way = np.flatnonzero(np.diff(target, prepend=-1)), int(side < 0)
+        first, way = np.flatnonzero(np.diff(target, prepend=-1)), flank_index(flank)
         total = np.add.reduceat(shafts.error[start:stop], first)
         means = total / np.diff(first, append=len(target))
         for place, mean in zip(target[first], means, strict=True):

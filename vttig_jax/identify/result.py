@@ -21,8 +21,8 @@ from ..kinematics.hunting_coverage import HuntingCoverage
 from ..kinematics.te_curve import TECurve
 from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter, open_reasons
-from ..pair.gear_pair import Drive, Eccentricities, Flank, GearPair
-from ..pair.schema import HarmonicOrders
+from ..pair.gear_pair import Drive, Eccentricities, GearPair
+from ..pair.schema import Flank, HarmonicOrders
 from .accuracy import Accuracy, Measured, accuracy_of, measured
 from .coverage import covered_errors, log_coverage
 from .fit_settings import FitSettings
