@@ -28,9 +28,9 @@ from ..model.rows import Wave
 from ..model.scope import Scope
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import Flank, HarmonicOrders
-from .accuracy import Measured
 from .given import StoredModel
 from .result import Fit
+from .turn_averages import Measured
 
 _PLAIN = ("source", "sha256", "outcome", "flanks", "samples", "zero", "zero_readings", "orders")
 _PLAIN += ("conditional_on", "noise", "residual_rms_deg", "checks", "findings", "logs")

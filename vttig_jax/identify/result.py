@@ -23,12 +23,13 @@ from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter, open_reasons
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
 from ..pair.schema import Flank, HarmonicOrders
-from .accuracy import Accuracy, Measured, accuracy_of, measured
+from .accuracy import Accuracy, accuracy_of
 from .coverage import covered_errors, log_coverage
 from .fit_settings import FitSettings
 from .given import FittedModel, StoredModel
 from .orders import Order
 from .records import Checks, Finding, LogRecord, Noise, Outcome
+from .turn_averages import Measured, measured
 
 
 @dataclass(frozen=True)
