@@ -19,6 +19,7 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.readers.backlash_readings import BacklashReadings
 from vttig_jax.pair.gear_pair import Drive, GearPair
+from vttig_jax.pair.schema import Encoder, GearTable
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
@@ -38,6 +39,7 @@ def log_of(pair: Drive, rpms=(30.0, 75.0), *, passes: int = 1, **options) -> Enc
 
 
 PAIR = drive("1/2", orders=(1, 2))
+COUNTED = GearTable(encoder=Encoder(counts_per_rev=100_000))
 
 
 def with_angles(log: EncoderLog, pair: Drive | GearPair, driving, driven, **options) -> EncoderLog:
@@ -326,6 +328,22 @@ def test_a_wrong_ratio_is_said():
     assert near(ratio, 0.5002)
     exact = fit(log, PAIR, ratio_within=0.0)
     assert not [one for one in exact.regressors if one.name == "ratio"]
+
+
+COUNTING = replace(PAIR, driving=COUNTED, driven=COUNTED)
+"""The drive with encoders of 100 000 counts: one of both is 2 ppm of the travel of its logs."""
+
+
+@pytest.mark.parametrize(("off_ppm", "said"), [(0.7, False), (7.0, True)])
+def test_a_ratio_that_is_off_by_less_than_a_count_is_not_said(off_ppm, said):
+    """Floored counts lose up to one over the travel, whatever the standard error of the ratio."""
+    log = log_of(PAIR, ratio=0.5 * (1 + 1e-6 * off_ppm), noise_arcsec=0.0)
+    angles = log.driving_angle, log.driven_angle
+    counts = (np.floor(angle / REV * 100_000) for angle in angles)
+    result = fit(EncoderLog.from_arrays(log.time, *counts, pair=COUNTING), COUNTING)
+    (ratio,) = [one for one in result.regressors if one.name == "ratio"]
+    assert ratio.significant
+    assert ("ratio-off" in slugs(result)) == said
 
 
 def test_a_computed_column_is_said():

@@ -5,7 +5,20 @@ from dataclasses import dataclass
 import mpmath
 import numpy as np
 
-from vttig_jax.model import FLAT, GROUPS, KNOWN, LAGS, Column, Problem, Rows, embedding, problem_of
+from vttig_jax.model import (
+    DELAY,
+    FLAT,
+    GROUPS,
+    KNOWN,
+    LAGS,
+    Column,
+    Problem,
+    RowName,
+    Rows,
+    embedding,
+    problem_of,
+)
+from vttig_jax.pair.schema import Flank
 
 USUAL = dict(zip(GROUPS, (0.7, 0.5, 0.4, 0.3, 0.2, 0.1), strict=True))
 
@@ -24,44 +37,47 @@ class Small:
         return problem_of(self.columns, self.logs, None, centres=self.centres, usual=self.usual)
 
 
-def rows_with(names: list, table: np.ndarray, lengths: list[int], side: list[int]) -> Rows:
+def rows_with(
+    names: list[RowName], table: np.ndarray, lengths: list[int], flanks: list[Flank]
+) -> Rows:
     """Rows of runs of these lengths on these flanks."""
     last = np.cumsum(lengths) - 1
     count = len(table)
     return Rows(
-        {name: place for place, name in enumerate([*names, ("y",)])},
-        table,
-        last - np.array(lengths) + 1,
-        last,
-        np.array(side),
-        np.arange(count)[:, None],
-        np.ones(count),
-        np.arange(count) * 0.1,
-        np.arange(count) * 1.0,
+        names={name: place for place, name in enumerate([*names, RowName("y")])},
+        table=table,
+        first=last - np.array(lengths) + 1,
+        last=last,
+        flanks=tuple(flanks),
+        samples=np.arange(count)[:, None],
+        speed=np.ones(count),
+        angle=np.arange(count) * 0.1,
+        time=np.arange(count) * 1.0,
     )
 
 
 def drawn(seed: int, lengths=((14, 11), (12, 17)), noise: float = 0.3) -> Small:
     """Logs with an offset each, a gap, a delay with moving parts, orders of both shafts, a walk.
 
-    Names are those of the model where its names matter: the parts of the delay.
+    Names are those of the model where its names matter: offset, gap and delay.
     """
     rng = np.random.default_rng(seed)
-    names = [("one",), ("delay",), ("a",), ("b",), ("c",), ("part", 0), ("part", 1), ("drift", 0)]
-    columns = [Column(("offset", log), ("one",), (log,)) for log in range(len(lengths))]
+    one, delay, a, b, c = (RowName(kind) for kind in ("one", "delay", "a", "b", "c"))
+    parts, drift = [RowName("part", 0), RowName("part", 1)], RowName("drift", 0)
+    names = [one, delay, a, b, c, *parts, drift]
+    columns = [Column(one, (log,)) for log in range(len(lengths))]
     columns += [
-        Column(("gap",), ("one",), differs=True),
-        Column(("delay",), ("delay",), prior=KNOWN, width=0.8),
-        Column(("first",), ("a",), prior=KNOWN, width=1.5),
-        Column(("driving",), ("b",), prior="driving"),
-        Column(("driven",), ("c",), prior="driven", width=0.5),
-        Column(("difference", 0), ("b",), differs=True, prior="difference"),
-        Column(("difference", 1), ("c",), differs=True, prior="difference"),
+        Column(one, differs=True),
+        Column(delay, prior=KNOWN, width=0.8),
+        Column(a, prior=KNOWN, width=1.5),
+        Column(b, prior="driving"),
+        Column(c, prior="driven", width=0.5),
+        Column(b, differs=True, prior="difference"),
+        Column(c, differs=True, prior="difference"),
     ]
     for log in range(len(lengths)):
-        own = (log,)
-        columns += [Column(("part", log, k), ("part", k), own, prior="delay_parts") for k in (0, 1)]
-        columns.append(Column(("drift", log), ("drift", 0), own, prior="drift", width=0.4))
+        columns += [Column(part, (log,), prior="delay_parts") for part in parts]
+        columns.append(Column(drift, (log,), prior="drift", width=0.4))
     logs = []
     for runs in lengths:
         count = sum(runs)
@@ -70,12 +86,12 @@ def drawn(seed: int, lengths=((14, 11), (12, 17)), noise: float = 0.3) -> Small:
         table[:, 5] = table[:, 1] * np.linspace(1, 0, count)
         table[:, 6] = table[:, 1] - table[:, 5]
         table[:, 7] = np.linspace(0, 1, count)
-        side = [1 if k % 2 == 0 else -1 for k in range(len(runs))]
+        flanks: list[Flank] = ["A" if k % 2 == 0 else "B" for k in range(len(runs))]
         slow = np.convolve(rng.normal(size=count + 5), np.ones(6) / 6, "valid")
         table[:, -1] = 3 + table[:, 2] - 0.4 * table[:, 1] + noise * (slow + rng.normal(size=count))
-        table[:, -1] -= 0.6 * np.repeat(side, runs)
-        logs.append(rows_with(names, table, list(runs), side))
-    return Small(tuple(columns), tuple(logs), {("delay",): 0.25}, USUAL)
+        table[:, -1] -= 0.6 * np.repeat([1 if flank == "A" else -1 for flank in flanks], runs)
+        logs.append(rows_with(names, table, list(runs), flanks))
+    return Small(tuple(columns), tuple(logs), {DELAY: 0.25}, USUAL)
 
 
 def theta_near(seed: int, problem: Problem, far: float = 0.7) -> np.ndarray:
@@ -91,8 +107,8 @@ def whole(small: Small) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """All rows: model columns, readings, and the number of the run of every row."""
     tables, runs = [], []
     for number, rows in enumerate(small.logs):
-        for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
-            link = embedding(small.columns, rows.names, number, int(side))
+        for first, last, flank in zip(rows.first, rows.last, rows.flanks, strict=True):
+            link = embedding(small.columns, rows.names, number, flank)
             tables.append(rows.table[first : last + 1] @ link)
             runs.append(np.full(last - first + 1, len(runs)))
     table = np.concatenate(tables)

@@ -9,7 +9,18 @@ from scipy.special import stdtrit
 from scipy.stats import norm
 
 from tests.model.small import drawn
-from vttig_jax.model import LAGS, Posterior, largest, log_density, normal
+from vttig_jax.model import (
+    DELAY,
+    LAGS,
+    ColumnName,
+    Posterior,
+    RowName,
+    largest,
+    log_density,
+    normal,
+)
+
+FIRST = ColumnName(RowName("a"))
 
 WALKERS, STEPS = 64, 800
 
@@ -90,7 +101,7 @@ def test_intervals_are_those_of_the_whole_posterior(seed):
 
 def test_long_logs_tell_the_noise(posterior):
     """A coefficient that hangs on no prior scale: one θ is as good as all."""
-    row = posterior.row(("first",))[None]
+    row = posterior.row(FIRST)[None]
     _, covariance, freedom = posterior.told(row)
     total = covariance * freedom / (freedom - 2)
     np.testing.assert_allclose(total, posterior.given_noise(row)[1], rtol=0.06)
@@ -107,7 +118,7 @@ def test_covariances_are_positive(posterior):
 
 def test_readings_of_a_coefficient_narrow_it(posterior):
     """A reading as exact as the fit: the mean goes half of the way, the variance to a half."""
-    row = posterior.row(("first",))[None]
+    row = posterior.row(FIRST)[None]
     problem = posterior.problem
     mean, covariance = posterior.given_noise(row)
     acts = np.zeros((1, len(posterior.at.beta)))
@@ -126,10 +137,10 @@ def test_readings_of_a_coefficient_narrow_it(posterior):
 
 def test_moved_rows_leave_the_fixed_part(posterior):
     """On orthogonal coefficients, delay is the mean of the log; on raw ones it is its level."""
-    row = posterior.row(("delay",))
+    row = posterior.row(DELAY)
     raw, moved = posterior.one(row), posterior.one(row, moved=True)
     share = posterior.problem.natural / np.diag(posterior.problem.natural)
     coefficients = np.linalg.solve(share, posterior.coefficients)
-    assert moved.value == pytest.approx(coefficients[posterior.problem.index["delay",]])
+    assert moved.value == pytest.approx(coefficients[posterior.problem.index[DELAY]])
     assert raw.value != pytest.approx(moved.value, rel=1e-6)
     assert moved.std < raw.std

@@ -28,12 +28,12 @@ FLANKS: tuple[Flank, Flank] = ("A", "B")
 WAVES = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("both", -1): (1, -1)}
 
 
-def _relation(pair, both=True, side=0, names=(*GEARS, *ENCODERS), gap=0.0) -> Relation:
+def _relation(pair, both=True, flank="A", names=(*GEARS, *ENCODERS), gap=0.0) -> Relation:
     return Relation(
         names,
         tuple(WAVES),
         both,
-        side,
+        flank,
         jnp.asarray(float(pair.ratio)),
         jnp.asarray(float(pair.centre_distance_mm)),
         jnp.asarray(pair.base_radii.sum(axis=0)),
@@ -85,12 +85,12 @@ def test_coefficients_are_projections_of_the_exact_model(teeth):
     assert np.abs(found - other).max() > 1e-8
 
 
-@pytest.mark.parametrize("side", [0, 1])
-def test_one_flank_has_the_coefficients_of_that_flank(side):
+@pytest.mark.parametrize("flank", ["A", "B"])
+def test_one_flank_has_the_coefficients_of_that_flank(flank):
     pair = gear_pair(45, 80)
     both = np.asarray(_relation(pair).coefficients(jnp.asarray(_values(TRUTH))))
-    one = np.asarray(_relation(pair, False, side).coefficients(jnp.asarray(_values(TRUTH))))
-    sign = -0.5 if side == 0 else 0.5
+    one = np.asarray(_relation(pair, False, flank).coefficients(jnp.asarray(_values(TRUTH))))
+    sign = -0.5 if flank == "A" else 0.5
     mean, difference = both[:-2].reshape(-1, 2, 2).transpose(1, 0, 2)
     np.testing.assert_allclose(one[:-1].reshape(-1, 2), mean + sign * difference, atol=1e-12)
     assert np.abs(one[:-1].reshape(-1, 2) - mean).max() > 1e-6

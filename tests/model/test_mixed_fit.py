@@ -15,7 +15,18 @@ from tests.model.rigs import (
     logged,
 )
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.model import Assumptions, MixedFit, found_lines, parameters_of, waves_of
+from vttig_jax.model import (
+    DELAY,
+    RATIO,
+    TORQUE,
+    Assumptions,
+    ColumnName,
+    MixedFit,
+    RowName,
+    found_lines,
+    parameters_of,
+    waves_of,
+)
 from vttig_jax.pair import HarmonicOrders
 
 GAP = "gap_over_angles_covered"
@@ -68,18 +79,18 @@ def test_a_ratio_that_is_off_is_found(columns):
     time, driving, driven = columns
     off = logged((time, driving, driven + 1e-4 * driving))
     fit = fitted(off)
-    ratio = fit.posterior.one(fit.posterior.row(("ratio",)), moved=True)
+    ratio = fit.posterior.one(fit.posterior.row(RATIO), moved=True)
     assert abs(ratio.value - 1e-4) < 3 * ratio.std < 3e-5
     assert abs(_claims(fit)[GAP].value - 0.1) < 0.002
     exact = fitted(off, assumed=Assumptions(ratio=0.0))
-    assert ("ratio",) not in exact.posterior.problem.index
+    assert RATIO not in exact.posterior.problem.index
 
 
 def test_torque_is_a_regressor(columns):
     time, driving, driven = columns
     torque = np.sign(np.gradient(driving)) + np.sin(2 * np.pi * time / 1.7)
     fit = fitted(logged((time, driving, driven + 30 * ARCSEC * torque), torque=torque))
-    found = fit.posterior.one(fit.posterior.row(("torque",)), moved=True)
+    found = fit.posterior.one(fit.posterior.row(TORQUE), moved=True)
     assert abs(found.value - 30 * ARCSEC) < 5 * found.std
     assert found.std < 2 * ARCSEC
     gap = _claims(fit)[GAP]
@@ -104,7 +115,9 @@ def test_a_line_that_is_no_order_is_found(columns):
     (cycles,) = (line.cycles_per_rev for line in found_lines(fitted(log)))
     assert cycles == pytest.approx(2.37, abs=0.01)
     fit = fitted(log, lines=[cycles])
-    names = [fit.posterior.row(("line", cycles, part, False, 0)) for part in ("cos", "sin")]
+    names = [
+        fit.posterior.row(ColumnName(RowName("line", cycles, part), 0)) for part in ("cos", "sin")
+    ]
     mean, covariance, _ = fit.posterior.told(np.stack(names), moved=True)
     assert np.hypot(*mean) == pytest.approx(36 * ARCSEC, abs=5 * covariance[0, 0] ** 0.5)
     assert not found_lines(fit)
@@ -133,7 +146,7 @@ def test_an_amplitude_of_noise_has_an_upper_limit():
 
 def test_a_known_delay_is_no_column(columns):
     fit = fitted(logged(columns), delay_s=4e-4, assumed=Assumptions(delay="known"))
-    assert ("delay",) not in fit.posterior.problem.index
+    assert DELAY not in fit.posterior.problem.index
     gap = _claims(fit)[GAP]
     assert abs(gap.value - 0.1) < 3 * gap.std
 

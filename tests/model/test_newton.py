@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 
 from tests.model.small import Small, drawn, rows_with
-from vttig_jax.model import GROUPS, LAGS, Column, first_theta, largest, log_density, maximise
+from vttig_jax.model import (
+    GROUPS,
+    LAGS,
+    Column,
+    RowName,
+    first_theta,
+    largest,
+    log_density,
+    maximise,
+)
 
 
 def _far(start: np.ndarray, seed: int) -> jnp.ndarray:
@@ -41,11 +50,11 @@ def _sine_beside_noise(share: float) -> Small:
     y = share * noise.std() * np.sin(phase + 0.4) + noise
     table = np.c_[np.ones(count), np.cos(phase), np.sin(phase), y]
     columns = (
-        Column(("offset", 0), ("one",), (0,)),
-        Column(("cos",), ("c",), prior="driving"),
-        Column(("sin",), ("s",), prior="driving"),
+        Column(RowName("one"), (0,)),
+        Column(RowName("c"), prior="driving"),
+        Column(RowName("s"), prior="driving"),
     )
-    rows = rows_with([("one",), ("c",), ("s",)], table, [count], [1])
+    rows = rows_with([RowName(kind) for kind in ("one", "c", "s")], table, [count], ["A"])
     return Small(columns, (rows,), {}, dict.fromkeys(GROUPS, 0.05))
 
 

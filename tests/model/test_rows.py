@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.units import DEG
-from vttig_jax.model import BENDS, KNOTS, LAGS, PARTS, Shafts, Wave, rows_of
+from vttig_jax.model import BENDS, KNOTS, LAGS, PARTS, RowName, Run, Shafts, Wave, rows_of
 
 WAVES = (
     Wave("driving", 1, 1, 0),
@@ -33,7 +33,7 @@ def shafts(delay_s: float = 0.0, torque: bool = True, interval_s: float = 0.01) 
         steady=speed,
         ratio=RATIO,
         interval_s=interval_s,
-        runs=((20, half - 37, 1), (half + 11, len(time) - 30, -1)),
+        runs=(Run(20, half - 37, "A"), Run(half + 11, len(time) - 30, "B")),
         ramps=(),
         nominal=(RATIO + 1e-3, 0.2),
         resolution=1e-6,
@@ -51,46 +51,46 @@ def test_rows_are_means_of_columns_at_the_samples():
         for first in range(start, stop - size + 1, size):
             k = np.arange(first, first + size)
             phi, nominal = one.driving[k], one.nominal[0] * one.driving[k] + one.nominal[1]
-            values: dict[tuple, Any] = {
-                ("one",): 1.0,
-                ("delay",): np.mean(-RATIO * one.steady[k]),
-                ("late",): np.mean(-RATIO * one.speed[k]),
-                ("ratio",): phi.mean(),
-                ("torque",): np.asarray(one.torque)[k].mean(),
-                ("y",): np.mean(one.error[k]) - level,
+            values: dict[RowName, Any] = {
+                RowName("one"): 1.0,
+                RowName("delay"): np.mean(-RATIO * one.steady[k]),
+                RowName("late"): np.mean(-RATIO * one.speed[k]),
+                RowName("ratio"): phi.mean(),
+                RowName("torque"): np.asarray(one.torque)[k].mean(),
+                RowName("y"): np.mean(one.error[k]) - level,
             }
             for wave in WAVES:
                 phase = wave.driving * phi + wave.driven * nominal
-                values[wave.shaft, wave.order, "cos"] = np.cos(phase).mean()
-                values[wave.shaft, wave.order, "sin"] = np.sin(phase).mean()
+                values[wave.row("cos")] = np.cos(phase).mean()
+                values[wave.row("sin")] = np.sin(phase).mean()
             x = (one.time[k].mean() - one.time[0]) / span
             for j in range(KNOTS):
-                values["drift", j] = np.clip(KNOTS * x - j, 0, 1)
+                values[RowName("drift", j)] = np.clip(KNOTS * x - j, 0, 1)
             for j in range(PARTS):
                 hat = max(0.0, 1 - abs(x * (PARTS - 1) - j))
-                values["part", j] = values["delay",] * hat
+                values[RowName("part", j)] = values[RowName("delay")] * hat
             for j in range(BENDS):
-                values["bend", j] = max(0.0, abs(one.speed[k].mean()) - bends[j])
+                values[RowName("bend", j)] = max(0.0, abs(one.speed[k].mean()) - bends[j])
             expected.append(values)
     assert len(rows.table) == len(expected)
     for name, place in rows.names.items():
         column = np.array([values[name] for values in expected])
         found = rows.table[:, place]
-        if name[0] in ("ratio", "torque"):  # centred
+        if name.kind in ("ratio", "torque"):  # centred
             found, column = found - found.mean(), column - column.mean()
         np.testing.assert_allclose(found, column, atol=1e-11, err_msg=str(name))
-    assert np.abs(rows.table[:, rows.names["y",]]).max() > 0.01
-    np.testing.assert_array_equal(rows.side, [1, -1])
+    assert np.abs(rows.table[:, rows.names[RowName("y")]]).max() > 0.01
+    assert rows.flanks == ("A", "B")
     assert rows.last[-1] == len(rows.table) - 1
-    np.testing.assert_array_equal(rows.flank[rows.first], [-0.5, 0.5])
+    assert rows.flank[rows.first].tolist() == ["A", "B"]
     np.testing.assert_array_equal(rows.samples[0], np.arange(20, 27))
 
 
 def test_runs_of_few_rows_are_left_out():
     one = shafts()
-    short = replace(one, runs=((0, LAGS + 1, 1), (100, 100 + LAGS + 2, -1)))
+    short = replace(one, runs=(Run(0, LAGS + 1, "A"), Run(100, 100 + LAGS + 2, "B")))
     rows = rows_of(short, WAVES, one.interval_s, 0.0, np.ones(BENDS), ratio=True)
-    assert len(rows.table) == LAGS + 2 and list(rows.side) == [-1]
+    assert len(rows.table) == LAGS + 2 and rows.flanks == ("B",)
 
 
 @pytest.mark.parametrize("delay_s", [0.0137, -0.0042])
@@ -112,7 +112,7 @@ def test_the_delay_column_is_the_slope_of_y():
     h = 1e-5
     y = [rows_of(one, WAVES, 0.05, d, np.ones(BENDS), ratio=False) for d in (0.004, 0.004 + h)]
     slope = (y[1].table[:, -1] - y[0].table[:, -1]) / h
-    np.testing.assert_allclose(-slope, y[0].table[:, y[0].names["delay",]], rtol=2e-3)
+    np.testing.assert_allclose(-slope, y[0].table[:, y[0].names[RowName("delay")]], rtol=2e-3)
 
 
 def test_outliers_leave_their_neighbours_alone():

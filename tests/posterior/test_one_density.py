@@ -11,6 +11,7 @@ from tests.posterior.made import drive_fit, quick_fit
 from vttig_jax.identify.result import Fit
 from vttig_jax.model.columns import embedding
 from vttig_jax.model.density import LAGS, log_density, normal, whitening
+from vttig_jax.model.rows import S
 from vttig_jax.posterior.rig_draws import rig_draws, target_of, tie_of
 from vttig_jax.posterior.target import FitTarget, joint_density
 
@@ -32,8 +33,8 @@ def rows_of(kind: str) -> tuple[np.ndarray, np.ndarray, list[int]]:
     core = KINDS[kind]().core
     problem, (rows,) = core.posterior.problem, core.rows
     assert core.weights is None
-    link = {side: embedding(problem.columns, rows.names, 0, side) for side in (1, -1)}
-    whole = np.where(rows.flank[:, None] < 0, rows.table @ link[1], rows.table @ link[-1])
+    on_a, on_b = (rows.table @ embedding(problem.columns, rows.names, 0, one) for one in S)
+    whole = np.where(rows.flank[:, None] == "A", on_a, on_b)
     x = whole[:, :-1] @ problem.natural
     y = (whole[:, -1] - x @ problem.start) / problem.unit
     return x, y, (rows.last - rows.first + 1).tolist()

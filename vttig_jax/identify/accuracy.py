@@ -1,16 +1,8 @@
-"""Accuracy of a drive in the terms of standards, from the measured transmission error of a fit.
+"""Accuracy of a drive in the terms of standards, from what the samples of a fit tell."""
 
-The samples are averaged in cells of equal driving angle. What the fit attributes to drift, delay
-and speed is taken off. The synchronous average of a shaft is the mean of a cell's place over all
-its turns; the averages of both shafts are separated by taking off each in turn. Their harmonics
-are divided by the response of the cell, and their standard errors come from the spectrum of what
-is left.
-"""
-
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +10,7 @@ from jaxtyping import Float
 from ..base.errors import NoAnswerError
 from ..base.files.text_tables import key_values, listed, text_table
 from ..base.results import TextResult
-from ..base.units import ARCSEC, REV
+from ..base.units import ARCSEC
 from ..kinematics.accuracy import (
     AXIS,
     SINGLE_FLANK,
@@ -26,239 +18,21 @@ from ..kinematics.accuracy import (
     perfect_axis,
     single_flank_numbers,
 )
-from ..logs.channel.speed import SAME, usual_step
-from ..model.mixed_fit import MixedFit, residuals
-from ..model.rows import SHAFTS, Shafts
+from ..kinematics.flank_model import flank_index
+from ..model.rows import S
 from ..pair.gear_pair import Drive, GearPair
-from .orders import Order
+from ..pair.schema import Flank
+from .turn_averages import ENOUGH_TURNS, Measured
 
 STATEMENT = "a pair in its machine, no master gear: not a conformity statement"
 
-_PER_PITCH, _PER_TURN, _HIGHEST, _MOST_ORDERS = (4, 16), (64, 720), 0.4, 1024
-"""Fewest and most cells in a pitch, or in a turn without teeth; highest order in cells in a turn;
-most orders of a shaft (chosen)."""
-
-_TURNS, _ROUNDS, _LOW = 2.0, 8, 12
-"""Turns of a shaft that tell its average; rounds that separate the shafts; orders below which the
-noise is resolved order by order (chosen)."""
-
-_PASSES, _TARGETS, _MOST_PASSES, _MOST_TURNS, _SPREAD = 5, 8, 100, 100, 12
-"""Passes each way and targets in a turn that ISO 230-2 asks for; most passes and turns of the axis
-that are kept, and targets in a turn of the axis while it runs (chosen)."""
+_PASSES, _TARGETS = 5, 8
+"""Passes each way and targets in a turn that ISO 230-2 asks for."""
 
 _POINTS, _MOST_POINTS = 16, 2**18
 """Points in a pitch, and in a period, at which curves are looked at (chosen)."""
 
-
-class Run(NamedTuple):
-    """One run in cells: flank, angles of both shafts, transmission error, and this without drift
-    and delay (NaN in a cell without a sample), rad; and the variance of places in a cell, cells².
-    """
-
-    flank: str
-    angles: tuple[np.ndarray, np.ndarray]
-    error: np.ndarray
-    steady: np.ndarray
-    variance: float
-
-
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """What a run folder keeps of the samples for `accuracy_of`.
-
-    **Arguments**
-    - `harmonics`: of every flank and order: 0 for A or 1 for B; cycles in a turn of the driving and
-      of the driven shaft, 0 if not whole; real and imaginary part, and standard error of both, rad.
-    - `readings`: deviation of the axis at each target, upwards and downwards, in each pass, rad;
-      NaN where a pass is missing. - `scatter`: rms of what the fit leaves of each reading, rad.
-    - `places`: the targets, turns of the driven shaft. - `turns`: turns of both shafts.
-    """
-
-    harmonics: Float[np.ndarray, "n 6"]
-    readings: Float[np.ndarray, "targets 2 passes"]
-    places: Float[np.ndarray, " targets"]
-    scatter: Float[np.ndarray, ""] | float
-    turns: Float[np.ndarray, " shafts=2"]
-
-
-class Orders(NamedTuple):
-    """Orders that are averaged: shaft (0 or 1) and order of each, cells in a turn of the driving
-    shaft, and column of the fit → place of its order and factor of its phase."""
-
-    shaft: np.ndarray
-    order: np.ndarray
-    cells: int
-    fitted: dict[tuple[str, Any], tuple[int, complex]]
-
-
-def measured(core: MixedFit, pair: GearPair | Drive, told: Sequence[Order]) -> Measured | None:
-    """Return what the samples of a fit with the orders `told` tell; None for a fit without them."""
-    if not core.shafts:
-        return None
-    first, ratio = core.shafts[0], abs(pair.ratio)
-    turns = np.array([core.scope.turns[shaft] for shaft in SHAFTS])
-    if first.still:
-        places, readings = _approaches(first)
-        return Measured(np.empty((0, 6)), readings, places, float(np.std(core.residual)), turns)
-    teeth, ends = (pair.driving.teeth, _PER_PITCH) if isinstance(pair, GearPair) else (1, _PER_TURN)
-    speed = float(np.median(np.concatenate([np.abs(first.speed[a:b]) for a, b, _ in first.runs])))
-    cells = teeth * int(np.clip(REV / (speed * first.interval_s) / teeth / 2, *ends))
-    most = np.minimum(_HIGHEST * cells / np.array([1.0, ratio]), _MOST_ORDERS) * (turns >= _TURNS)
-    driving, driven = (np.arange(1, int(one) + 1) for one in most)
-    if len(driving):  # what both shafts repeat counts with the driving shaft
-        driven = driven[driven * ratio.numerator % ratio.denominator != 0]
-    shaft = np.repeat([0, 1], [len(driving), len(driven)])
-    orders = Orders(shaft, np.concatenate([driving, driven]), cells, {})
-    for wave in core.waves:
-        cycles = wave.driving + wave.driven * ratio if wave.shaft in (*SHAFTS, "mesh") else 0
-        own = (0, cycles) if cycles == int(cycles) and len(driving) else (1, wave.driven)
-        for place in np.flatnonzero((shaft == own[0]) & (orders.order == float(own[1]))):
-            factor = np.exp(1j * wave.driven * first.nominal[1])
-            orders.fitted[wave.shaft, wave.order] = int(place), factor
-    runs = list(_runs(core, orders))
-    sides = [own for own in ([r for r in runs if r.flank == flank] for flank in "AB") if own]
-    parts = [_harmonics(core, abs(pair.ratio), told, own, orders) for own in sides]
-    places, readings = _passes(runs, float(ratio), ratio.numerator)
-    scatter = float(np.std(np.concatenate([left for _, left in parts])))
-    return Measured(np.concatenate([h for h, _ in parts]), readings, places, scatter, turns)
-
-
-def _runs(core: MixedFit, orders: Orders) -> Iterator[Run]:
-    """Yield the runs of the logs that share one zero."""
-    problem, coefficients = core.posterior.problem, core.posterior.coefficients
-    others = np.array([column.name[:2] not in orders.fitted for column in problem.columns])
-    both = (residuals(problem.columns, core.rows, coefficients * part) for part in (0.0, others))
-    for shafts, rows, whole, left in zip(core.shafts, core.rows, *both, strict=True):
-        if any(shafts.start.spread):
-            continue
-        (slope, level), start = shafts.nominal, shafts.start.angles
-        moved, error = shafts.on_time(core.delay_s)
-        for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
-            own = np.arange(rows.samples[first, 0], rows.samples[last, -1] + 1)
-            own = own if shafts.good is None else own[shafts.good[own]]
-            place = moved[own] * (orders.cells / REV)
-            cell = np.floor(place).astype(int)
-            lowest, off = cell.min(), place - cell
-            count = np.bincount(cell - lowest)
-            seen, every = np.flatnonzero(count), np.arange(len(count))
-            terms = off, off**2, error[own], shafts.time[own]
-            mean = [np.bincount(cell - lowest, one)[seen] / count[seen] for one in terms]
-            middle, _, shown, time = (np.interp(every, seen, one) for one in mean)
-            angle, part = (every + middle + lowest) * (REV / orders.cells), slice(first, last + 1)
-            slow = np.interp(time, rows.time[part], (whole - left)[part]) + shafts.level
-            variance = float(np.mean(mean[1] - mean[0] ** 2))
-            angles = angle + start[0], slope * angle + level - core.shafts[0].nominal[1] + start[1]
-            steady = np.where(count > 0, shown - slow, np.nan)
-            yield Run("A" if side > 0 else "B", angles, shown, steady, variance)
-
-
-def _harmonics(
-    core: MixedFit, ratio: Fraction, told: Sequence[Order], runs: list[Run], orders: Orders
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of `Measured.harmonics` of the flank of `runs`, and what they leave."""
-    posterior, side = core.posterior, "AB".index(runs[0].flank)
-    phases = [np.concatenate([one.angles[k] for one in runs]) / REV for k in (0, 1)]
-    rest, speeds = np.concatenate([one.steady for one in runs]), np.array([1.0, float(ratio)])
-    sizes = np.rint(orders.cells / speeds).astype(int)
-    spots = [np.mod(phase, 1.0) * size for phase, size in zip(phases, sizes, strict=True)]
-    bins = [np.minimum(one.astype(int), size - 1) for one, size in zip(spots, sizes, strict=True)]
-    own, share = [orders.order[orders.shaft == k] for k in (0, 1)], (np.arange(16) + 0.5) / 16
-    gains = []
-    for spot, bin_, order, size in zip(spots, bins, own, sizes, strict=True):
-        off = np.histogram(spot - bin_, 16, (0, 1))[0]
-        gains.append(np.exp(2j * np.pi * np.outer(order, share) / size) @ (off / off.sum()))
-
-    def curve(place: int, waves: np.ndarray) -> np.ndarray:
-        size, fine = sizes[place], 8 if sizes[place] < 2**14 else 2
-        whole = np.zeros(size // 2 + 1, complex)
-        whole[own[place]] = waves * (fine * size / 2)
-        dense = np.fft.irfft(whole, fine * size)
-        return np.interp(fine * spots[place], np.arange(len(dense)), dense, period=len(dense))
-
-    value: Any = np.zeros(len(orders.order), complex)
-    for name, found in zip(posterior.problem.index, posterior.coefficients, strict=True):
-        if name[:2] in orders.fitted:
-            place, factor = orders.fitted[name[:2]]
-            factor *= (side - 0.5 if name[3] else 1.0) * {"cos": 1.0, "sin": -1j}[name[2]]
-            value[place] += factor * found
-    rest = rest - sum(curve(k, value[orders.shaft == k]) for k in (0, 1))
-    seen = np.flatnonzero(np.isfinite(rest))  # a chord of the whole error would flatten its waves
-    rest = np.interp(np.arange(len(rest)), seen, rest[seen])
-    for _ in range(_ROUNDS):
-        for k, size in enumerate(sizes):
-            count = np.maximum(np.bincount(bins[k], minlength=size), 1)
-            waves = np.fft.rfft(np.bincount(bins[k], rest, size) / count) * 2 / size
-            added = waves[own[k]] / gains[k]
-            rest = rest - curve(k, added)
-            value[orders.shaft == k] += added
-    at, std = orders.order * speeds[orders.shaft], _noise(runs, rest, orders, speeds)
-    if all(map(len, own)):  # a run of few turns hardly tells orders of both shafts that are near
-        apart = np.abs(at[orders.shaft == 0][:, None] - at[orders.shaft == 1])
-        apart = np.round(np.concatenate([apart.min(axis=1), apart.min(axis=0)]), 6)
-        delta, which = np.unique(apart, return_inverse=True)
-        waves = np.exp(2j * np.pi * np.outer(delta, phases[0][:: -(-len(rest) // 2000)]))
-        std /= np.sqrt(np.maximum(1 - np.abs(waves.mean(axis=1)) ** 2, 0.05))[which]
-    for one in told:
-        if one.flank == runs[0].flank and (one.shaft, one.order) in orders.fitted:
-            place = orders.fitted[one.shaft, one.order][0]
-            std[place] = max(std[place], one.std_arcsec * ARCSEC)
-    both = orders.order * ratio.denominator % ratio.numerator == 0
-    driven = np.where(both, orders.order * ratio.denominator // ratio.numerator, 0)
-    driven = np.where(orders.shaft, orders.order, driven)
-    window = np.sqrt(12 * np.mean([one.variance for one in runs])) / orders.cells
-    parts = np.stack([value.real, value.imag, std], axis=1) / np.sinc(at * window)[:, None]
-    names = np.stack([np.full(len(at), side), orders.order * (orders.shaft == 0), driven], axis=1)
-    return np.concatenate([names, parts], axis=1), rest
-
-
-def _noise(runs: list[Run], rest: np.ndarray, orders: Orders, speeds: np.ndarray) -> np.ndarray:
-    """Return the standard errors of the parts of all orders, from the spectrum of what is left."""
-    from scipy.signal import welch  # imported here because it is slow and seldom needed
-
-    at, cells, length = orders.order * speeds[orders.shaft], orders.cells, len(rest)
-    density = np.zeros(len(at))
-    for piece in np.split(rest, np.cumsum([len(one.error) for one in runs])[:-1]):
-        # Low orders need long segments, high ones many.
-        sizes = (min(2 * cells, len(piece)), min(cells // 4, len(piece)))
-        fine, coarse = (np.interp(at, *welch(piece, cells, nperseg=one)) for one in sizes)
-        density += np.where(at < _LOW, fine, coarse) * len(piece) / length
-    kept = 1 - cells / length * np.sum(1 / speeds[np.unique(orders.shaft)])
-    return np.sqrt(density * cells / length / max(kept, 0.1))
-
-
-def _passes(runs: list[Run], ratio: float, turns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the targets of the axis and the deviations there in all passes of runs.
-
-    The targets are unequally spaced, since teeth are not: each is moved by up to half its distance.
-    """
-    number = np.arange(_SPREAD * min(turns, _MOST_TURNS))
-    places = (number + 0.5 * np.mod(number * 0.618034, 1.0)) / _SPREAD
-    found, seen = np.full((len(places), 2, _MOST_PASSES), np.nan), [0, 0]
-    for run in runs:
-        place, way = ratio * run.angles[0] / REV, "AB".index(run.flank)
-        up = np.argsort(place)
-        first, last = place[up[[0, -1]]] // turns
-        for period in np.arange(first, last + 1)[: _MOST_PASSES - seen[way]] * turns:
-            value = np.interp(places + period, place[up], run.error[up], np.nan, np.nan)
-            found[:, way, seen[way]] = value
-            seen[way] += 1
-    return places, found[..., : max(seen)]
-
-
-def _approaches(shafts: Shafts) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places of a table and its deviations; readings of one approach count once."""
-    up = np.sort(shafts.driving)
-    edges = up[np.diff(up, prepend=-np.inf) > SAME * usual_step(shafts.driving)]
-    found, seen = np.full((len(edges), 2, _MOST_PASSES), np.nan), np.zeros((len(edges), 2), int)
-    for start, stop, side in shafts.runs:
-        target = np.searchsorted(edges, shafts.driving[start:stop], side="right") - 1
-        first, way = np.flatnonzero(np.diff(target, prepend=-1)), int(side < 0)
-        total = np.add.reduceat(shafts.error[start:stop], first)
-        means = total / np.diff(first, append=len(target))
-        for place, mean in zip(target[first], means, strict=True):
-            found[place, way, min(seen[place, way], _MOST_PASSES - 1)] = mean
-            seen[place, way] += 1
-    return abs(shafts.ratio) * edges / REV, found[..., : seen.max()]
+_PERIODS, _ENDS = ("driving shaft", "driven shaft", "pair"), ("read", "value", "low95", "high95")
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,10 +86,10 @@ def accuracy_of(found: Measured | None, pair: GearPair | Drive, name: str) -> Ac
         said = "the run keeps no averages of turns: an older version made it, or it is the fit of"
         raise NoAnswerError(f"{said} a given flank model; fit the log anew.", where=name)
     radius = float(pair.reference_radii[1]) if isinstance(pair, GearPair) else None
-    single = [row for flank in "AB" for row in _single_flank(pair, found, flank, radius)]
+    single = [row for flank in S for row in _single_flank(pair, found, flank, radius)]
     axis, open_ = _axis(found)
     short = "Single flank: no shaft made {:g} turns while it ran, as an average needs."
-    open_ += [] if len(found.harmonics) else [short.format(_TURNS)]
+    open_ += [] if len(found.harmonics) else [short.format(ENOUGH_TURNS)]
     if not single and not axis["numbers"]:
         raise NoAnswerError(" ".join(open_), where=name)
     head = {"schema": "vttig.accuracy/1", "source": name, "pair": pair.name}
@@ -340,14 +114,14 @@ def _definition(pair: Any, radius: float | None) -> str:
 
 
 def _single_flank(
-    pair: GearPair | Drive, found: Measured, flank: str, radius: float | None
+    pair: GearPair | Drive, found: Measured, flank: Flank, radius: float | None
 ) -> Iterator[dict[str, Any]]:
-    own = found.harmonics[found.harmonics[:, 0] == "AB".index(flank)]
+    own = found.harmonics[found.harmonics[:, 0] == flank_index(flank)]
     ratio, hunting = abs(pair.ratio), pair.hunting_turns
     driving, driven = own[:, 1:3].T.astype(int)
     whole = np.where(driving > 0, driving * hunting, driven * ratio.numerator)
     teeth = (pair.driving.teeth, pair.driven.teeth) if isinstance(pair, GearPair) else (0, 0)
-    told = np.append(found.turns >= _TURNS, np.all(found.turns >= _TURNS))
+    told = np.append(found.turns >= ENOUGH_TURNS, np.all(found.turns >= ENOUGH_TURNS))
     counts = (driving, driven, whole), (*teeth, teeth[0] * hunting), told
     for name, cycles, pitches, enough in zip(_PERIODS, *counts, strict=True):
         parts = pitches or 1
@@ -358,9 +132,6 @@ def _single_flank(
             terms = single_flank_numbers(value, own[:, 5], cycles, pitches, points, short)
             numbers = {k: _number(v, radius) for k, v in zip(SINGLE_FLANK, terms.T, strict=True)}
             yield {"flank": flank, "period": name, **numbers}
-
-
-_PERIODS, _ENDS = ("driving shaft", "driven shaft", "pair"), ("read", "value", "low95", "high95")
 
 
 def _number(

@@ -27,10 +27,10 @@ from ..model.problem import Problem
 from ..model.rows import Wave
 from ..model.scope import Scope
 from ..pair.gear_pair import Drive, GearPair
-from ..pair.schema import HarmonicOrders
-from .accuracy import Measured
+from ..pair.schema import Flank, HarmonicOrders
 from .given import StoredModel
 from .result import Fit
+from .turn_averages import Measured
 
 _PLAIN = ("source", "sha256", "outcome", "flanks", "samples", "zero", "zero_readings", "orders")
 _PLAIN += ("conditional_on", "noise", "residual_rms_deg", "checks", "findings", "logs")
@@ -38,6 +38,8 @@ _PLAIN += ("conditional_on", "noise", "residual_rms_deg", "checks", "findings", 
 
 _SOLVED, _COMPRESSED, _MEASURED = "solved_", "compressed_", "measured_"
 _READINGS = ("readings_rows", "readings_values", "readings_variance")
+_SIDES: dict[Flank, int] = {"A": 1, "B": -1}
+"""Flank → its number in the files."""
 
 
 def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
@@ -59,10 +61,10 @@ def fit_arrays(fit: Fit) -> dict[str, np.ndarray]:
         "covariance": fit.covariance,
         "curve_flanks": np.asarray([curve.flank for curve in curves]),
         "curve_lengths": np.asarray([len(curve) for curve in curves], np.int64),
-        "driving_angle": _joined([curve.driving_angle for curve in curves]),
-        "transmission_error": _joined([curve.transmission_error for curve in curves]),
-        "time": _joined([curve.time for curve in curves]),
-        "residual": _joined(list(fit.residuals)),
+        "driving_angle": _concatenated([curve.driving_angle for curve in curves]),
+        "transmission_error": _concatenated([curve.transmission_error for curve in curves]),
+        "time": _concatenated([curve.time for curve in curves]),
+        "residual": _concatenated(list(fit.residuals)),
     }
 
 
@@ -73,7 +75,7 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
         "columns": problem.columns,
         "waves": [(w.shaft, w.order, w.driving, w.driven) for w in core.waves],
         "orders": core.orders,
-        "flanks": scope.flanks,
+        "flanks": [_SIDES[flank] for flank in scope.flanks],
         "levels": scope.levels,
         "nominal": scope.nominal,
         "turns": scope.turns,
@@ -120,7 +122,7 @@ def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
     readings: Readings | None = None
     if _READINGS[0] in arrays:
         rows, values, variance = (arrays[name] for name in _READINGS)
-        readings = rows, values, float(variance)
+        readings = Readings(rows, values, float(variance))
     problem = Problem(columns, compressed, arrays["natural"], arrays["start"], unit)
     return MixedFit(
         shafts=(),
@@ -135,13 +137,13 @@ def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
         usual=usual,
         weights=None,
         scope=Scope(
-            tuple(text["flanks"]),
-            ratio,
-            tuple(text["nominal"]),
-            tuple(text["levels"]),
-            text["turns"],
-            arrays["covered"],
-            tuple(text["speeds"]),
+            flanks=tuple(flank for flank in _SIDES if _SIDES[flank] in text["flanks"]),
+            ratio=ratio,
+            nominal=tuple(text["nominal"]),
+            levels=tuple(text["levels"]),
+            turns=text["turns"],
+            covered=arrays["covered"],
+            speeds=tuple(text["speeds"]),
         ),
         orders=msgspec.convert(text["orders"], HarmonicOrders),
     )
@@ -306,5 +308,5 @@ def _stored(arrays: dict[str, np.ndarray]) -> Measured | None:
     return Measured(**{name: arrays[_MEASURED + name] for name in names})
 
 
-def _joined(pieces: list[np.ndarray]) -> np.ndarray:
+def _concatenated(pieces: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(pieces) if pieces else np.empty(0)

@@ -14,7 +14,8 @@ from ..base.units import DEG
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_model import FlankModel, GridOrders
 from ..kinematics.harmonic import OrderModel
-from ..pair.gear_pair import Drive, Flank
+from ..pair.gear_pair import Drive
+from ..pair.schema import Flank
 from .given import StoredModel
 from .orders import mounted_closed, mounted_exact
 from .result import Fit, refuse_unknown_gap

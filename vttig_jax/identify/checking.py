@@ -9,20 +9,20 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base.units import ARCSEC, DEG, REV
-from ..kinematics.flank_model import FlankModel
+from ..kinematics.flank_model import FlankModel, flank_index
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..logs.channel.speed import robust_deviation
 from ..logs.motion.segments import Segment, Segments
+from ..model.columns import DELAY, GAP
 from ..model.components import NEEDED, likelihood_ratio
 from ..model.density import LAGS, whitening
 from ..model.mixed_fit import MixedFit, residuals
 from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
-from ..model.rows import BENDS
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
 from .door import Identified
-from .orders import SIDES, mounted_exact
+from .orders import mounted_exact
 from .records import (
     Checks,
     Closure,
@@ -133,11 +133,11 @@ def gap_by_speed(core: MixedFit, needed: bool) -> tuple[GapAtSpeed, ...]:
     if len(scope.flanks) < 2 or not len(scope.covered) or len(speeds) < 2:
         return ()
     # What the bends add to the gap acts on coefficients that are not orthogonal to gap and delay.
-    bends = [index["bend", k] for k in range(BENDS)]
+    bends = group_columns(core, "gap_by_speed")
     rows = []
     for speed in speeds:
         along = np.maximum(speed - core.bends, 0.0) @ natural[bends]
-        for name, gain in ((("gap",), 1.0), (("delay",), 2 * abs(scope.ratio) * speed)):
+        for name, gain in ((GAP, 1.0), (DELAY, 2 * abs(scope.ratio) * speed)):
             if name in index:
                 along[bends] += gain * natural[index[name], bends]
         rows.append(gap_row(core, scope.covered) + along / np.diag(natural))
@@ -151,10 +151,10 @@ def gap_by_speed(core: MixedFit, needed: bool) -> tuple[GapAtSpeed, ...]:
 
 def delay_by_parts(core: MixedFit) -> tuple[DelayOfPart, ...]:
     """Return the delay at equal distances in time of every log."""
-    index, found = core.posterior.problem.index, []
+    found = []
     for log, shafts in enumerate(core.shafts):
-        parts = [place for name, place in index.items() if name[:2] == ("part", log)]
-        rows = core.posterior.row(("delay",)) + np.eye(len(index))[parts]
+        parts = group_columns(core, "delay_parts", log)
+        rows = core.posterior.row(DELAY) + np.eye(len(core.posterior.problem.columns))[parts]
         mean, covariance, _ = core.posterior.told(rows)
         times = np.linspace(shafts.time[0], shafts.time[-1], len(parts))
         stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -168,26 +168,25 @@ def delay_by_parts(core: MixedFit) -> tuple[DelayOfPart, ...]:
 def explained(core: MixedFit) -> float | None:
     """Return the share of the variance that the harmonics explain beside the other columns."""
     left, good = core.residual, core.good
-    waved = {(wave.shaft, wave.order) for wave in core.waves}
-    others = core.posterior.coefficients.copy()
-    for place, column in enumerate(core.posterior.problem.columns):
-        if column.row[:2] in waved:
-            others[place] = 0.0
-    before = np.concatenate(residuals(core.posterior.problem.columns, core.rows, others))
+    columns = core.posterior.problem.columns
+    others = core.posterior.coefficients * [column.row.part is None for column in columns]
+    before = np.concatenate(residuals(columns, core.rows, others))
     variance = float(np.var(before[good]))
     return 1 - float(np.var(left[good])) / variance if variance > 0 else None
 
 
 def drift_arcsec(core: MixedFit) -> float:
     """Return the largest less the smallest level of a log."""
-    index, moved = core.posterior.problem.index, core.posterior.moved
-    spans = [
-        float(
-            np.ptp(np.cumsum([0.0, *(moved[at] for name, at in index.items() if name[:2] == kind)]))
-        )
-        for kind in (("drift", log) for log in range(len(core.rows)))
-    ]
-    return max(spans) / ARCSEC
+    moved = core.posterior.moved
+    ramps = [moved[group_columns(core, "drift", log)] for log in range(len(core.rows))]
+    return max(float(np.ptp(np.cumsum([0.0, *own]))) for own in ramps) / ARCSEC
+
+
+def group_columns(core: MixedFit, group: str, log: int | None = None) -> list[int]:
+    """Return the places of the columns of a group, of one log or (None) of all logs together."""
+    logs = None if log is None else (log,)
+    columns = enumerate(core.posterior.problem.columns)
+    return [place for place, column in columns if (column.prior, column.logs) == (group, logs)]
 
 
 def noise_of(core: MixedFit) -> Noise:
@@ -213,11 +212,10 @@ def curves_of(core: MixedFit) -> tuple[tuple[TECurve, ...], tuple[Float[np.ndarr
     left, good = core.residual, core.good
     for shafts, rows in zip(core.shafts, core.rows, strict=True):
         error = shafts.on_time(core.delay_s)[1][rows.samples].mean(1)
-        for first, last, side in zip(rows.first, rows.last, rows.side, strict=True):
+        for first, last, flank in zip(rows.first, rows.last, rows.flanks, strict=True):
             own = np.arange(first, last + 1)
             own = own[good[place + own]]
             if len(own):
-                flank = SIDES[int(side)]
                 curves.append(TECurve(flank, rows.angle[own], error[own], rows.time[own]))
                 found.append(left[place + own])
         place += len(rows.table)
@@ -233,7 +231,7 @@ def _first_orders(
         for shaft in ("driving", "driven")
         for name in ("eccentricity_mm", "phase_deg")
     ]
-    mounting = float(model.offset[0 if core.scope.flanks[0] > 0 else 1])
+    mounting = float(model.offset[flank_index(core.scope.flanks[0])])
     return mounted_exact(pair, Eccentricities(*polar, constant_backlash_deg=0.0), mounting)
 
 

@@ -14,7 +14,8 @@ from ..kinematics.flank_error import FlankError, errors_at, flank_error
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.hunting_coverage import HuntingCoverage, hunting_coverage
 from ..kinematics.te_curve import TECurve
-from ..pair.gear_pair import Drive, Flank, GearPair
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import Flank
 from .given import FittedModel, StoredModel
 from .orders import Order, exceeds_noise, is_fractional
 from .records import LogRecord, LogStart

@@ -13,8 +13,8 @@ from ..model.density import LAGS
 from ..model.mixed_fit import MixedFit, row_duration
 from ..model.rows import Shafts, Wave
 from ..pair.gear_pair import Drive, GearPair, pair_from_spec
+from ..pair.schema import Flank
 from .given import GivenModel
-from .orders import SIDES
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Identified:
     lines: list[Line]
     segments: list[Segments]
     ratios: list[SeenRatio]
-    short: tuple[str, ...]
+    short: tuple[Flank, ...]
     given: GivenModel | None = None
 
     def name(self, log: int) -> str:
@@ -71,7 +71,7 @@ def require_distinct(logs: Sequence[EncoderLog]) -> None:
 
 def usable(
     shafts: Sequence[Shafts], waves: Sequence[Wave], where: str
-) -> tuple[tuple[Shafts, ...], tuple[str, ...]]:
+) -> tuple[tuple[Shafts, ...], tuple[Flank, ...]]:
     """Return the logs without the runs of a flank on which all runs are too short for rows.
 
     The second result names these flanks.
@@ -82,10 +82,10 @@ def usable(
     found = [one for one in shafts if one.runs]
     row_s = row_duration(found, highest) if found else 0.0
     long = {
-        side
+        run.flank
         for one in found
-        for start, stop, side in one.runs
-        if (stop - start) // max(1, round(row_s / one.interval_s)) > LAGS + 1
+        for run in one.runs
+        if (run.stop - run.start) // max(1, round(row_s / one.interval_s)) > LAGS + 1
     }
     if not long and any(one.still for one in found):
         raise NoAnswerError(
@@ -99,6 +99,6 @@ def usable(
             " longer strokes at a steady speed.",
             where=where,
         )
-    seen = {side for one in found for *_, side in one.runs}
-    kept = [replace(one, runs=tuple(r for r in one.runs if r[2] in long)) for one in shafts]
-    return tuple(kept), tuple(SIDES[side] for side in sorted(seen - long))
+    seen = {run.flank for one in found for run in one.runs}
+    kept = [replace(one, runs=tuple(r for r in one.runs if r.flank in long)) for one in shafts]
+    return tuple(kept), tuple(seen - long)

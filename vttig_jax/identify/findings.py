@@ -15,6 +15,7 @@ from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import hidden_shaft
 from ..logs.slope import better_fraction, computed_text, exact_slope
+from ..model.columns import DELAY
 from ..model.components import NEEDED
 from ..model.mixed_fit import mixed_fit, waves_of
 from ..pair.gear_pair import GearPair
@@ -82,9 +83,9 @@ def open_delay(case: Case) -> Iterator[Finding]:
     """Say that the interval of the backlash is that of the assumed delay."""
     delay = case.fit.parameters["delay_s"]
     index = case.fit.core.posterior.problem.index
-    if delay.determined or ("delay",) not in index or len(case.fit.core.scope.flanks) < 2:
+    if delay.determined or DELAY not in index or len(case.fit.core.scope.flanks) < 2:
         return
-    width = case.fit.core.posterior.problem.columns[index["delay",]].width
+    width = case.fit.core.posterior.problem.columns[index[DELAY]].width
     effect = abs(case.fit.core.scope.ratio) * sum(case.fit.core.scope.speeds) / DEG
     yield Finding(
         "delay-open",
@@ -144,7 +145,7 @@ def shown_delay(case: Case) -> Iterator[Finding]:
         return
     lines = [wave.order for wave in core.waves if wave.shaft == "line"]
     free = mixed_fit(core.shafts, case.fit.pair, core.orders, lines=lines, after=core)
-    told = free.posterior.one(free.posterior.row(("delay",)), moved=True)
+    told = free.posterior.one(free.posterior.row(DELAY), moved=True)
     shown_s = free.delay_s + told.value
     off = (shown_s - core.delay_s) / told.std
     ratio = (told.freedom + 1) * float(np.log1p(off**2 / told.freedom))
@@ -403,9 +404,8 @@ def equal_orders(case: Case) -> Iterator[Finding]:
     """Say which listed orders have one frequency, or the same values at the places of a table."""
     ratio = case.fit.core.scope.ratio
     if case.found.segments and all(one.still for one in case.found.segments):
-        kept = {(wave.shaft, wave.order) for wave in case.fit.core.waves}
         every = waves_of(case.fit.pair, case.fit.core.orders)
-        lost = [f"{w.shaft} {w.order:g}" for w in every if (w.shaft, w.order) not in kept]
+        lost = [f"{w.shaft} {w.order:g}" for w in every if w not in case.fit.core.waves]
         if lost:
             yield Finding(
                 "orders-equal",

@@ -27,7 +27,7 @@ import msgspec
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
-Flank = Literal["A", "B"]
+from ..pair.schema import Flank
 
 LONGEST_DELAY_S = 1.0
 """Largest delay of the driven channel in s; chosen, far beyond that of any encoder interface."""

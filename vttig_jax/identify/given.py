@@ -14,6 +14,7 @@ where linear least squares gives the best coefficients q of all other columns Z 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import PurePath
 from traceback import extract_tb
 from typing import Any, NoReturn
@@ -33,17 +34,16 @@ from ..base.errors import NoAnswerError, UsageError
 from ..base.units import DEG, REV
 from ..kinematics.backlash_map import chunked
 from ..kinematics.flank_error import FlankError
-from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel, flank_index
+from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel
 from ..kinematics.harmonic import OrderModel
-from ..model.columns import Assumptions, embedding
+from ..model.columns import Assumptions, ColumnName, embedding
 from ..model.mixed_fit import MixedFit, design_of
 from ..model.parameter import Parameter, undetermined
 from ..model.parameters import Quantities
-from ..model.rows import Rows, Shafts
-from ..pair.gear_pair import Drive, Flank, GearPair
-from ..pair.schema import HarmonicOrders
+from ..model.rows import RowName, Rows, S, Shafts
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import Flank, HarmonicOrders
 from .fit_settings import FitSettings
-from .orders import SIDES
 
 GIVEN_INSTEAD = "not fitted: the given flank model takes the place of the exact relation"
 
@@ -136,8 +136,7 @@ class GivenModel:
         **Raises** `NoAnswerError` naming the parameter, the flank and the angle where a value or a
         derivative is not finite.
         """
-        side = flank_index(flank)
-        table = chunked(lambda part: _linearised(self.tree, self.values, part, side), angle)
+        table = chunked(lambda part: _linearised(self.tree, self.values, part, flank), angle)
         table = table.reshape(len(angle), 1 + len(self.names))
         bad = np.argwhere(~np.isfinite(table))
         if len(bad):
@@ -151,23 +150,23 @@ class GivenModel:
             )
         return table
 
-    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+    def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns, less the transmission error."""
         moved, _ = shafts.delayed(delay_s)
         size = rows.samples.shape[1]
         kept = [0, *(1 + self.names.index(name) for name in self.told)]
         table = np.empty((len(rows.table), len(kept)))
         step = max(1, _PIECE // size)
-        for side, flank in SIDES.items():
-            own = np.flatnonzero(rows.flank * side < 0)
+        for flank in S:
+            own = np.flatnonzero(rows.flank == flank)
             for begin in range(0, len(own), step):
                 piece = own[begin : begin + step]
                 found = self.on(moved[rows.samples[piece]].ravel(), flank)
                 table[piece] = found.reshape(len(piece), size, -1).mean(1)[:, kept]
         readings = rows.table[:, -1] - table[:, 0]
         rows = replace(rows, table=np.column_stack([rows.table[:, :-1], readings]))
-        names = [("given", name) for name in self.told]
-        return rows.joined(dict(zip(names, table[:, 1:].T, strict=True)))
+        names = [RowName("given", name) for name in self.told]
+        return rows.with_columns(dict(zip(names, table[:, 1:].T, strict=True)))
 
     def resolved(self, first: float, turns: float) -> "GivenModel":
         """Return the model with its `highest_order`, in cycles per driving turn.
@@ -179,7 +178,7 @@ class GivenModel:
         count = int(_PER_TURN * np.clip(np.ceil(turns), 1, _TURNS))
         angle = first + np.arange(count) * REV / _PER_TURN
         highest = 1.0
-        for flank in ("A", "B"):
+        for flank in S:
             table = self.on(angle, flank)
             window = np.hanning(count)[:, None]
             table = (table - table.mean(axis=0)) * window
@@ -190,22 +189,21 @@ class GivenModel:
 
 
 def error_of(
-    model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], side: int
+    model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], flank: Flank
 ) -> Any:
     """Return the transmission error of a model with other values of its parameters, rad.
 
-    `side` is 0 for flank A and 1 for flank B. The result is what the method of the user returns:
-    one number per angle if the model is correct.
+    The result is what the method of the user returns: one number per angle if the model is correct.
     """
-    return _split(model)[1](jnp.asarray(values)).transmission_error(angle, "AB"[side])
+    return _split(model)[1](jnp.asarray(values)).transmission_error(angle, flank)
 
 
 @eqx.filter_jit
 def _linearised(
-    model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], side: int
+    model: Any, values: Float[Numbers, " p"], angle: Float[Numbers, " n"], flank: Flank
 ) -> Float[Numbers, "n columns"]:
     """Return the transmission error (first column) and its derivatives by the parameters."""
-    error = lambda some: error_of(model, some, angle, side)  # noqa: E731
+    error = lambda some: error_of(model, some, angle, flank)  # noqa: E731
     return jnp.column_stack([error(values), jax.jacfwd(error)(jnp.asarray(values))])
 
 
@@ -239,13 +237,12 @@ def _names(model: Any) -> Iterator[str]:
 
 def _require_shape(given: GivenModel) -> None:
     """Raise `UsageError` unless the transmission error is real and has the shape of the angles."""
-    for side, flank in enumerate("AB"):
+    for flank in S:
         method = f"`transmission_error` of {given.name}"
         try:
             constants = eqx.filter(given.tree, eqx.is_array_like, inverse=True)
             hash((jax.tree.structure(given.tree), *jax.tree.leaves(constants)))  # as JAX needs it
-            tried = lambda values, angle, side=side: error_of(given.tree, values, angle, side)  # noqa: E731
-            found = jax.eval_shape(tried, given.values, _TRIED)
+            found = jax.eval_shape(partial(error_of, given.tree, flank=flank), given.values, _TRIED)
         except Exception as error:
             last = extract_tb(error.__traceback__)[-1]
             place = f"{PurePath(last.filename).name}, line {last.lineno}"
@@ -276,7 +273,7 @@ class _Misfit:
 
     def slopes(self, given: GivenModel) -> tuple[Float[np.ndarray, "rows p"], np.ndarray]:
         """Return the derivatives beside the other columns, and their whole lengths."""
-        parts = zip(self.angles, SIDES.values(), strict=True)
+        parts = zip(self.angles, S, strict=True)
         whole = np.concatenate([given.on(angle, flank)[:, 1:] for angle, flank in parts])
         return whole - self.columns @ (self.columns.T @ whole), np.linalg.norm(whole, axis=0)
 
@@ -303,7 +300,7 @@ def prepared(
             " turns from one zero in all of them.",
             where=where,
         )
-    ends = [np.sort(one.driving[[a, b - 1]]) for one in shafts for a, b, _ in one.runs]
+    ends = [np.sort(one.driving[[r.start, r.stop - 1]]) for one in shafts for r in one.runs]
     first, last = max(ends, key=lambda pair: float(pair[1] - pair[0]), default=(0.0, REV))
     return GivenModel.of(model).resolved(float(first), float(last - first) / REV)
 
@@ -322,22 +319,23 @@ def searched(
     """
     design = design_of(shafts, drive, orders, assumed=assumed, given=given)
     design = replace(design, given=None)  # rows as short as the flank model needs, without it
-    columns = [c for c in design.columns if c.name[0] not in ("part", "bend", "given")]
-    angles, readings, others = [], [], []
+    columns = [c for c in design.columns if c.prior not in ("delay_parts", "gap_by_speed")]
+    angles: dict[Flank, list[np.ndarray]] = {flank: [] for flank in S}
+    readings, others = [], []
     tables = design.rows(shafts, 0.0)
-    for side in SIDES:
+    for flank in S:
         for log, rows in enumerate(tables):
-            own = rows.flank * side < 0
-            table = rows.table[own] @ embedding(columns, rows.names, log, side)
-            angles.append((side, rows.angle[own]))
+            own = rows.flank == flank
+            table = rows.table[own] @ embedding(columns, rows.names, log, flank)
+            angles[flank].append(rows.angle[own])
             readings.append(table[:, -1])
             others.append(table[:, :-1])
     table = np.concatenate(others)
     size = np.linalg.norm(table, axis=0)
     left, singular, _ = np.linalg.svd(table / np.where(size > 0, size, 1.0), full_matrices=False)
     basis = left[:, singular > 1e-9 * singular[0]]
-    joined = tuple(np.concatenate([a for s, a in angles if s == side]) for side in SIDES)
-    misfit = _Misfit(joined, np.concatenate(readings), basis)
+    on_flanks = tuple(map(np.concatenate, angles.values()))
+    misfit = _Misfit(on_flanks, np.concatenate(readings), basis)
     values = _least_squares(given, misfit)
     return _told(given.at(values), misfit)
 
@@ -377,7 +375,10 @@ def _minimised(
 
     def left(scaled: Float[Numbers, " p"], _: None) -> Float[Numbers, " rows"]:
         own = start + scale * scaled
-        error = [error_of(model, own, jnp.asarray(angles[side]), side) for side in range(2)]
+        error = [
+            error_of(model, own, jnp.asarray(angle), flank)
+            for angle, flank in zip(angles, S, strict=True)
+        ]
         rest = readings - jnp.concatenate(error)
         return rest - columns @ (columns.T @ rest)
 
@@ -403,6 +404,11 @@ def _least_squares(given: GivenModel, misfit: _Misfit) -> Float[np.ndarray, " p"
     return found if np.all(np.isfinite(found)) else given.values
 
 
+def given_column(name: str) -> ColumnName:
+    """Return the name of the column of a parameter of a flank model."""
+    return ColumnName(RowName("given", name))
+
+
 def fitted_given(
     given: GivenModel,
     shafts: Sequence[Shafts],
@@ -419,7 +425,7 @@ def fitted_given(
     for _ in range(_MOST_FITS):
         core = fit(shafts, given=given, after=after)
         moved = {
-            name: core.posterior.one(core.posterior.row(("given", name)), moved=True)
+            name: core.posterior.one(core.posterior.row(given_column(name)), moved=True)
             for name in given.told
         }
         if all(abs(one.value) <= _SETTLED * one.std for one in moved.values()):
@@ -443,13 +449,13 @@ def fitted_given(
 def given_quantities(core: MixedFit, told: Quantities, given: GivenModel) -> Quantities:
     """Return the numbers of a fit with those of its flank model."""
     index = core.posterior.problem.index
-    names = [name for name in given.names if ("given", name) in index]
-    rows = [core.posterior.row(("given", name)) for name in names]
+    names = [name for name in given.names if given_column(name) in index]
+    rows = [core.posterior.row(given_column(name)) for name in names]
     values = dict(zip(given.names, given.values, strict=True))
     rows = np.concatenate([told.rows, np.stack(rows)]) if rows else told.rows
     shift = np.append(told.shift, [values[name] for name in names])
     if (angles := core.scope.covered).size and len(core.scope.flanks) == 2:
-        error = [given.on(angles, flank)[:, 0].mean() for flank in SIDES.values()]
+        error = [given.on(angles, flank)[:, 0].mean() for flank in S]
         for name in ("gap_over_angles_covered", "backlash_plus_delay"):
             if name in told.names:
                 shift[told.at(name)] += error[1] - error[0]

@@ -17,7 +17,7 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.columns import Assumptions
+from ..model.columns import DELAY, RATIO, Assumptions
 from ..model.lines import found_lines, refined, short_lines
 from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
 from ..model.parameter import Parameter, undetermined
@@ -32,8 +32,8 @@ from ..model.parameters import (
 from ..model.rows import Run, Shafts
 from ..model.runs import shafts_of
 from ..model.starts import Turns, start_of
-from ..pair.gear_pair import Drive, Flank, GearPair
-from ..pair.schema import HarmonicOrders
+from ..pair.gear_pair import Drive, GearPair
+from ..pair.schema import Flank, HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
 from .door import Identified, require_distinct, require_pair, stated_drive, usable
 from .findings import Case, contradicts, findings_of
@@ -48,7 +48,7 @@ from .given import (
     prepared,
     searched,
 )
-from .orders import SIDES, order_model, order_table
+from .orders import order_model, order_table
 from .readings import compared, updated
 from .records import Finding, Outcome
 from .result import Fit, FitRequest
@@ -204,7 +204,7 @@ def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
     """Return the log with its runs on one flank only, or on both for None."""
 
     def kept(runs: Sequence[Run]) -> tuple[Run, ...]:
-        return tuple(run for run in runs if flank in (None, SIDES[run[2]]))
+        return tuple(run for run in runs if flank in (None, run.flank))
 
     return replace(shafts, runs=kept(shafts.runs), ramps=kept(shafts.ramps))
 
@@ -217,9 +217,9 @@ def without_axial(shafts: Shafts, log: EncoderLog, pair: GearPair | Drive) -> Sh
     if log.axial_mm is None or isinstance(pair, Drive):
         return shafts
     error, radius = shafts.error.copy(), float(pair.reference_radii[1])
-    slope = {1: float(pair.taper[0]) / radius, -1: -float(pair.taper[1]) / radius}
-    for start, stop, side in (*shafts.runs, *shafts.ramps):
-        error[start:stop] -= slope[side] * log.axial_mm[start:stop]
+    slope = {"A": float(pair.taper[0]) / radius, "B": -float(pair.taper[1]) / radius}
+    for start, stop, flank in (*shafts.runs, *shafts.ramps):
+        error[start:stop] -= slope[flank] * log.axial_mm[start:stop]
     return replace(shafts, error=error)
 
 
@@ -321,7 +321,7 @@ def result_of(
         source=source,
         sha256=logs[0].sha256,
         outcome="ok",
-        flanks=tuple(SIDES[side] for side in core.scope.flanks),
+        flanks=core.scope.flanks,
         samples={key: sum(one.samples[key] for one in records) for key in records[0].samples},
         zero=logs[0].zero,
         zero_readings=records[0].zero_readings,
@@ -358,7 +358,7 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
         name, unit = "torque_arcsec_per_unit", "arcsec/unit of torque"
         found.append(told.scalar("torque", unit, ARCSEC, label=name))
     if "ratio" in told.names:
-        column = core.posterior.problem.columns[core.posterior.problem.index["ratio",]]
+        column = core.posterior.problem.columns[core.posterior.problem.index[RATIO]]
         if told.std("ratio") > TOLD * column.width:
             share = column.width / abs(core.scope.ratio)
             reason = f"the log does not tell it: within ± {share:.2g} of the ratio as assumed"
@@ -407,11 +407,11 @@ def conditions_of(
     elif isinstance(pair, GearPair) and (settings.perfect_encoders or not both):
         conditions = ("perfect_encoders",)
     elif not both:
-        conditions = (f"flank_{SIDES[core.scope.flanks[0]]}_only",)
+        conditions = (f"flank_{core.scope.flanks[0]}_only",)
     index = core.posterior.problem.index
-    if ("delay",) not in index:
+    if DELAY not in index:
         return (*conditions, "no_delay" if core.delay_s == 0 else "given_delay")
     if not parameters["delay_s"].determined and both:
-        width_ms = 1e3 * core.posterior.problem.columns[index["delay",]].width
+        width_ms = 1e3 * core.posterior.problem.columns[index[DELAY]].width
         return (*conditions, f"delay_within_{width_ms:.3g}_ms")
     return conditions

@@ -15,14 +15,13 @@ from ..base.units import ARCSEC
 from ..kinematics.exact import ExactModel, exact_model
 from ..kinematics.first_order import ClosedModel, closed_model
 from ..kinematics.harmonic import OrderModel
+from ..model.columns import GAP, ColumnName
 from ..model.mixed_fit import CLEAR, MixedFit
 from ..model.parameter import LARGEST
 from ..model.parameters import FULL_TURN, SIGNIFICANT
-from ..model.rows import KNOTS, Wave
-from ..pair.gear_pair import Eccentricities, Flank, GearPair
-
-SIDES: dict[int, Flank] = {1: "A", -1: "B"}
-"""Side of a run in the model → flank."""
+from ..model.rows import ONE, S, Wave
+from ..pair.gear_pair import Eccentricities, GearPair
+from ..pair.schema import Flank
 
 _RANKS = {"driving": 0, "driven": 1, "mesh": 2}
 
@@ -52,17 +51,17 @@ class Order:
 
 
 def order_rows(
-    core: MixedFit, wave: Wave, side: int, log: int = 0, *, common: float = 1.0
+    core: MixedFit, wave: Wave, flank: Flank, log: int = 0, *, common: float = 1.0
 ) -> Float[np.ndarray, "2 columns"]:
-    """Return the functionals (a cos p, a sin p) of a harmonic on a flank, 1 for A and −1 for B.
+    """Return the functionals (a cos p, a sin p) of a harmonic on a flank.
 
     `common`: share of what both flanks have in common.
     """
     index = core.posterior.problem.index
-    rows = np.zeros((2, len(index)))
+    rows = np.zeros((2, len(core.posterior.problem.columns)))
     for place, part in enumerate(("sin", "cos")):
-        for differs, weight in ((False, common), (True, -0.5 * side)):
-            if (name := (wave.shaft, wave.order, part, differs, log)) in index:
+        for differs, weight in ((False, common), (True, S[flank])):
+            if (name := ColumnName(wave.row(part), log, differs)) in index:
                 rows[place, index[name]] = weight
     return rows
 
@@ -73,18 +72,18 @@ def order_table(core: MixedFit) -> tuple[Order, ...]:
     Harmonics of a shaft that made less than a turn are left out. A line is a fractional order of
     the driving shaft.
     """
-    asked = [
-        (wave, side)
+    asked: list[tuple[Wave, Flank]] = [
+        (wave, flank)
         for wave in core.waves
-        for side in core.scope.flanks
+        for flank in core.scope.flanks
         if wave.shaft != "both" and has_turned(core, wave)
     ]
     if not asked:
         return ()
-    rows = np.concatenate([order_rows(core, wave, side) for wave, side in asked])
+    rows = np.concatenate([order_rows(core, wave, flank) for wave, flank in asked])
     mean, covariance, _ = core.posterior.told(rows, moved=True)
     table = []
-    for number, (wave, side) in enumerate(asked):
+    for number, (wave, flank) in enumerate(asked):
         own = slice(2 * number, 2 * number + 2)
         amplitude, std, phase_deg, _ = polar_spread(
             mean[own] / ARCSEC, covariance[own, own] / ARCSEC**2
@@ -93,7 +92,7 @@ def order_table(core: MixedFit) -> tuple[Order, ...]:
             continue
         shaft = "driving" if wave.shaft == "line" else wave.shaft
         significant = amplitude >= CLEAR * std
-        table.append(Order(shaft, wave.order, SIDES[side], amplitude, std, phase_deg, significant))
+        table.append(Order(shaft, wave.order, flank, amplitude, std, phase_deg, significant))
     return tuple(sorted(table, key=lambda o: (_RANKS[o.shaft], o.order, o.flank)))
 
 
@@ -128,9 +127,11 @@ def whole_waves(core: MixedFit) -> list[Wave]:
     return [w for w in core.waves if all(float(n).is_integer() for n in (w.driving, w.driven))]
 
 
-def _shown_sides(core: MixedFit) -> list[int]:
+def _shown_flanks(core: MixedFit) -> list[Flank]:
     """Return for flanks A and B the flank whose numbers they have: an unmeasured one the other."""
-    return [side if side in core.scope.flanks else -side for side in SIDES]
+    measured = core.scope.flanks
+    found: list[Flank] = [flank if flank in measured else measured[0] for flank in S]
+    return found
 
 
 def flank_rows(
@@ -142,8 +143,8 @@ def flank_rows(
     `bends` only.
     """
     rows = [
-        order_rows(core, wave, side, common=float(bends or has_turned(core, wave)))
-        for side in _shown_sides(core)
+        order_rows(core, wave, flank, common=float(bends or has_turned(core, wave)))
+        for flank in _shown_flanks(core)
         for wave in whole_waves(core)
     ]
     # A model may have no orders.
@@ -159,7 +160,7 @@ def order_model(core: MixedFit) -> OrderModel:
     """
     moved = core.posterior.moved
     series = flank_rows(core) @ moved
-    levels = np.stack([level_row(core, side) for side in _shown_sides(core)])
+    levels = np.stack([level_row(core, flank) for flank in _shown_flanks(core)])
     return OrderModel(
         ratio=jnp.asarray(core.scope.ratio),
         terms=tuple((int(wave.driving), int(wave.driven)) for wave in whole_waves(core)),
@@ -169,20 +170,17 @@ def order_model(core: MixedFit) -> OrderModel:
     )
 
 
-def level_row(core: MixedFit, side: int) -> Float[np.ndarray, " columns"]:
+def level_row(core: MixedFit, flank: Flank) -> Float[np.ndarray, " columns"]:
     """Return the functional of the mean level of the first log on a flank."""
-    row, index = core.posterior.row(("offset", 0)), core.posterior.problem.index
-    if ("gap",) in index:
-        row[index["gap",]] = -0.5 * side
+    row, index = core.posterior.row(ColumnName(ONE, 0)), core.posterior.problem.index
+    if GAP in index:
+        row[index[GAP]] = S[flank]
+    bent = {w.row(part) for w in core.waves if not has_turned(core, w) for part in ("cos", "sin")}
     first = core.rows[0]
-    for wave in core.waves:
-        for part in ("cos", "sin"):
-            name = (wave.shaft, wave.order, part)
-            if not has_turned(core, wave) and (*name, False, 0) in index:
-                row[index[*name, False, 0]] = first.table[:, first.names[name]].mean()
-    for k in range(KNOTS):
-        if ("drift", 0, k) in index:
-            row[index["drift", 0, k]] = first.table[:, first.names["drift", k]].mean()
+    for name, place in index.items():
+        own = name.log == 0 and not name.differs
+        if own and (name.row in bent or name.row.kind == "drift"):
+            row[place] = first.table[:, first.names[name.row]].mean()
     return row
 
 

@@ -18,6 +18,8 @@ from ..base.numerics.polar_spread import polar_spread
 from ..base.units import DEG, REV
 from ..logs.channel.unwrap import step_of
 from ..logs.readers.backlash_readings import BacklashReadings
+from ..model.columns import GAP
+from ..model.functionals import Readings
 from ..model.mixed_fit import CLEAR, MixedFit, told_waves, waves_of
 from ..model.parameters import FULL_TURN, gap_row
 from ..pair.gear_pair import Drive, GearPair
@@ -29,7 +31,7 @@ _SPAN = 1e-9
 
 
 def _rows(core: MixedFit, readings: BacklashReadings) -> Float[np.ndarray, "n columns"]:
-    if ("gap",) not in core.posterior.problem.index:
+    if GAP not in core.posterior.problem.index:
         raise UsageError(
             "backlash readings compare with the gap between two flanks, but the log has one; record"
             " both directions.",
@@ -71,7 +73,7 @@ def updated(core: MixedFit, readings: BacklashReadings) -> MixedFit:
     values = (readings.backlash - rows @ start) / problem.unit
     off = problem.unit * (values - rows @ np.asarray(posterior.at.beta))
     scatter = max(float(np.var(off)), _SPAN * float(np.mean(readings.backlash**2)))
-    measured = (rows, values, scatter / problem.unit**2)
+    measured = Readings(rows, values, scatter / problem.unit**2)
     return replace(core, posterior=posterior.with_readings(measured))
 
 
@@ -198,8 +200,8 @@ def fit_readings(
     for k, wave in enumerate(kept, 1):
         at = [k, k + len(kept)]
         size, std, phase, _ = polar_spread(found[at], spread[np.ix_(at, at)])
-        order = wave.shaft, wave.order, size, std, phase
-        rows.append(GapOrder(*order, significant=size >= CLEAR * std))
+        significant = size >= CLEAR * std
+        rows.append(GapOrder(wave.shaft, wave.order, size, std, phase, significant))
     step = max(DEG, float(np.ptp(angle)) / 1e4)
     grid = np.append(np.arange(angle.min(), angle.max(), step), angle.max())
     curve = design(grid) @ found

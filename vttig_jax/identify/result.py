@@ -21,14 +21,15 @@ from ..kinematics.hunting_coverage import HuntingCoverage
 from ..kinematics.te_curve import TECurve
 from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter, open_reasons
-from ..pair.gear_pair import Drive, Eccentricities, Flank, GearPair
-from ..pair.schema import HarmonicOrders
-from .accuracy import Accuracy, Measured, accuracy_of, measured
+from ..pair.gear_pair import Drive, Eccentricities, GearPair
+from ..pair.schema import Flank, HarmonicOrders
+from .accuracy import Accuracy, accuracy_of
 from .coverage import covered_errors, log_coverage
 from .fit_settings import FitSettings
 from .given import FittedModel, StoredModel
 from .orders import Order
 from .records import Checks, Finding, LogRecord, Noise, Outcome
+from .turn_averages import Measured, measured
 
 
 @dataclass(frozen=True)

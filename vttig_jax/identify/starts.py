@@ -12,10 +12,11 @@ from ..base.errors import LogError
 from ..base.numerics.polar_spread import polar_spread
 from ..base.units import ARCSEC, DEG, REV
 from ..logs.encoder_log import EncoderLog
+from ..model.columns import ColumnName
 from ..model.mixed_fit import MixedFit
-from ..model.rows import SHAFTS, UNTOLD, Shafts, Start
+from ..model.rows import SHAFTS, UNTOLD, S, Shafts, Start
 from ..model.starts import Turns, alone, start_of
-from .orders import CLEAR, SIDES, order_rows
+from .orders import CLEAR, order_rows
 from .records import Disagreement, LogRecord, LogStart
 
 OWN = Start(spread=(np.inf, np.inf))
@@ -70,10 +71,10 @@ def disagreements(core: MixedFit) -> Iterator[Disagreement]:
     index = core.posterior.problem.index
     for log in range(1, len(core.shafts)):
         for wave in core.waves:
-            if not wave.is_first or (wave.shaft, wave.order, "cos", False, log) not in index:
+            if not wave.is_first or ColumnName(wave.row("cos"), log) not in index:
                 continue
-            for side in core.scope.flanks:
-                rows = np.concatenate([order_rows(core, wave, side, k) for k in (0, log)])
+            for flank in core.scope.flanks:
+                rows = np.concatenate([order_rows(core, wave, flank, k) for k in (0, log)])
                 mean, covariance = core.posterior.given_noise(rows / ARCSEC, moved=True)
                 first, this = (
                     polar_spread(mean[own], covariance[own, own])[:2]
@@ -85,9 +86,7 @@ def disagreements(core: MixedFit) -> Iterator[Disagreement]:
                 else:
                     off, std = abs(this[0] - first[0]), float(np.hypot(this[1], first[1]))
                 if off > CLEAR * std:
-                    yield Disagreement(
-                        log + 1, wave.shaft, SIDES[side], first[0], this[0], off, std
-                    )
+                    yield Disagreement(log + 1, wave.shaft, flank, first[0], this[0], off, std)
 
 
 def require_one_rig(core: MixedFit, sources: Sequence[str]) -> None:
@@ -106,7 +105,7 @@ def log_records(core: MixedFit, logs: Sequence[EncoderLog]) -> tuple[LogRecord, 
     found = []
     for number, (log, rows) in enumerate(zip(logs, core.rows, strict=True)):
         size = rows.samples.shape[1]
-        used = {side: size * int(np.sum(rows.flank * side < 0)) for side in (1, -1)}
+        used = {flank: size * int(np.sum(rows.flank == flank)) for flank in S}
         total = sum(used.values())
         found.append(
             LogRecord(
@@ -123,8 +122,8 @@ def log_records(core: MixedFit, logs: Sequence[EncoderLog]) -> tuple[LogRecord, 
                 samples={
                     "read": len(log),
                     "used": total,
-                    "forward": used[1],
-                    "backward": used[-1],
+                    "forward": used["A"],
+                    "backward": used["B"],
                     "masked": len(log) - total,
                 },
             )
@@ -151,8 +150,8 @@ def _start(core: MixedFit, log: int) -> Start:
         for wave in core.waves:
             if wave.shaft != shaft:
                 continue
-            for side in core.scope.flanks:
-                rows = np.concatenate([order_rows(core, wave, side, k) for k in (0, log)])
+            for flank in core.scope.flanks:
+                rows = np.concatenate([order_rows(core, wave, flank, k) for k in (0, log)])
                 mean, covariance = core.posterior.given_noise(rows, moved=True)
                 first, other = (mean[k] + 1j * mean[k + 1] for k in (0, 2))
                 variance = np.trace(covariance) / 2

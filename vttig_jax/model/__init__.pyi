@@ -1,8 +1,12 @@
+from .columns import DELAY as DELAY
 from .columns import FLAT as FLAT
 from .columns import GROUPS as GROUPS
 from .columns import KNOWN as KNOWN
+from .columns import RATIO as RATIO
+from .columns import TORQUE as TORQUE
 from .columns import Assumptions as Assumptions
 from .columns import Column as Column
+from .columns import ColumnName as ColumnName
 from .columns import embedding as embedding
 from .components import likelihood_ratio as likelihood_ratio
 from .density import LAGS as LAGS
@@ -32,7 +36,9 @@ from .problem import problem_of as problem_of
 from .rows import BENDS as BENDS
 from .rows import KNOTS as KNOTS
 from .rows import PARTS as PARTS
+from .rows import RowName as RowName
 from .rows import Rows as Rows
+from .rows import Run as Run
 from .rows import Shafts as Shafts
 from .rows import Wave as Wave
 from .rows import rows_of as rows_of

@@ -18,17 +18,30 @@ times these (their difference), and has a prior:
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from .rows import BENDS, KNOTS, PARTS, SHAFTS, UNTOLD, Name, Start, Wave
+from ..pair.schema import Flank
+from .rows import (
+    BENDS,
+    KNOTS,
+    ONE,
+    PARTS,
+    READINGS,
+    SHAFTS,
+    UNTOLD,
+    RowName,
+    S,
+    Start,
+    Wave,
+)
 
 GROUPS = ("driving", "driven", "difference", "drift", "delay_parts", "gap_by_speed")
 """Groups of columns that share a prior width τ."""
 
-FLAT = "flat"
-KNOWN = "known"
+FLAT, KNOWN, ROUNDING = "flat", "known", "rounding"
+"""Priors of columns beside those of `GROUPS`: flat, or of known width, also that of rounding."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +66,49 @@ class Assumptions:
     widths: float = 1.0
 
 
+class ColumnName(NamedTuple):
+    """Name of a column of the model, and of its coefficient.
+
+    **Arguments**
+    - `row`: its column of the rows. - `log`: number of the first log that has it, None for all.
+    - `differs`: whether it is the difference between the flanks.
+    """
+
+    row: RowName
+    log: int | None = None
+    differs: bool = False
+
+    def __str__(self) -> str:
+        kind, which, part = self.row
+        if part is not None:
+            return f"{kind} {which} {part} {self.differs} {self.log}"
+        if self.row == ONE:
+            return "gap" if self.differs else f"offset {self.log}"
+        return " ".join(str(one) for one in (kind, self.log, which) if one is not None)
+
+
+GAP = ColumnName(ONE, differs=True)
+DELAY, RATIO, TORQUE = (ColumnName(RowName(kind)) for kind in ("delay", "ratio", "torque"))
+
+
 @dataclass(frozen=True)
 class Column:
     """Column of the model: the row column `row`, of some logs or of all (None).
 
-    `differs`: whether it is multiplied by s. `prior`: a group, "known" or "flat". `width`: prior
-    standard deviation, in a group a multiple of τ.
+    `differs`: whether it is multiplied by s. `prior`: a group, "flat", "known" or "rounding".
+    `width`: prior standard deviation, in a group a multiple of τ.
     """
 
-    name: Name
-    row: Name
+    row: RowName
     logs: tuple[int, ...] | None = None
     differs: bool = False
     prior: str = FLAT
     width: float = 1.0
+
+    @property
+    def name(self) -> ColumnName:
+        """Name of the column; rounding has that of the column beside which it stands."""
+        return ColumnName(self.row, None if self.logs is None else self.logs[0], self.differs)
 
 
 @dataclass(frozen=True)
@@ -80,7 +122,7 @@ class Shape:
     - `drive`: whether it is a drive, whose error of the ratio is a column. The first orders of
       gears follow from eccentricities and have a flat prior.
     - `interval_s`: longest sampling interval. - `usual`: u, rad.
-    - `clear`: shaft and order of higher orders that stand out, with the prior of first orders.
+    - `clear`: higher orders that stand out, with the prior of first orders.
     - `still`: whether all logs are readings at standstill, without speed.
     - `drift`: whether the logs tell a drift: a table that has every place once does not.
     - `rounding`: r of every log on one flank, rad, 0 where rounding does not repeat.
@@ -93,7 +135,7 @@ class Shape:
     drive: bool
     interval_s: float
     usual: float
-    clear: frozenset[tuple[str, int | float]] = frozenset()
+    clear: frozenset[RowName] = frozenset()
     still: bool = False
     drift: bool = True
     rounding: tuple[float, ...] = ()
@@ -102,27 +144,25 @@ class Shape:
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
     """Yield the columns of the model."""
 
-    def rounded(row: Name, logs: Sequence[int], *, differs: bool) -> Iterator[Column]:
+    def rounded(row: RowName, logs: Sequence[int], *, differs: bool) -> Iterator[Column]:
         for log in [k for k in logs if any(shape.rounding) and shape.rounding[k] > 0]:
             width = shape.rounding[log] * (1 + differs) ** 0.5
-            yield Column(("rounding", *row, differs, log), row, (log,), differs, KNOWN, width)
+            yield Column(row, (log,), differs, ROUNDING, width)
 
     for log, start in enumerate(shape.starts):
-        yield Column(("offset", log), ("one",), (log,))
+        yield Column(ONE, (log,))
         for shaft, std in zip(SHAFTS, start.spread, strict=True):
             if 0 < std < np.inf:
-                name = ("start", log, shaft), ("start", shaft)
-                yield Column(*name, (log,), prior=KNOWN, width=2 * UNTOLD)
+                yield Column(RowName("start", shaft), (log,), prior=KNOWN, width=2 * UNTOLD)
     if shape.both:
-        yield Column(("gap",), ("one",), differs=True)
-        yield from rounded(("one",), range(len(shape.starts)), differs=True)
+        yield Column(ONE, differs=True)
+        yield from rounded(ONE, range(len(shape.starts)), differs=True)
     if assumed.delay == "fitted":
-        yield Column(("delay",), ("delay",), prior=KNOWN)
+        yield Column(DELAY.row, prior=KNOWN)
     if shape.drive and assumed.ratio > 0:
-        width = assumed.ratio * abs(shape.ratio)
-        yield Column(("ratio",), ("ratio",), prior=KNOWN, width=width)
+        yield Column(RATIO.row, prior=KNOWN, width=assumed.ratio * abs(shape.ratio))
     if shape.torque:
-        yield Column(("torque",), ("torque",))
+        yield Column(TORQUE.row)
     for log, start in enumerate(shape.starts):
         for wave in waves:
             if log and start.tells(wave):
@@ -133,33 +173,29 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                 prior, width = ("difference" if differs else wave.shaft), 1.0 / wave.order
                 if wave.shaft == "both" or (not shape.drive and wave.is_first):
                     prior, width = FLAT, 1.0
-                elif (
-                    wave.is_first
-                    or wave.shaft not in GROUPS
-                    or (wave.shaft, wave.order) in shape.clear
-                ):
+                elif wave.is_first or wave.shaft not in GROUPS or wave.row("cos") in shape.clear:
                     prior, width = KNOWN, assumed.orders * shape.usual
-                for part in ("cos", "sin"):
-                    row = (wave.shaft, wave.order, part)
-                    yield Column((*row, differs, log), row, logs, differs, prior, width)
+                for row in (wave.row("cos"), wave.row("sin")):
+                    yield Column(row, logs, differs, prior, width)
                     yield from rounded(row, logs, differs=differs)
     for log in range(len(shape.starts)):
         for k in range(KNOTS if shape.drift else 0):
-            width = KNOTS**-0.5
-            yield Column(("drift", log, k), ("drift", k), (log,), prior="drift", width=width)
+            yield Column(RowName("drift", k), (log,), prior="drift", width=KNOTS**-0.5)
         if assumed.delay == "fitted" and shape.both:  # on one flank it is a drift
             for k in range(PARTS):
-                yield Column(("part", log, k), ("part", k), (log,), prior="delay_parts")
+                yield Column(RowName("part", k), (log,), prior="delay_parts")
     if shape.both and not shape.still:
         for k in range(BENDS):
-            yield Column(("bend", k), ("bend", k), differs=True, prior="gap_by_speed")
+            yield Column(RowName("bend", k), differs=True, prior="gap_by_speed")
 
 
-def embedding(columns: Sequence[Column], names: dict[Name, int], log: int, side: int) -> np.ndarray:
+def embedding(
+    columns: Sequence[Column], names: dict[RowName, int], log: int, flank: Flank
+) -> np.ndarray:
     """Return the matrix (row columns, model columns and y) of the runs of a log on one flank."""
     matrix = np.zeros((len(names), len(columns) + 1))
     for place, column in enumerate(columns):
         if (column.logs is None or log in column.logs) and column.row in names:
-            matrix[names[column.row], place] = -0.5 * side if column.differs else 1.0
-    matrix[names["y",], -1] = 1.0
+            matrix[names[column.row], place] = S[flank] if column.differs else 1.0
+    matrix[names[READINGS], -1] = 1.0
     return matrix

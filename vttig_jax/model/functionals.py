@@ -11,6 +11,7 @@ quantiles of Student's t with the same variance and kurtosis, ν = 4 + 2 (E v)²
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..base.arrays import Numbers
+from .columns import ColumnName
 from .density import LAGS, Compressed, Solved, log_density, normal, partial_of
 from .problem import Problem
 
@@ -38,8 +40,12 @@ class Estimate:
     freedom: float
 
 
-Readings = tuple[Float[np.ndarray, "r all"], Float[np.ndarray, " r"], float]
-"""Further readings: the rows that act on β, their values, and the variance of their noise."""
+class Readings(NamedTuple):
+    """Further readings: the `rows` that act on β, their values, and the variance of their noise."""
+
+    rows: Float[np.ndarray, "r all"]
+    values: Float[np.ndarray, " r"]
+    variance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +164,10 @@ class Posterior:
         mean, covariance, freedom = self.told(row[None], moved=moved)
         return Estimate(float(mean[0]), float(np.sqrt(covariance[0, 0])), float(freedom[0]))
 
-    def row(self, name: tuple, value: float = 1.0) -> Float[np.ndarray, " columns"]:
+    def row(self, name: ColumnName) -> Float[np.ndarray, " columns"]:
         """Return the functional of one column."""
         row = np.zeros(len(self.problem.columns))
-        row[self.problem.index[name]] = value
+        row[self.problem.index[name]] = 1.0
         return row
 
 

@@ -19,9 +19,12 @@ from jaxtyping import Array, Float
 
 from ..base.arrays import Numbers
 from ..kinematics.exact import ExactModel
+from ..kinematics.flank_model import flank_index
 from ..pair.gear_pair import GearPair
+from ..pair.schema import Flank
+from .columns import GAP, ColumnName
 from .mixed_fit import MixedFit
-from .rows import Wave
+from .rows import RowName, S, Wave
 
 POINTS = 8
 """Points per turn of each shaft. Orders below 4 are exact; only terms of order e⁶ alias to them."""
@@ -35,8 +38,8 @@ class Relation(eqx.Module):
     """Coefficients of the columns that follow from the parameters: ratio i, lengths in mm.
 
     `names` are the parameters: eccentricities (mm) and encoder errors (rad) in Cartesian form.
-    `waves` are the tied harmonics of the model, `both` whether both flanks were measured, and
-    `side` the flank of a fit of one flank, 0 for A and 1 for B. The columns take the driven gear at
+    `waves` are shaft and order of the tied harmonics of the model, `both` whether both flanks were
+    measured, and `flank` that of a fit of one flank. The columns take the driven gear at
     one nominal angle for both flanks. Flank A is half the mean `gap` (rad) behind it and flank B
     half ahead.
     """
@@ -44,7 +47,7 @@ class Relation(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     waves: tuple[tuple[str, int], ...] = eqx.field(static=True)
     both: bool = eqx.field(static=True)
-    side: int = eqx.field(static=True)
+    flank: Flank = eqx.field(static=True)
     ratio: Float[Numbers, ""]
     centre_distance: Float[Numbers, ""]
     base_sum: Float[Numbers, "2"]
@@ -55,10 +58,10 @@ class Relation(eqx.Module):
         """Usual sizes of the parameters relative to each other."""
         return np.array([1.0 if name in GEARS else 1e-3 for name in self.names])
 
-    def places(self, index: Mapping[tuple, int]) -> list[int]:
+    def tied_columns(self, index: Mapping[ColumnName, int]) -> list[int]:
         """Return the places of the tied coefficients in a model, in the order of `coefficients`."""
         return [
-            index[(*wave, part, differs, 0)]
+            index[ColumnName(RowName(*wave, part), 0, differs)]
             for wave in self.waves
             for differs in ((False, True) if self.both else (False,))
             for part in ("cos", "sin")
@@ -82,11 +85,12 @@ class Relation(eqx.Module):
             driven_offset=gears[2] + 1j * gears[3],
             offset=jnp.zeros(2),
         )
-        sides = np.array([0, 1] if self.both else [self.side])
-        senses = np.where(sides == 0, 1.0, -1.0)[:, None]
+        flanks: list[Flank] = [*S] if self.both else [self.flank]
+        senses = np.array([[-2 * S[flank]] for flank in flanks])
+        sums = self.base_sum[np.array([flank_index(flank) for flank in flanks])][:, None]
         driving = jnp.asarray(grid[:1])
         driven = jnp.asarray(grid[1:]) - 0.5 * self.gap * senses
-        error = jnp.asarray(model.turned(driving, driven, self.base_sum[sides][:, None], senses))
+        error = jnp.asarray(model.turned(driving, driven, sums, senses))
         for shaft, angle, gain in (("driving", driving, -self.ratio), ("driven", driven, 1.0)):
             if (x := value.get(f"{shaft}_encoder_x")) is not None:
                 y = value[f"{shaft}_encoder_y"]
@@ -119,7 +123,7 @@ def relation_of(
     waves: Sequence[Wave],
     *,
     both: bool,
-    side: int,
+    flank: Flank,
     encoders: bool = True,
     gears: bool = True,
     gap: float = 0.0,
@@ -138,14 +142,14 @@ def relation_of(
     if encoders and (both or not gears):
         names += [f"{s}_encoder_{a}" for s in shafts for a in "xy"]
     return Relation(
-        tuple(names),
-        tuple(present),
-        both,
-        side,
-        np.asarray(float(pair.ratio)),
-        np.asarray(float(pair.centre_distance_mm)),
-        pair.base_radii.sum(axis=0),
-        np.asarray(gap),
+        names=tuple(names),
+        waves=tuple(present),
+        both=both,
+        flank=flank,
+        ratio=np.asarray(float(pair.ratio)),
+        centre_distance=np.asarray(float(pair.centre_distance_mm)),
+        base_sum=pair.base_radii.sum(axis=0),
+        gap=np.asarray(gap),
     )
 
 
@@ -154,14 +158,14 @@ def fitted_gears(
 ) -> Gears | None:
     """Return the parameters of the gears and encoders; the arguments are those of `relation_of`."""
     posterior, index = fit.posterior, fit.posterior.problem.index
-    both, side = ("gap",) in index, 0 if 1 in fit.scope.flanks else 1
-    gap = float(posterior.moved[index["gap",]]) if both else 0.0
+    both, flank = GAP in index, fit.scope.flanks[0]
+    gap = float(posterior.moved[index[GAP]]) if both else 0.0
     relation = relation_of(
-        pair, fit.waves, both=both, side=side, encoders=encoders, gears=gears, gap=gap
+        pair, fit.waves, both=both, flank=flank, encoders=encoders, gears=gears, gap=gap
     )
     if relation is None:
         return None
-    rows = np.eye(len(index))[relation.places(index)]
+    rows = np.eye(len(posterior.problem.columns))[relation.tied_columns(index)]
     mean, covariance, _ = posterior.told(rows, moved=True)
     value, slope, constants = map(np.asarray, least_squares(relation, mean, covariance))
     scale = np.sqrt(np.diag(covariance))

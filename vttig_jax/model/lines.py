@@ -12,8 +12,9 @@ from ..base.numerics.polar_spread import polar_spread
 from ..base.units import ARCSEC, DEG
 from ..logs.lines.rows import Stretch, highest_resolved
 from ..logs.lines.search import Line, find_lines
+from .columns import RATIO, ColumnName
 from .mixed_fit import MixedFit, residuals
-from .rows import Rows, Shafts, rows_of
+from .rows import RowName, Rows, Shafts, rows_of
 
 _SETTLED, _MOST_FITS, _RESOLVED = 0.3, 3, 2.0
 _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
@@ -59,7 +60,7 @@ def short_lines(fit: MixedFit) -> list[Line]:
             0.25 * rows.samples.shape[1] * one.interval_s,
             fit.delay_s,
             fit.bends,
-            ratio=("ratio",) in problem.index,
+            ratio=RATIO in problem.index,
         )
         for one, rows in zip(fit.shafts, fit.rows, strict=True)
     ]
@@ -78,11 +79,10 @@ def _stretches(
     found, first = [], 0
     for rows in logs:
         found.append([])
-        for a, b, side in zip(rows.first, rows.last, rows.side, strict=True):
+        for a, b, flank in zip(rows.first, rows.last, rows.flanks, strict=True):
             own = np.arange(a, b + 1)
             own = own[good[first + own]]
             if len(own) > 3:
-                flank = "A" if side > 0 else "B"
                 one = np.ones((len(own), 1))
                 found[-1].append(Stretch(rows.angle[own], left[first + own], one, flank))
         first += len(rows.table)
@@ -113,16 +113,19 @@ class Shifts:
         """Highest frequency."""
         return max(self.cycles)
 
-    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+    def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
         angle = rows.angle - np.mean(rows.angle) if len(rows.angle) else rows.angle
         own = []
         for cycles, (sine, cosine), free in zip(self.cycles, self.waves, self.alone, strict=True):
             if not free:
                 continue
-            wave = [rows.table[:, rows.names["line", cycles, part]] for part in ("cos", "sin")]
-            own.append(angle * (sine * wave[0] - cosine * wave[1]))
-        return rows.joined(dict(zip([("given", name) for name in self.told], own, strict=True)))
+            cos, sin = (
+                rows.table[:, rows.names[RowName("line", cycles, part)]] for part in ("cos", "sin")
+            )
+            own.append(angle * (sine * cos - cosine * sin))
+        names = [RowName("given", name) for name in self.told]
+        return rows.with_columns(dict(zip(names, own, strict=True)))
 
 
 def refined(
@@ -151,19 +154,23 @@ def refined(
         core = fit(shifts.cycles, shifts)
         posterior, index = core.posterior, core.posterior.problem.index
         steps = {
-            place: posterior.one(posterior.row(("given", f"line {place}")))
+            place: posterior.one(posterior.row(ColumnName(RowName("given", f"line {place}"))))
             for place in np.flatnonzero(alone).tolist()
         }
         moved = cycles.copy()
         for place, step in steps.items():
             moved[place] += step.value
-        own = [index["line", c, part, False, 0] for c in shifts.cycles for part in ("sin", "cos")]
+        own = [
+            index[ColumnName(RowName("line", cycles, part), 0)]
+            for cycles in shifts.cycles
+            for part in ("sin", "cos")
+        ]
         waves = posterior.moved[own].reshape(-1, 2)
         settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
         if settled or number == _MOST_FITS:
             break
         cycles = np.array([float(f"{one:.7g}") for one in moved])
-    spread = posterior.told(np.eye(len(index))[own], moved=True)[1]
+    spread = posterior.told(np.eye(len(posterior.problem.columns))[own], moved=True)[1]
     found = []
     for place, line in enumerate(lines):
         both = slice(2 * place, 2 * place + 2)
@@ -172,6 +179,14 @@ def refined(
         )
         step = steps.get(place)
         cycles_std = line.cycles_std if step is None else math.hypot(step.std, step.value)
-        seen = (shifts.cycles[place], cycles_std, amplitude, std, phase_deg)
-        found.append(Line(*seen, line.false_alarm))
+        found.append(
+            Line(
+                cycles_per_rev=shifts.cycles[place],
+                cycles_std=cycles_std,
+                amplitude_arcsec=amplitude,
+                amplitude_std_arcsec=std,
+                phase_deg=phase_deg,
+                false_alarm=line.false_alarm,
+            )
+        )
     return core, found

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
-from typing import Any
 
 import numpy as np
 import optimistix as optx
@@ -15,13 +15,24 @@ from ..base.units import REV
 from ..logs.motion.segments import places, told_orders
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
-from .columns import GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding
+from .columns import (
+    DELAY,
+    GAP,
+    GROUPS,
+    KNOWN,
+    RATIO,
+    Assumptions,
+    Column,
+    Shape,
+    columns_of,
+    embedding,
+)
 from .density import LAGS, MEMORY, Compressed
 from .functionals import Posterior
 from .newton import first_theta, maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import cleared, problem_of, products_of, sides_of
-from .rows import BENDS, SHAFTS, Extra, Rows, Shafts, Wave, joined, rows_of
+from .rows import BENDS, LATE, SHAFTS, Extra, RowName, Rows, S, Shafts, Wave, merged, rows_of
 from .scope import Scope, scope_of
 
 _MOST_PASSES = 7
@@ -88,7 +99,7 @@ def waves_of(
     Of two orders of one frequency that of the driving shaft is kept.
     """
     ratio = pair.ratio
-    found: dict[Any, Wave] = {}
+    found: dict[float | Fraction, Wave] = {}
     for k in orders.driving_orders:
         found.setdefault(k, Wave("driving", k, k, 0))
     for k in orders.driven_orders:
@@ -139,13 +150,16 @@ class Design:
                 self.row_s,
                 delay_s,
                 self.bends,
-                ratio=any(column.name == ("ratio",) for column in self.columns),
+                ratio=any(column.name == RATIO for column in self.columns),
             )
             for one in shafts
         )
         if self.given is None:
             return found
-        return tuple(self.given.joined(*both, delay_s) for both in zip(shafts, found, strict=True))
+        return tuple(
+            self.given.with_derivatives(one, rows, delay_s)
+            for one, rows in zip(shafts, found, strict=True)
+        )
 
     def measured(self, rows: Sequence[Rows], delay_s: float) -> "Design":
         """Return the design with the priors that the readings of these rows call for.
@@ -159,9 +173,9 @@ class Design:
         shape = replace(self.shape, usual=usual)
         columns = list(columns_of(self.waves, shape, self.assumed))
         if self.given is not None:
-            columns += [Column(("given", name), ("given", name)) for name in self.given.told]
+            columns += [Column(RowName("given", name)) for name in self.given.told]
         width = self.assumed.delay_within_s or max(0.5 * shape.interval_s, abs(delay_s))
-        columns = [replace(c, width=width) if c.name == ("delay",) else c for c in columns]
+        columns = [replace(c, width=width) if c.name == DELAY else c for c in columns]
         return replace(self, shape=shape, columns=tuple(columns))
 
     def scales(self, noise: float, rows: int) -> dict[str, float]:
@@ -196,11 +210,11 @@ def design_of(
     ratio = float(pair.ratio)
     waves = waves_of(pair, orders, lines)
     if all(one.still for one in shafts):
-        angles = [one.driving[a:b] for one in shafts for a, b, _ in one.runs]
+        angles = [one.driving[run.start : run.stop] for one in shafts for run in one.runs]
         waves = told_waves(np.concatenate(angles), waves, ratio)
     shape = Shape(
         starts=tuple(one.start for one in shafts),
-        both=len({run[2] for one in shafts for run in one.runs}) == 2,
+        both=len({run.flank for one in shafts for run in one.runs}) == 2,
         torque=all(one.torque is not None for one in shafts),
         ratio=ratio,
         drive=isinstance(pair, Drive),
@@ -213,10 +227,12 @@ def design_of(
     cycles = [wave.cycles(ratio) for wave in waves]
     cycles += [] if given is None else [given.highest_order]
     row_s = row_duration(shafts, max(cycles, default=1.0))
-    speeds = np.concatenate([np.abs(o.speed[a:b]) for o in shafts for a, b, _ in o.runs])
+    speeds = np.abs(
+        np.concatenate([one.speed[run.start : run.stop] for one in shafts for run in one.runs])
+    )
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
     columns = tuple(columns_of(waves, shape, assumed))
-    ends = [one.driving[[[a, b - 1] for a, b, _ in one.runs]] for one in shafts]
+    ends = [one.driving[[[run.start, run.stop - 1] for run in one.runs]] for one in shafts]
     table = max(float(np.ptp(angles)) for angles in ends) / REV < _TABLE
     return Design(waves, columns, shape, row_s, bends, table, assumed, given)
 
@@ -252,7 +268,7 @@ def mixed_fit(
         delay_s, weights = after.delay_s, after.weights
         shape = replace(design.shape, clear=clear_in(after.posterior.problem.columns))
         design = replace(design, shape=shape)
-    free = any(column.name == ("delay",) for column in design.columns)
+    free = any(column.name == DELAY for column in design.columns)
     theta, searched, share, noise, steps = None, False, 0.0, 0.0, 0
     number, value, last = 0, 0.0, 0.0
     while True:
@@ -279,7 +295,7 @@ def mixed_fit(
             design.columns,
             rows,
             weights,
-            centres={("delay",): delay_s},
+            centres={DELAY: delay_s},
             noise=_ROUNDING * design.shape.usual**2 * np.eye(1, LAGS + 1)[0],
             usual=design.scales(noise, sum(len(one.table) for one in rows)),
             memory=design.memory,
@@ -300,9 +316,7 @@ def mixed_fit(
                 problem = cleared(problem, clear, assumed.orders * shape.usual)
                 theta, searched = None, False
                 continue
-            step = (
-                posterior.given_noise(posterior.row(("delay",))[None], moved=True) if free else None
-            )
+            step = posterior.given_noise(posterior.row(DELAY)[None], moved=True) if free else None
             settled = step is None or is_linear(step, posterior, design)
             moves = number < _MOST_PASSES and (not settled or any(one.ramps for one in shafts))
             if moves or searched:
@@ -321,20 +335,20 @@ def mixed_fit(
             last = value / (float(np.clip((before - value) / last, 1 / 3, 2)) if last else 1.0)
             delay_s += last
     return MixedFit(
-        shafts,
-        rows,
-        design.waves,
-        posterior,
-        delay_s,
-        design.bends,
-        share,
-        number,
-        steps,
-        design.shape.usual,
-        weights,
-        scope_of(shafts, rows, design.waves),
-        orders,
-        settled and bool(found.result == optx.RESULTS.successful),
+        shafts=shafts,
+        rows=rows,
+        waves=design.waves,
+        posterior=posterior,
+        delay_s=delay_s,
+        bends=design.bends,
+        outliers=share,
+        passes=number,
+        steps=steps,
+        usual=design.shape.usual,
+        weights=weights,
+        scope=scope_of(shafts, rows, design.waves),
+        orders=orders,
+        settled=settled and bool(found.result == optx.RESULTS.successful),
     )
 
 
@@ -360,8 +374,8 @@ def told_waves(
     return tuple(wave for wave in waves if wave in kept)
 
 
-def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
-    """Return shaft and order of the higher orders with a common width that stand out of it."""
+def clear_orders(posterior: Posterior) -> frozenset[RowName]:
+    """Return the higher orders with a common width that stand out of it."""
     own = [c for c in posterior.problem.columns if c.prior in ("driving", "driven")]
     if not own:
         return frozenset()
@@ -369,16 +383,16 @@ def clear_orders(posterior: Posterior) -> frozenset[tuple[str, int | float]]:
     mean, covariance = posterior.given_noise(rows, moved=True)
     square = (mean**2 / np.diag(covariance)).reshape(-1, 2).mean(axis=1)
     return frozenset(
-        c.row[:2] for c, size in zip(own[::2], square, strict=True) if size > 0.5 * CLEAR**2
+        c.row for c, size in zip(own, np.repeat(square, 2), strict=True) if size > 0.5 * CLEAR**2
     )
 
 
-def clear_in(columns: Sequence[Column]) -> frozenset[tuple[str, int | float]]:
-    """Return shaft and order of the higher orders that have a width of their own."""
+def clear_in(columns: Sequence[Column]) -> frozenset[RowName]:
+    """Return the higher orders that have a width of their own."""
     return frozenset(
-        c.row[:2]
+        c.row
         for c in columns
-        if c.prior == KNOWN and c.name[0] in SHAFTS and c.row[1] != 1 and not c.differs
+        if c.prior == KNOWN and c.row.kind in SHAFTS and c.row.which != 1 and not c.differs
     )
 
 
@@ -394,9 +408,13 @@ def is_linear(step: tuple[np.ndarray, np.ndarray], posterior: Posterior, design:
     problem = posterior.problem
     std = problem.unit * np.diag(problem.natural)
     std = std * np.sqrt(np.diag(posterior.at.spread)[: len(std)])
-    cycles = {(w.shaft, w.order): w.cycles(design.shape.ratio) for w in design.waves}
+    cycles = {
+        wave.row(part): wave.cycles(design.shape.ratio)
+        for wave in design.waves
+        for part in ("cos", "sin")
+    }
     turned = abs(value) * float(design.bends[-1])
-    turned *= np.array([cycles.get(c.row[:2], 0.0) for c in problem.columns])
+    turned *= np.array([cycles.get(column.row, 0.0) for column in problem.columns])
     return bool(np.all(turned * np.abs(posterior.moved) <= _SETTLED * std))
 
 
@@ -431,26 +449,26 @@ def with_ramps(
     """
     columns, coefficients = posterior.problem.columns, posterior.coefficients
     index = posterior.problem.index
-    gap = abs(coefficients[index["gap",]]) if ("gap",) in index else 0.0
+    gap = abs(coefficients[index[GAP]]) if GAP in index else 0.0
     noise = posterior.innovation_std
     limit = 2 * np.log(gap / (np.sqrt(2 * np.pi) * noise)) if gap > 0 else 1.0
     kept = []
     for ramp in shafts.ramps:
         (rows,) = design.rows((replace(shafts, runs=(ramp,)),), delay_s)
         if len(rows.table):
-            link = embedding(columns, rows.names, log, ramp[2])
+            link = embedding(columns, rows.names, log, ramp.flank)
             residual = rows.table @ (link @ np.append(-coefficients, 1.0))
             if np.mean(residual**2) < max(limit, 1.0) * noise**2:
                 kept.append(ramp)
-    return replace(shafts, runs=joined((*shafts.runs, *kept)), ramps=())
+    return replace(shafts, runs=merged((*shafts.runs, *kept)), ramps=())
 
 
 def usual_error(rows: Sequence[Rows]) -> float:
     """Return a robust deviation of the readings about a line on each flank, rad."""
     left = []
     for one in rows:
-        for side in (1, -1):
-            own = one.flank * side < 0
+        for flank in S:
+            own = one.flank == flank
             if own.any():
                 x = np.stack([np.ones(own.sum()), one.angle[own] - one.angle[own].mean()], 1)
                 error = one.table[own, -1]
@@ -463,8 +481,8 @@ def row_duration(shafts: Sequence[Shafts], highest: float) -> float:
     """Return the duration of a row: a quarter of the shortest cycle, and enough rows in a run."""
     found = [one.interval_s for one in shafts if one.still]
     for one in (one for one in shafts if not one.still):
-        speed = np.concatenate([np.abs(one.speed[a:b]) for a, b, _ in one.runs])
-        lengths = [b - a for a, b, _ in one.runs]
+        speed = np.concatenate([np.abs(one.speed[run.start : run.stop]) for run in one.runs])
+        lengths = [run.stop - run.start for run in one.runs]
         cycle = REV / max(float(np.quantile(speed, 0.9)), 1e-9) / highest / one.interval_s
         size = min(cycle / 4, float(np.median(lengths)) / (2 * LAGS), sum(lengths) / 250)
         found.append(one.interval_s * max(1, int(size)))
@@ -479,8 +497,8 @@ def outlying(
     `certain`: whether it is known already that there are outliers. A delay that is still in the
     readings follows every change of the speed, also those that do not tell it.
     """
-    steady = [c for c in columns if c.name[0] not in ("part", "bend", "drift")]
-    steady.append(Column(("late",), ("late",)))
+    steady = [c for c in columns if c.prior not in ("delay_parts", "gap_by_speed", "drift")]
+    steady.append(Column(LATE))
     gram = products_of(list(sides_of(steady, rows)))
     y = np.concatenate([one.table[:, -1] for one in rows])
     norm = np.sqrt(np.diag(gram)[:-1] / len(y))
@@ -516,7 +534,7 @@ def combined(
     """Return [X | y] @ `factors` for the rows of each log."""
     found = []
     for number, one in enumerate(rows):
-        links = (embedding(columns, one.names, number, side) for side in (1, -1))
-        ahead, behind = (one.table @ (link @ factors) for link in links)
-        found.append(np.where(one.flank < 0, ahead.T, behind.T).T)
+        links = (embedding(columns, one.names, number, flank) for flank in S)
+        on_a, on_b = (one.table @ (link @ factors) for link in links)
+        found.append(np.where(one.flank == "A", on_a.T, on_b.T).T)
     return found

@@ -16,12 +16,12 @@ from scipy.special import stdtrit
 from ..base.numerics.polar_spread import polar_spread, upper_limit
 from ..base.units import ARCSEC, DEG, duration_text
 from ..pair.gear_pair import Drive, GearPair
-from .columns import KNOWN
+from .columns import DELAY, GAP, KNOWN, RATIO, TORQUE, ColumnName
 from .functionals import Posterior
 from .gears import Gears, fitted_gears
 from .mixed_fit import MixedFit
 from .parameter import BELOW, LARGEST, OPEN, UPPER, Parameter, undetermined
-from .rows import SHAFTS
+from .rows import SHAFTS, RowName
 
 FULL_TURN = 0.99
 SIGNIFICANT = 3.0
@@ -101,13 +101,12 @@ class Quantities:
 def gap_row(fit: MixedFit, angles: Angles) -> Row:
     """Return the functional of the gap TE_B − TE_A, averaged over angles of the first log."""
     posterior = fit.posterior
-    row, index = posterior.row(("gap",)), posterior.problem.index
+    row, index = posterior.row(GAP), posterior.problem.index
     slope, level = fit.scope.nominal
     for wave in fit.waves:
         phase = wave.driving * angles + wave.driven * (slope * angles + level)
         for part, value in (("cos", np.mean(np.cos(phase))), ("sin", np.mean(np.sin(phase)))):
-            name = (wave.shaft, wave.order, part, True, 0)
-            if name in index:
+            if (name := ColumnName(wave.row(part), 0, differs=True)) in index:
                 row[index[name]] = value
     return row
 
@@ -117,7 +116,7 @@ def quantities_of(
 ) -> Quantities:
     """Return the numbers of a fit; without `encoders` or `gears` these are taken as perfect."""
     posterior, index, scope = fit.posterior, fit.posterior.problem.index, fit.scope
-    both = ("gap",) in index
+    both = GAP in index
     names: list[str] = []
     rows: list[Row] = []
     shift: list[float] = []
@@ -138,12 +137,12 @@ def quantities_of(
         kind = "" if gears else "_encoder"
         for shaft, gain in zip(SHAFTS, (1.0 if gears else -1 / scope.ratio, 1.0), strict=True):
             for axis, part in (("x", "sin"), ("y", "cos")):
-                if (name := (shaft, 1, part, False, 0)) in index:
+                if (name := ColumnName(RowName(shaft, 1, part), 0)) in index:
                     add(f"{shaft}{kind}_{axis}", gain * posterior.row(name))
-    late = posterior.row(("delay",)) if ("delay",) in index else None
+    late = posterior.row(DELAY) if DELAY in index else None
     if both:
         constant = 0.0 if found is None else float(found.constants[-1])
-        add("constant_backlash", posterior.row(("gap",)), -constant)
+        add("constant_backlash", posterior.row(GAP), -constant)
         if len(scope.covered):
             covered = gap_row(fit, scope.covered)
             add("gap_over_angles_covered", covered)
@@ -152,9 +151,9 @@ def quantities_of(
                 add("backlash_plus_delay", covered + gain * late, gain * fit.delay_s)
     if late is not None:
         add("delay", late, fit.delay_s)
-    for kind in ("torque", "ratio"):
-        if (kind,) in index:
-            add(kind, posterior.row((kind,)), scope.ratio if kind == "ratio" else 0.0)
+    for name, by in ((TORQUE, 0.0), (RATIO, scope.ratio)):
+        if name in index:
+            add(str(name), posterior.row(name), by)
     return Quantities.of(posterior, names, np.stack(rows), np.array(shift), found)
 
 
@@ -247,15 +246,15 @@ def _reason(
         return NO_GEOMETRY
     elif not encoders:
         return PERFECT
-    elif gears and ("gap",) not in index:
+    elif gears and GAP not in index:
         return ONE_DIRECTION
-    if (shaft, 1, "cos", False, 0) not in index:
+    if (first := ColumnName(RowName(shaft, 1, "cos"), 0)) not in index:
         return f"the first order of the {shaft} shaft is not in the model of this log"
     if (turns := fit.scope.turns[shaft]) < FULL_TURN:
         return f"the {shaft} shaft turned only {turns:.2g} times"
     if f"{source}_x" not in told.names:
         return OPEN
-    column = fit.posterior.problem.columns[index[shaft, 1, "cos", False, 0]]
+    column = fit.posterior.problem.columns[index[first]]
     at = told.at(f"{source}_x", f"{source}_y")
     std = float(np.sqrt(np.diag(told.covariance)[at].max()))
     if drive and column.prior == KNOWN and std > TOLD * column.width:
@@ -282,7 +281,7 @@ def _delay(fit: MixedFit, told: Quantities) -> Parameter:
     if "delay" not in told.names:
         reason = f"not fitted: {1e3 * fit.delay_s:.4g} ms, as stated"
         return undetermined("delay_s", "s", reason)
-    column = fit.posterior.problem.columns[fit.posterior.problem.index["delay",]]
+    column = fit.posterior.problem.columns[fit.posterior.problem.index[DELAY]]
     if told.std("delay") > TOLD * column.width:
         reason = f"the log does not tell it: within ± {duration_text(column.width)} as assumed"
         return undetermined("delay_s", "s", reason)

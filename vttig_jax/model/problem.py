@@ -7,9 +7,9 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int
 
-from .columns import FLAT, GROUPS, KNOWN, Column, embedding
+from .columns import DELAY, GAP, GROUPS, KNOWN, ROUNDING, Column, ColumnName, embedding
 from .density import FIRST, LAGS, MEMORY, SECOND, Compressed
-from .rows import Name, Rows
+from .rows import RowName, Rows, S
 
 _RUNG = 16
 
@@ -29,9 +29,17 @@ class Problem:
     unit: float
 
     @property
-    def index(self) -> dict[Name, int]:
-        """Place of every column by its name."""
-        return {column.name: place for place, column in enumerate(self.columns)}
+    def index(self) -> dict[ColumnName, int]:
+        """Place of every column by its name, see `index_of`."""
+        return index_of(self.columns)
+
+
+def index_of(columns: Sequence[Column]) -> dict[ColumnName, int]:
+    """Return the place of every column by its name; rounding stands behind that of its name."""
+    found: dict[ColumnName, int] = {}
+    for place, column in enumerate(columns):
+        found.setdefault(column.name, place)
+    return found
 
 
 def problem_of(
@@ -39,7 +47,7 @@ def problem_of(
     logs: Sequence[Rows],
     weights: Sequence[Float[np.ndarray, " n"]] | None,
     *,
-    centres: Mapping[Name, float],
+    centres: Mapping[ColumnName, float],
     usual: Mapping[str, float],
     noise: Float[np.ndarray, " taps"] | None = None,
     memory: Float[np.ndarray, " lags"] = MEMORY,
@@ -59,14 +67,13 @@ def problem_of(
     so stays the mean of the log. Neutral columns are added, so that few shapes are compiled.
     """
     sides = list(sides_of(columns, logs, weights))
-    place = {column.name: k for k, column in enumerate(columns)}
-    size = len(columns)
+    place, size = index_of(columns), len(columns)
     gram = products_of(sides)
     natural = np.eye(size)
     moves: list[tuple[list[int], list[int], np.ndarray]] = []
-    for kind, onto in (("part", [("delay",)]), ("bend", [("gap",), ("delay",)])):
+    for group, onto in (("delay_parts", [DELAY]), ("gap_by_speed", [GAP, DELAY])):
         fixed = [place[name] for name in onto if name in place]
-        moving = [k for name, k in place.items() if name[0] == kind]
+        moving = [k for k, column in enumerate(columns) if column.prior == group]
         if moving and fixed:
             block = gram[np.ix_(fixed, fixed)]
             share = np.linalg.lstsq(block, gram[np.ix_(fixed, moving)], rcond=1e-9)[0]
@@ -79,7 +86,7 @@ def problem_of(
     norm[dead] = 1.0
     natural = natural / norm
     # Random coefficients stay centred at zero: their prior may be so narrow that no digit is left.
-    steady = np.array([c.prior in (FLAT, KNOWN) for c in columns]) & ~dead
+    steady = np.array([c.prior not in GROUPS for c in columns]) & ~dead
     scaled, right = gram[:size, :size] / norm / norm[:, None], gram[:size, -1] / norm
     ridge = scaled[np.ix_(steady, steady)] + 1e-6 * np.eye(steady.sum())
     start = np.zeros(size)
@@ -117,7 +124,7 @@ def problem_of(
     whole[:, -1, :] /= unit
     width = np.array([c.width for c in columns]) * norm
     group = np.array([c.prior for c in columns])
-    known = (group == KNOWN) & ~dead
+    known = np.isin(group, (KNOWN, ROUNDING)) & ~dead
     member = np.zeros((wide - 1, len(GROUPS)))
     member[:size] = np.stack([(group == g) & ~dead for g in GROUPS], 1) / width[:, None] ** 2
     precision, centre = np.ones(wide - 1), np.zeros(wide - 1)
@@ -139,15 +146,15 @@ def problem_of(
     return Problem(columns, compressed, natural, start, unit)
 
 
-def cleared(problem: Problem, orders: Collection[tuple[str, int | float]], width: float) -> Problem:
-    """Return compressed logs in which orders (shaft and order) have this prior width of their own.
+def cleared(problem: Problem, orders: Collection[RowName], width: float) -> Problem:
+    """Return compressed logs in which orders have this prior width of their own.
 
     Differences between the flanks keep the width that they share.
     """
     old, columns = problem.compressed, list(problem.columns)
     member, precision = np.array(old.member), np.array(old.precision)
     for place, column in enumerate(columns):
-        if column.name[:2] in orders and not column.differs:
+        if column.row in orders and column.prior in GROUPS and not column.differs:
             columns[place] = replace(column, prior=KNOWN, width=width)
             precision[place] = (problem.unit * column.width / width) ** 2 * member[place].sum()
             member[place] = 0.0
@@ -182,9 +189,9 @@ def sides_of(
     """Yield the rows of every log on each of its flanks, where outliers are bridged."""
     for number, rows in enumerate(logs):
         table = rows.table if weights is None else bridged(rows, weights[number])
-        for side in (1, -1):
-            if (runs := rows.side == side).any():
-                link = embedding(columns, rows.names, number, side)
+        for flank in S:
+            if (runs := np.array(rows.flanks) == flank).any():
+                link = embedding(columns, rows.names, number, flank)
                 yield Side(table, rows.first[runs], rows.last[runs], link)
 
 

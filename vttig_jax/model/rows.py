@@ -9,7 +9,7 @@ therefore a row has each column only once, and `columns.py` says how the model u
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -19,11 +19,11 @@ from scipy.ndimage import uniform_filter1d
 from ..base.units import DEG, REV
 from ..logs.channel.speed import cubic_noise, smooth_speed
 from ..logs.encoder_log import EncoderLog
+from ..pair.schema import Flank
 from .density import LAGS
 
 KNOTS, PARTS, BENDS = 14, 8, 5
 """Ramps of the drift, parts of the log with a delay of their own, and bends of the gap in speed."""
-
 
 _TORQUE_S = 0.1
 """Time over which torque is averaged: its noise would make the coefficient too small."""
@@ -35,9 +35,35 @@ SHAFTS = ("driving", "driven")
 UNTOLD = 0.5 * REV / math.sqrt(12.0)
 """Standard deviation of an angle that is told: half that of an angle of which nothing is known."""
 
-Name = tuple[Any, ...]
-Run = tuple[int, int, int]
-"""Samples [start, stop) on flank A (1) or B (−1)."""
+S: dict[Flank, float] = {"A": -0.5, "B": 0.5}
+"""s of every flank, by which a difference between the flanks counts on it."""
+
+
+class RowName(NamedTuple):
+    """Name of a column of the rows: `RowName("drift", 3)`, `RowName("driving", 2, "cos")`.
+
+    **Arguments**
+    - `kind`: "one", "delay", "late", "ratio", "torque", "drift", "part", "bend", "start", "given",
+      "y"; for a harmonic the `shaft` of its `Wave`.
+    - `which`: order of the harmonic; number of the ramp, part or bend; shaft of the start; name of
+      the parameter of a flank model.
+    - `part`: "cos" or "sin" of a harmonic, else None.
+    """
+
+    kind: str
+    which: int | float | str | None = None
+    part: str | None = None
+
+
+ONE, LATE, READINGS = RowName("one"), RowName("late"), RowName("y")
+
+
+class Run(NamedTuple):
+    """Samples [`start`, `stop`) of a log on one flank."""
+
+    start: int
+    stop: int
+    flank: Flank
 
 
 @dataclass(frozen=True)
@@ -53,6 +79,10 @@ class Wave:
     def is_first(self) -> bool:
         """Whether it is the first order of a shaft."""
         return self.order == 1 and self.shaft in ("driving", "driven")
+
+    def row(self, part: str) -> RowName:
+        """Return the name of the column of its part "cos" or "sin"."""
+        return RowName(self.shaft, self.order, part)
 
     def cycles(self, ratio: float) -> float:
         """Return its cycles per driving turn."""
@@ -130,18 +160,18 @@ class Shafts:
             torque = uniform_filter1d(torque, window, mode="nearest")
         speed = log.smooth_speed(driving).value
         found = cls(
-            log.time,
-            driving,
-            error,
-            speed,
-            speed,
-            ratio,
-            log.interval_s,
-            joined(runs),
-            tuple(sorted(ramps)),
-            (ratio + float(slope), float(level)),
-            log.driving.resolution,
-            torque,
+            time=log.time,
+            driving=driving,
+            error=error,
+            speed=speed,
+            steady=speed,
+            ratio=ratio,
+            interval_s=log.interval_s,
+            runs=merged(runs),
+            ramps=tuple(sorted(ramps)),
+            nominal=(ratio + float(slope), float(level)),
+            resolution=log.driving.resolution,
+            torque=torque,
         )
         return replace(found, steady=steady_speed(found, driving, (*runs, *ramps)))
 
@@ -194,9 +224,9 @@ def steady_speed(
     time, found = shafts.time, shafts.speed.copy()
     noise, whole = abs(shafts.ratio) * cubic_noise(time, driving), cubic_noise(time, shafts.error)
     share = min(noise / max(whole, 1e-300), 1.0) ** 2
-    for start, stop, _ in runs:
-        own = slice(start, stop)
-        place = np.arange(count := stop - start)
+    for run in runs:
+        own = slice(run.start, run.stop)
+        place = np.arange(count := run.stop - run.start)
         half = int(np.clip(np.ceil((5 * len(time) * share) ** (1 / 3)), 1, max(1, count // 4)))
         before, after = np.maximum(place - half, 0), np.minimum(place + 1, max(count - half, 0))
         means = (uniform_filter1d(x[own], half, origin=-(half // 2)) for x in (driving, time))
@@ -209,28 +239,28 @@ def steady_speed(
 class Rows:
     """Rows of one log: columns by name, the last one the readings y, rad.
 
-    `first`, `last`: rows at the ends of every run; `side`: 1 for flank A, −1 for B, of every run.
+    `first`, `last`, `flanks`: rows at the ends of every run, and its flank.
     `samples`: the samples of every row. `speed`, `angle`, `time`: their means.
     """
 
-    names: dict[Name, int]
+    names: dict[RowName, int]
     table: Float[np.ndarray, "n q"]
     first: Int[np.ndarray, " runs"]
     last: Int[np.ndarray, " runs"]
-    side: Int[np.ndarray, " runs"]
+    flanks: tuple[Flank, ...]
     samples: Int[np.ndarray, "n size"]
     speed: Float[np.ndarray, " n"]
     angle: Float[np.ndarray, " n"]
     time: Float[np.ndarray, " n"]
 
     @property
-    def flank(self) -> Float[np.ndarray, " n"]:
-        """s of every row: −½ on flank A, ½ on flank B."""
-        return np.repeat(-0.5 * self.side, self.last - self.first + 1)
+    def flank(self) -> np.ndarray:
+        """Flank of every row, "A" or "B"."""
+        return np.repeat(np.array(self.flanks, "<U1"), self.last - self.first + 1)
 
-    def joined(self, columns: Mapping[Name, Float[np.ndarray, " n"]]) -> "Rows":
+    def with_columns(self, columns: Mapping[RowName, Float[np.ndarray, " n"]]) -> "Rows":
         """Return the rows with further columns."""
-        names = (*(name for name in self.names if name != ("y",)), *columns, ("y",))
+        names = (*(name for name in self.names if name != READINGS), *columns, READINGS)
         return replace(
             self,
             names={name: place for place, name in enumerate(names)},
@@ -242,7 +272,7 @@ class Rows:
 class Extra(Protocol):
     """Further columns of the rows: derivatives of a flank model, whose value leaves the readings.
 
-    The columns are ("given", name) for every name that is `told`.
+    The columns are `RowName("given", name)` for every name that is `told`.
     """
 
     @property
@@ -255,33 +285,32 @@ class Extra(Protocol):
         """Highest order of the flank model, cycles per driving turn."""
         ...
 
-    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+    def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the columns of the flank model, less its transmission error."""
         ...
 
 
-def joined(runs: Sequence[Run]) -> tuple[Run, ...]:
+def merged(runs: Sequence[Run]) -> tuple[Run, ...]:
     """Return the runs in order, where those that follow one another on one flank are one run.
 
     The noise goes on from one to the next.
     """
     found: list[Run] = []
     for run in sorted(runs):
-        if found and found[-1][1] == run[0] and found[-1][2] == run[2]:
-            run = (found.pop()[0], *run[1:])
+        if found and (found[-1].stop, found[-1].flank) == (run.start, run.flank):
+            run = run._replace(start=found.pop().start)
         found.append(run)
     return tuple(found)
 
 
-def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[Name, int]:
+def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[RowName, int]:
     """Return the place of every column of a row."""
-    names: list[Name] = [("one",), ("delay",), ("late",)]
-    names += [("ratio",)] * ratio + [("torque",)] * torque
-    names += [(w.shaft, w.order, part) for w in waves for part in ("cos", "sin")]
-    names += [("drift", k) for k in range(KNOTS)]
-    names += [("part", k) for k in range(PARTS)]
-    names += [("bend", k) for k in range(BENDS)]
-    return {name: place for place, name in enumerate((*names, ("y",)))}
+    names = [ONE, RowName("delay"), LATE]
+    names += [RowName("ratio")] * ratio + [RowName("torque")] * torque
+    names += [wave.row(part) for wave in waves for part in ("cos", "sin")]
+    for kind, count in (("drift", KNOTS), ("part", PARTS), ("bend", BENDS)):
+        names += [RowName(kind, k) for k in range(count)]
+    return {name: place for place, name in enumerate((*names, READINGS))}
 
 
 def rows_of(
@@ -300,7 +329,7 @@ def rows_of(
     """
     size = max(1, round(row_s / shafts.interval_s))
     lost = int(np.ceil(abs(delay_s) / shafts.interval_s))
-    pieces, first, last, side = [], [], [], []
+    pieces, first, last, flanks = [], [], [], []
     for start, stop, flank in shafts.runs:
         start, stop = (start + lost, stop) if delay_s > 0 else (start, stop - lost)
         count = (stop - start) // size
@@ -308,7 +337,7 @@ def rows_of(
             pieces.append(np.arange(start, start + count * size))
             first.append(sum(map(len, pieces[:-1])) // size)
             last.append(first[-1] + count - 1)
-            side.append(flank)
+            flanks.append(flank)
     samples = (np.concatenate(pieces) if pieces else np.arange(0)).reshape(-1, size)
     names = names_of(waves, torque=shafts.torque is not None, ratio=ratio)
     table = np.empty((len(samples), len(names)))
@@ -316,9 +345,9 @@ def rows_of(
     span = np.ptp(shafts.time)
     centre = moved[samples].mean() if len(samples) else 0.0
     level = shafts.level
-    kinds = [names.get((kind,)) for kind in ("ratio", "torque")]
-    waved = names[waves[0].shaft, waves[0].order, "cos"] if waves else 0
-    drift, bend = names["drift", 0], names["bend", 0]
+    of_ratio, of_torque = names.get(RowName("ratio")), names.get(RowName("torque"))
+    waved = names[waves[0].row("cos")] if waves else 0
+    drift, bend = names[RowName("drift", 0)], names[RowName("bend", 0)]
     step = max(1, _PIECE // size)
     for begin in range(0, len(samples), step):
         own = slice(begin, begin + step)
@@ -326,13 +355,12 @@ def rows_of(
         mean = lambda values: values.mean(1)  # noqa: E731
         angle, speed = moved[index], mean(moved_speed[index])
         late = -shafts.ratio * speed
-        table[own, 0], table[own, names["delay",]] = 1.0, late
-        table[own, names["late",]] = -shafts.ratio * mean(shafts.speed[index])
-        if kinds[0] is not None:
-            table[own, kinds[0]] = mean(angle) - centre
-        if kinds[1] is not None:
-            assert shafts.torque is not None
-            table[own, kinds[1]] = mean(shafts.torque[index])
+        table[own, names[ONE]], table[own, names[RowName("delay")]] = 1.0, late
+        table[own, names[LATE]] = -shafts.ratio * mean(shafts.speed[index])
+        if of_ratio is not None:
+            table[own, of_ratio] = mean(angle) - centre
+        if of_torque is not None and shafts.torque is not None:
+            table[own, of_torque] = mean(shafts.torque[index])
         for place, wave in enumerate(_waves(waves, angle, shafts)):
             averaged = mean(wave)
             table[own, waved + 2 * place] = averaged.real
@@ -345,18 +373,18 @@ def rows_of(
         table[own, -1] = mean(
             shafts.error[index] - level + shafts.ratio * (shafts.driving[index] - angle)
         )
-    if kinds[1] is not None and len(table):
-        table[:, kinds[1]] -= table[:, kinds[1]].mean()
+    if of_torque is not None and len(table):
+        table[:, of_torque] -= table[:, of_torque].mean()
     return Rows(
-        names,
-        table,
-        np.array(first, int),
-        np.array(last, int),
-        np.array(side, int),
-        samples,
-        np.abs(shafts.speed)[samples].mean(1),
-        moved[samples].mean(1),
-        shafts.time[samples].mean(1),
+        names=names,
+        table=table,
+        first=np.array(first, int),
+        last=np.array(last, int),
+        flanks=tuple(flanks),
+        samples=samples,
+        speed=np.abs(shafts.speed)[samples].mean(1),
+        angle=moved[samples].mean(1),
+        time=shafts.time[samples].mean(1),
     )
 
 
@@ -366,18 +394,15 @@ def _waves(
     """Yield every wave at the samples; whole orders by multiplication of the first ones."""
     (slope, level), start = shafts.nominal, shafts.start.angles
     angles = angle + start[0], slope * angle + level + start[1]
-    known: dict[tuple[int, float], np.ndarray] = {}
-    known |= {(shaft, 1): np.exp(1j * angle) for shaft, angle in enumerate(angles)}
+    powers: list[dict[float, np.ndarray]]  # of each shaft, by its order
+    powers = [{1: np.exp(1j * angle)} for angle in angles]
 
     def power(shaft: int, order: int | float) -> np.ndarray:
-        size = abs(order)
-        if (shaft, size) not in known:
-            below = known.get((shaft, size - 1))
-            if below is None or size != int(size):
-                known[shaft, size] = np.exp(1j * size * angles[shaft])
-            else:
-                known[shaft, size] = below * known[shaft, 1]
-        return known[shaft, size] if order > 0 else known[shaft, size].conj()
+        own, size = powers[shaft], abs(order)
+        if size not in own:
+            whole = size == int(size) and size - 1 in own
+            own[size] = own[size - 1] * own[1] if whole else np.exp(1j * size * angles[shaft])
+        return own[size] if order > 0 else own[size].conj()
 
     for wave in waves:
         parts = [power(k, n) for k, n in enumerate((wave.driving, wave.driven)) if n]

@@ -10,7 +10,7 @@ from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
 from ..logs.motion.segments import Segments, places
-from .rows import Run, Shafts
+from .rows import Run, S, Shafts
 
 _LEAST = 16
 """Fewest samples of a ramp: the smoothed speed does not follow shorter ones."""
@@ -26,7 +26,7 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
     """
     if segments.still:
         return _still(log, segments)
-    runs = [(s.start, s.stop, _side(s.flank)) for s in segments.segments]
+    runs = [Run(s.start, s.stop, s.flank) for s in segments.segments]
     slowing: list[Run] = []
     blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
     for ramp in find_ramps(log, segments):
@@ -34,13 +34,13 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
         start, stop = (start + blurred, stop) if ramp.speeding_up else (start, stop - blurred)
         if stop - start >= _LEAST:
             chosen = runs if ramp.speeding_up else slowing
-            chosen.append((start, stop, _side(ramp.segment.flank)))
+            chosen.append(Run(start, stop, ramp.segment.flank))
     for first, second in pairwise(segments.segments):
         between = slice(first.stop, second.start)
         same = first.flank == second.flank and first.speed * second.speed > 0
         inside = any(m.start <= first.start and second.stop <= m.stop for m in segments.motion)
         if same and inside and between.stop - between.start > 0:
-            slowing.append((between.start, between.stop, _side(first.flank)))
+            slowing.append(Run(between.start, between.stop, first.flank))
     locked = {one.shaft: one.rounding_arcsec for one in commensurate(log, segments.segments)}
     rounding = float(np.radians(np.linalg.norm([*locked.values()]) / 3600))
     return replace(Shafts.of(log, runs, slowing), rounding=rounding)
@@ -51,38 +51,37 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
 
     They have no speed, and no noise that goes on from one to the next.
     """
-    own = {side: [s for s in segments.segments if _side(s.flank) == side] for side in (1, -1)}
-    index = [np.arange(s.start, s.stop) for side in (1, -1) for s in own[side]]
-    count = sum(s.stop - s.start for s in own[1])
-    order = np.concatenate([np.arange(0), *index])
-    runs = [(0, count, 1)] * (count > 0) + [(count, len(order), -1)] * (count < len(order))
+    index, runs, ends = [np.arange(0)], [], [0]
+    for flank in S:
+        index += [np.arange(s.start, s.stop) for s in segments.segments if s.flank == flank]
+        ends.append(sum(map(len, index)))
+        if ends[-1] > ends[-2]:
+            runs.append(Run(ends[-2], ends[-1], flank))
+    order = np.concatenate(index)
     driving, error = log.driving_angle[order], log.transmission_error[order]
     ratio, speed = float(log.ratio), np.zeros(len(order))
     # Over one turn a first order has a slope of its own, which is no error of the ratio.
     phase = np.outer(ratio * driving, np.arange(1, 5))
     # Readings that repeat at n places have one rounding, 2/n of its variance at every harmonic, of
     # which a ratio that is free lets as little as a third be seen.
-    count, most = max(map(places, (driving, ratio * driving))), max(count, len(order) - count)
+    count = max(map(places, (driving, ratio * driving)))
+    most = max((run.stop - run.start for run in runs), default=0)
     step = step_of(error) if log.driven is None else log.driven.resolution
     columns = np.column_stack([driving, np.ones(len(order)), np.cos(phase), np.sin(phase)])
     slope, level = np.linalg.lstsq(columns, error, rcond=1e-6)[0][:2]
     return Shafts(
-        log.time[order],
-        driving,
-        error,
-        speed,
-        speed,
-        ratio,
-        log.interval_s,
-        tuple(runs),
-        (),
-        (ratio + float(slope), float(level)),
-        log.driving.resolution,
-        None if log.torque is None else log.torque[order],
+        time=log.time[order],
+        driving=driving,
+        error=error,
+        speed=speed,
+        steady=speed,
+        ratio=ratio,
+        interval_s=log.interval_s,
+        runs=tuple(runs),
+        ramps=(),
+        nominal=(ratio + float(slope), float(level)),
+        resolution=log.driving.resolution,
+        torque=None if log.torque is None else log.torque[order],
         still=True,
         rounding=step / (2 * count) ** 0.5 if most > 1.5 * count else 0.0,
     )
-
-
-def _side(flank: str) -> int:
-    return 1 if flank == "A" else -1

@@ -8,7 +8,8 @@ from jaxtyping import Float
 
 from ..base.units import DEG, REV
 from ..logs.motion.segments import HIGHEST, tells_first_order
-from .rows import SHAFTS, Rows, Shafts, Wave
+from ..pair.schema import Flank
+from .rows import SHAFTS, Rows, S, Shafts, Wave
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +17,7 @@ class Scope:
     """Flanks, angles, turns and speeds of a fit.
 
     **Arguments**
-    - `flanks`: flanks with rows, 1 for A and −1 for B. - `ratio`: i.
+    - `flanks`: flanks with rows. - `ratio`: i.
     - `nominal`: slope and level (rad) of the driven over the driving angle of the first log, where
       the harmonics of the driven shaft are taken.
     - `levels`: value that was subtracted from the transmission error of each log, rad.
@@ -25,7 +26,7 @@ class Scope:
     - `speeds`: mean |ω₁| of the rows on each of `flanks`, rad/s.
     """
 
-    flanks: tuple[int, ...]
+    flanks: tuple[Flank, ...]
     ratio: float
     nominal: tuple[float, float]
     levels: tuple[float, ...]
@@ -42,17 +43,19 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], waves: Sequence[Wav
     The covered angles are those of the first log and of all logs that have its zero: a start angle
     does not tell the whole turns, and so not where the driven shaft stood.
     """
-    flanks = tuple(s for s in (1, -1) if any((one.side == s).any() for one in rows))
-    on: dict[int, set[int]] = {side: set() for side in flanks}
+    flanks: tuple[Flank, ...] = tuple(
+        flank for flank in S if any(flank in one.flanks for one in rows)
+    )
+    on: dict[Flank, set[int]] = {flank: set() for flank in flanks}
     turns = 0.0
     for one in shafts:
-        travel: dict[int, list[float]] = {side: [] for side in flanks}
-        for start, stop, side in one.runs:
+        travel: dict[Flank, list[float]] = {flank: [] for flank in flanks}
+        for start, stop, flank in one.runs:
             angle = one.driving[start:stop]
-            if side in on:
-                travel[side] += [angle.min(), angle.max()]
+            if flank in on:
+                travel[flank] += [angle.min(), angle.max()]
                 if not any(one.start.spread):
-                    on[side].update(np.unique(np.floor(angle / DEG).astype(int)).tolist())
+                    on[flank].update(np.unique(np.floor(angle / DEG).astype(int)).tolist())
         spans = [np.ptp(ends) for ends in travel.values() if ends]
         turns = max(turns, float(min(filter(None, spans), default=0.0)) / REV)
     ratio = shafts[0].ratio
@@ -69,19 +72,19 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], waves: Sequence[Wav
         }
         orders = sorted({*(float(f"{order:.9g}") for order in orders), *map(float, others)})
         on_flanks = [
-            gain * np.concatenate([one.angle[one.flank * side < 0] for one in rows])
-            for side in flanks
+            gain * np.concatenate([one.angle[one.flank == flank] for one in rows])
+            for flank in flanks
         ]
         if found[shaft] < 1 and all(tells_first_order(angle, orders) for angle in on_flanks):
             found[shaft] = 1.0
     speed = np.concatenate([one.speed for one in rows])
-    flank = np.concatenate([one.flank for one in rows])
+    of_row = np.concatenate([one.flank for one in rows])
     return Scope(
-        flanks,
-        ratio,
-        shafts[0].nominal,
-        tuple(one.level for one in shafts),
-        found,
-        (np.array(sorted(set.intersection(*on.values())), float) + 0.5) * DEG,
-        tuple(float(speed[flank * side < 0].mean()) for side in flanks),
+        flanks=flanks,
+        ratio=ratio,
+        nominal=shafts[0].nominal,
+        levels=tuple(one.level for one in shafts),
+        turns=found,
+        covered=(np.array(sorted(set.intersection(*on.values())), float) + 0.5) * DEG,
+        speeds=tuple(float(speed[of_row == flank].mean()) for flank in flanks),
     )

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .columns import GROUPS
+from .columns import DELAY, GAP, GROUPS, Column, ColumnName
 from .density import FIRST, weights
 from .functionals import Posterior
 from .mixed_fit import MixedFit
 from .problem import problem_of
-from .rows import SHAFTS, Rows, Shafts, Start, Wave
+from .rows import SHAFTS, RowName, Rows, S, Shafts, Start, Wave
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +31,12 @@ class Turns:
     def of(cls, fit: MixedFit) -> "Turns":
         """Return the derivatives at the harmonics that a fit has for its first log."""
         index, found = fit.posterior.problem.index, fit.posterior.coefficients
-        both = (False, True) if ("gap",) in index else (False,)
+        both = (False, True) if GAP in index else (False,)
         return cls(
             {
                 wave: np.array(
                     [
-                        [found[index[wave.shaft, wave.order, part, differs, 0]] for differs in both]
+                        [found[index[ColumnName(wave.row(part), 0, differs)]] for differs in both]
                         for part in ("sin", "cos")
                     ]
                 )
@@ -54,18 +54,18 @@ class Turns:
         """No order beyond those of the model."""
         return 0.0
 
-    def joined(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+    def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
         slopes = np.zeros((2, len(rows.table)))
-        sides = np.stack([np.ones(len(rows.table)), rows.flank])
+        s = np.where(rows.flank == "A", S["A"], S["B"])
+        sides = np.stack([np.ones(len(rows.table)), s])
         for wave, series in self.waves.items():
             if shafts.start.tells(wave):
                 sine, cosine = series @ sides[: series.shape[1]]
-                cos, sin = (
-                    rows.table[:, rows.names[wave.shaft, wave.order, p]] for p in ("cos", "sin")
-                )
+                cos, sin = (rows.table[:, rows.names[wave.row(part)]] for part in ("cos", "sin"))
                 slopes += np.outer((wave.driving, wave.driven), sine * cos - cosine * sin)
-        return rows.joined(dict(zip([("start", shaft) for shaft in SHAFTS], slopes, strict=True)))
+        names = [RowName("start", shaft) for shaft in SHAFTS]
+        return rows.with_columns(dict(zip(names, slopes, strict=True)))
 
 
 def start_of(fit: MixedFit, log: int) -> Start:
@@ -73,7 +73,7 @@ def start_of(fit: MixedFit, log: int) -> Start:
     start, posterior = fit.shafts[log].start, fit.posterior
     angles, spread = list(start.angles), list(start.spread)
     for place, shaft in enumerate(SHAFTS):
-        if (name := ("start", log, shaft)) in posterior.problem.index:
+        if (name := ColumnName(RowName("start", shaft), log)) in posterior.problem.index:
             step = posterior.one(posterior.row(name))
             angles[place] += step.value
             spread[place] = step.std
@@ -83,20 +83,17 @@ def start_of(fit: MixedFit, log: int) -> Start:
 def alone(fit: MixedFit) -> MixedFit:
     """Return a fit whose logs have harmonics of their own, at the noise and widths of `fit`."""
     posterior, logs = fit.posterior, range(len(fit.rows))
-    waved = {(wave.shaft, wave.order) for wave in fit.waves}
-    columns = tuple(
-        replace(column, name=(*column.name[:-1], log), logs=(log,)) if own else column
-        for column in posterior.problem.columns
-        for own in [column.row[:2] in waved]
-        for log in (logs if own else (0,))
-    )
+    columns: list[Column] = []
+    for column in posterior.problem.columns:
+        of_wave = column.row.part is not None
+        columns += [replace(column, logs=(log,)) for log in logs] if of_wave else [column]
     old = posterior.problem.compressed
     usual = np.asarray(old.usual) * posterior.problem.unit
     problem = problem_of(
-        columns,
+        tuple(columns),
         fit.rows,
         fit.weights,
-        centres={("delay",): fit.delay_s},
+        centres={DELAY: fit.delay_s},
         usual=dict(zip(GROUPS, usual.tolist(), strict=True)),
         memory=np.asarray(old.memory),
     )

@@ -13,7 +13,6 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -40,6 +39,7 @@ from .schema import (
     RackTable,
     UnitTable,
 )
+from .schema import Flank as Flank
 
 Scalar = Float[Number, ""]
 
@@ -64,9 +64,6 @@ class Rack(eqx.Module):
     depth_ratio: Scalar = eqx.field(converter=float64, default=1.0)
 
     __repr__ = written
-
-
-Flank = Literal["A", "B"]
 
 
 class Gear(eqx.Module):

@@ -32,6 +32,9 @@ AngleUnit = Literal[
 ]
 TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d", "min", "h"]
 
+Flank = Literal["A", "B"]
+"""Flank of the teeth in contact: A in forward motion of the driving gear, B in backward motion."""
+
 
 class Encoder(Table, frozen=True):
     """Encoder on one shaft; a counter wraps to zero at `modulus` counts.

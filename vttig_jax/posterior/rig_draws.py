@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..identify.given import given_column
 from ..identify.orders import flank_rows
 from ..identify.result import Fit
+from ..model.columns import GAP
 from ..model.density import Compressed, normal
 from ..model.gears import GEARS, Relation
 from ..model.parameters import Quantities, quantities_of
@@ -52,9 +54,9 @@ def quantities(fit: Fit) -> Quantities:
         gears="perfect_gears" not in fit.conditional_on,
     )
     index = posterior.problem.index
-    if not (names := tuple(n for n in fit.covariance_names if ("given", n) in index)):
+    if not (names := tuple(n for n in fit.covariance_names if given_column(n) in index)):
         return told
-    rows = np.stack([posterior.row(("given", name)) for name in names])
+    rows = np.stack([posterior.row(given_column(name)) for name in names])
     values = fit.values[[fit.covariance_names.index(name) for name in names]]
     shift = np.append(told.shift, values - rows @ posterior.moved)
     rows = np.concatenate([told.rows, rows])
@@ -86,7 +88,7 @@ def tie_of(fit: Fit, told: Quantities) -> Tie | None:
     if told.gears is None:
         return None
     relation, problem = told.gears.relation, fit.core.posterior.problem
-    places, scale = relation.places(problem.index), np.diag(problem.natural)
+    places, scale = relation.tied_columns(problem.index), np.diag(problem.natural)
     own = told.at(*relation.names)
     return Tie(
         relation,
@@ -140,7 +142,7 @@ def flanks_of(
     core = fit.core
     series = np.einsum("mc,fwpc->mfwp", coefficients, flank_rows(core, bends=bends))
     offset = np.repeat(np.asarray(fit.model.offset)[None], len(coefficients), axis=0)
-    if (place := core.posterior.problem.index.get(("gap",))) is not None:
+    if (place := core.posterior.problem.index.get(GAP)) is not None:
         off = coefficients[:, place] - core.posterior.moved[place]
         offset = offset + np.multiply.outer(off, [-0.5, 0.5])
     return offset, series[..., 1], series[..., 0]

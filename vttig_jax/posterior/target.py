@@ -172,7 +172,7 @@ class FitTarget:
         columns = self.posterior.problem.columns
         return {
             "data": self.data,
-            "columns": [" ".join(map(str, column.name)) for column in columns],
+            "columns": [str(column.name) for column in columns],
             "priors": [f"{column.prior} {column.width:.6g}" for column in columns],
         }
 

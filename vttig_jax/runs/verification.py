@@ -25,6 +25,7 @@ from ..logs.recognition.request import ReadingOptions, Statement, stated_layout
 from ..model.columns import embedding
 from ..model.density import LAGS, weights
 from ..model.mixed_fit import residuals
+from ..model.rows import S
 from ..pair.gear_pair import Flank
 from ..pair.schema import Encoder, PairSpec
 from ..posterior.summary.posterior import Posterior
@@ -130,7 +131,7 @@ def _checked(
     settings = msgspec.structs.replace(settings, **changes)
     core = fit_log(log, run.pair, settings=settings, orders=run.record.spec.fit).core
     problem, (rows,), (shafts,) = core.posterior.problem, core.rows, core.shafts
-    unit, flank = error.gain / error.ratio, np.where(rows.flank < 0, "A", "B")
+    unit, flank = error.gain / error.ratio, rows.flank
     names: dict[Flank, str] = {
         one: name for name, one in error.directions.items() if np.any(flank == one)
     }
@@ -148,13 +149,13 @@ def _checked(
     left = np.stack([predicted(turn) for turn in error.turns])
     off = left[0] - left[0].mean(axis=1, keepdims=True)
     zeros = [np.ones(len(flank))] if curves.has_gap else [flank == one for one in names]
-    nuisance = np.array([column.name[0] in _NUISANCE for column in problem.columns])
+    nuisance = np.array([column.row.kind in _NUISANCE for column in problem.columns])
     (shown,) = residuals(problem.columns, core.rows, core.posterior.coefficients * nuisance)
     weight = np.asarray(weights(jnp.asarray(core.posterior.theta), problem.compressed.on))[
         : LAGS + 1
     ]
     taps = weight / np.sqrt(weight[0]) / (problem.unit * abs(unit))
-    links = [embedding(problem.columns, rows.names, 0, side)[:, :-1] for side in (1, -1)]
+    links = [embedding(problem.columns, rows.names, 0, one)[:, :-1] for one in S]
     columns = np.where((flank == "A")[:, None], *(rows.table @ link for link in links))
     # The log has no drift but for its noise, if a curve explains what the fit took for one.
     loose = columns[:, nuisance] / np.maximum(np.max(np.abs(columns[:, nuisance]), axis=0), 1e-300)

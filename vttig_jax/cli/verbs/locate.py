@@ -10,7 +10,7 @@ import click
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.text_tables import key_values
 from ...base.units import ARCSEC, DEG
-from ...identify.fit_settings import Flank
+from ...pair.schema import Flank
 from ...runs.run import Run
 from ..options import POSITIVE, Finite, verb
 from ..output import Output

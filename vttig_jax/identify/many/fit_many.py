@@ -17,7 +17,6 @@ from ...pair.schema import HarmonicOrders
 from ..checking import noise_of
 from ..fit_settings import BATCH, FitSettings, from_keywords
 from ..identification import conditions_of, identified, told_by
-from ..orders import SIDES
 from .table import OK, PARTS, Columns, FitTable, Row, table_of
 
 REFUSED, UNDETERMINED = "refused", "undetermined"
@@ -183,7 +182,7 @@ def row_of(
     return _cells(parameters) | {
         "log": log.source,
         "code": OK,
-        "flanks": "".join(SIDES[side] for side in core.scope.flanks),
+        "flanks": "".join(core.scope.flanks),
         "conditional_on": " ".join(conditions_of(core, pair, settings, parameters)),
         "undetermined": " ".join(
             name for name, parameter in parameters.items() if not parameter.determined

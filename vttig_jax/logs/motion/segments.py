@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
 from ...base.units import DEG, REV
+from ...pair.schema import Flank
 from ..channel.channel import GAP
 from ..channel.speed import SAME, Speed, is_at_standstill, runs, usual_step
 from ..encoder_log import EncoderLog
@@ -131,7 +132,6 @@ def _merged(
     return [(start, stop) for start, stop in joined if stop - start >= least]
 
 
-Flank = Literal["A", "B"]
 Kind = Literal["forward", "dwell", "backward"]
 
 AFTER_REVERSAL = (1 - 1e-6) * DEG

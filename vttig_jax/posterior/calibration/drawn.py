@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.signal import lfilter
 
-from ...model.columns import GROUPS
+from ...model.columns import DELAY, GROUPS
 from ...model.density import LAGS, whitening
 from ...model.functionals import Posterior
 from ...model.gears import Gears, fitted_gears
@@ -73,7 +73,7 @@ class LikeRigs:
         if self._tied is not None:
             gears, root = self._tied
             values = gears.values + root @ generator.standard_normal(len(root))
-            places = gears.relation.places(problem.index)
+            places = gears.relation.tied_columns(problem.index)
             tied = np.asarray(_coefficients(gears.relation, jnp.asarray(values)))[: len(places)]
             scale = np.diag(problem.natural)[places]
             beta[places] = (tied / scale - problem.start[places]) / problem.unit
@@ -102,7 +102,7 @@ class LikeRigs:
             problem.columns,
             rows,
             None,
-            centres={("delay",): self.fit.delay_s},
+            centres={DELAY: self.fit.delay_s},
             usual=dict(zip(GROUPS, usual.tolist(), strict=True)),
         )
         found = largest(new.compressed)

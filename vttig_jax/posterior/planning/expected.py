@@ -14,17 +14,17 @@ from ...base.units import ARCSEC, DEG
 from ...identify.fit_settings import LONGEST_DELAY_S, FitSettings
 from ...identify.identification import assumptions_of, known_delay
 from ...logs.motion.segments import find_segments
-from ...model.columns import embedding
+from ...model.columns import DELAY, ColumnName, embedding
 from ...model.density import LAGS, Compressed, Solved, solved
 from ...model.functionals import Posterior
 from ...model.gears import relation_of
 from ...model.mixed_fit import Design, MixedFit, design_of, largest
-from ...model.problem import problem_of
-from ...model.rows import SHAFTS, Shafts
+from ...model.problem import index_of, problem_of
+from ...model.rows import SHAFTS, RowName, S, Shafts
 from ...model.runs import shafts_of
 from ...model.scope import scope_of
 from ...pair.gear_pair import Drive, Eccentricities, GearPair
-from ...pair.schema import HarmonicOrders
+from ...pair.schema import Flank, HarmonicOrders
 from .noise import PlannedNoise, counting_std
 from .run import PlannedRun
 
@@ -34,7 +34,6 @@ _STEPS = 30
 ECCENTRICITY_MM = 0.02  # default eccentricity of a gear (chosen)
 ENCODER_ARCSEC = 10.0  # default encoder error (chosen)
 AMPLITUDE_ARCSEC = 60.0  # default first order of a drive (chosen)
-DELAY = "delay_s"
 
 _SIZES = {"_eccentricity_mm": 1.0, "_amplitude_arcsec": ARCSEC, "_arcsec": ARCSEC}
 """Ending of the name of an amplitude → its unit, mm or rad."""
@@ -77,18 +76,18 @@ def assumed_values(
         for shaft in SHAFTS:
             values[f"{shaft}_eccentricity_mm"] = float(getattr(eccentricities, f"{shaft}_mm"))
             values[f"{shaft}_phase_deg"] = float(getattr(eccentricities, f"{shaft}_phase_deg"))
-    known = (*values, DELAY)
+    known = (*values, "delay_s")
     for name, value in (given or {}).items():
         if name not in known:
             raise ValueError(
                 f"Argument `assumed` must hold names of {', '.join(known)}, but holds {name!r}."
             )
-        if name == DELAY and not abs(value) <= LONGEST_DELAY_S:
+        if name == "delay_s" and not abs(value) <= LONGEST_DELAY_S:
             raise ValueError(
-                f"Argument `assumed` must hold a {DELAY} within ±{LONGEST_DELAY_S:g} s, but it"
+                f"Argument `assumed` must hold a delay_s within ±{LONGEST_DELAY_S:g} s, but it"
                 f" is {value!r}."
             )
-        signed = name == DELAY or "phase" in name
+        signed = name == "delay_s" or "phase" in name
         if not math.isfinite(value) or (value < 0 and not signed):
             raise ValueError(
                 f"Argument `assumed` must hold finite amplitudes that are not negative, but"
@@ -133,11 +132,11 @@ def expected_fit(
     """
     shafts, passes = _shafts(run, pair)
     assumed = assumptions_of(settings)
-    delay_s = values.get(DELAY, 0.0) if settings.delay == "auto" else known_delay(settings)
+    delay_s = values.get("delay_s", 0.0) if settings.delay == "auto" else known_delay(settings)
     design = design_of([shafts], pair, orders, assumed=assumed)
-    side = 0 if any(flank > 0 for _, _, flank in shafts.runs) else 1
+    flank: Flank = "A" if any(run.flank == "A" for run in shafts.runs) else "B"
     coefficients = _coefficients(
-        design, pair, values, side=side, encoders=not settings.perfect_encoders
+        design, pair, values, flank=flank, encoders=not settings.perfect_encoders
     )
     (rows,) = design.rows([shafts], 0.0)
     if not len(rows.table):
@@ -147,9 +146,9 @@ def expected_fit(
             where="planned run",
         )
     table = rows.table.copy()
-    for side in (1, -1):
-        link = embedding(design.columns, rows.names, 0, side)[:, :-1]
-        own = rows.flank * side < 0
+    for flank in S:
+        link = embedding(design.columns, rows.names, 0, flank)[:, :-1]
+        own = rows.flank == flank
         table[own, -1] = rows.table[own] @ (link @ coefficients)
     rows = replace(rows, table=table)
     size = rows.samples.shape[1]
@@ -160,7 +159,7 @@ def expected_fit(
         design.columns,
         [rows],
         None,
-        centres={("delay",): delay_s},
+        centres={DELAY: delay_s},
         usual=design.scales(float(np.sqrt(covariance[0])), len(rows.table)),
         noise=covariance,
         memory=design.memory,
@@ -244,21 +243,23 @@ def _coefficients(
     pair: GearPair | Drive,
     values: Mapping[str, float],
     *,
-    side: int,
+    flank: Flank,
     encoders: bool,
 ) -> np.ndarray:
     """Return the coefficients of the columns that the assumed values give; others are 0."""
-    index = {column.name: place for place, column in enumerate(design.columns)}
-    found = np.zeros(len(index))
+    index, found = index_of(design.columns), np.zeros(len(design.columns))
     if isinstance(pair, Drive):
         names = tuple(f"{w.shaft}_{axis}" for w in design.waves if w.is_first for axis in "xy")
         for name, value in zip(names, cartesian(names, values), strict=True):
             shaft, axis = name.split("_")
-            found[index[shaft, 1, "sin" if axis == "x" else "cos", False, 0]] = value
+            part = "sin" if axis == "x" else "cos"
+            found[index[ColumnName(RowName(shaft, 1, part), 0)]] = value
         return found
-    relation = relation_of(pair, design.waves, both=design.shape.both, side=side, encoders=encoders)
+    relation = relation_of(
+        pair, design.waves, both=design.shape.both, flank=flank, encoders=encoders
+    )
     if relation is not None:
         tied = relation.coefficients(jnp.asarray(cartesian(relation.names, values)))
-        places = relation.places(index)
+        places = relation.tied_columns(index)
         found[places] = np.asarray(tied)[: len(places)]
     return found

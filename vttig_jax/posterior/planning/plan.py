@@ -11,11 +11,10 @@ from ...base.threads import one_blas_thread
 from ...base.units import DEG
 from ...identify.fit_settings import FitSettings
 from ...identify.identification import conditions_of, told_by
-from ...identify.orders import SIDES
 from ...model.parameters import FULL_TURN
 from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ...pair.schema import HarmonicOrders
-from .expected import DELAY, assumed_values, expected_fit, too_short
+from .expected import assumed_values, expected_fit, too_short
 from .noise import PlannedNoise, counting_std
 from .result import Plan, notes, outcome_of, planned_parameter
 from .run import MOST_SAMPLES, Directions, PlannedRun, speeds_of
@@ -95,7 +94,7 @@ def plan(
     require_x64("plan")
     values = assumed_values(pair, eccentricities, assumed)
     settings = FitSettings(perfect_encoders=perfect_encoders, delay=delay)
-    if settings.delay != "auto" and DELAY in values:
+    if settings.delay != "auto" and "delay_s" in values:
         raise ValueError(
             'Argument `assumed` must hold a delay_s only if `delay` is "auto", but'
             f" `delay` is {delay!r}, so that no delay is fitted."
@@ -125,7 +124,7 @@ def plan(
         counting_std_deg=counting / DEG,
         row_s=size / rate_hz,
         row_std_deg=math.sqrt(noise.autocovariance(size, rate_hz, 1, counting)[0]) / DEG,
-        flanks=tuple(SIDES[side] for side in fit.scope.flanks),
+        flanks=fit.scope.flanks,
         conditional_on=conditions_of(fit, pair, settings, fitted),
         outcome=outcome,
         short=tuple(shaft for shaft, turned in fit.scope.turns.items() if turned < FULL_TURN),

@@ -9,6 +9,7 @@ import numpy as np
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG, duration_text
+from ...model.columns import DELAY, GAP
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
 from ...model.parameter import Parameter, open_reasons
@@ -216,14 +217,14 @@ def _delay_notes(fit: MixedFit, *, one_speed: bool) -> list[str]:
     If the delay d were known, g would have the smaller variance var(g) − cov(g, d)²/var(d).
     """
     posterior, index = fit.posterior, fit.posterior.problem.index
-    if not {("gap",), ("delay",)} <= set(index):
+    if not {GAP, DELAY} <= set(index):
         return []
-    rows = np.stack([posterior.row(("gap",)), posterior.row(("delay",))])
+    rows = np.stack([posterior.row(GAP), posterior.row(DELAY)])
     (gap, both), (_, own) = posterior.told(rows, moved=True)[1]
     known = math.sqrt(max(gap - both**2 / own, 0.0))
     if known > 0.9 * math.sqrt(gap):
         return []
-    width = next(c.width for c in posterior.problem.columns if c.name == ("delay",))
+    width = posterior.problem.columns[index[DELAY]].width
     sentences = [
         "a delay between the channels is fitted beside the constant backlash; if both channels are"
         " sampled at the same instant, plan and fit with --delay off, and the standard error of the"

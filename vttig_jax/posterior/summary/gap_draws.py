@@ -19,7 +19,8 @@ from ...base.errors import PairError
 from ...base.units import REV
 from ...kinematics.flank_model import flank_index
 from ...kinematics.harmonic import OrderModel, linearised_series
-from ...pair.gear_pair import Drive, Flank, GearPair
+from ...pair.gear_pair import Drive, GearPair
+from ...pair.schema import Flank
 from .draws import SmallestGap
 
 _CHUNK = 256

@@ -20,7 +20,7 @@ from ...base.units import ARCSEC, duration_text
 from ...identify.backlash import unknown_extremes
 from ...identify.result import Fit, parameter_cells, refuse_unknown_gap
 from ...kinematics.harmonic import OrderModel
-from ...model.columns import FLAT, KNOWN
+from ...model.columns import FLAT, KNOWN, ROUNDING, Column
 from ...model.parameter import open_reasons
 from ...model.rows import SHAFTS
 from ...pair.gear_pair import Eccentricities
@@ -205,20 +205,23 @@ _BESIDE_FIT = (
 )
 
 
-def _called(name: tuple, given: str) -> str:
+def _called(column: Column, given: str) -> str:
     """Return what people call a column; `given` is what they call those of an own model."""
+    if column.prior == ROUNDING:
+        return ROUNDING
     called = {"both": "orders 1 ± i of both shafts together", "given": given}
     called |= {"mesh": "orders of the mesh", "line": "lines", "start": "start angles"}
-    shaft = str(name[0])
-    return f"{shaft} order {name[1]}" if shaft in SHAFTS else called.get(shaft, shaft)
+    called["one"] = "gap" if column.differs else "offset"
+    kind, order, _ = column.row
+    return f"{kind} order {order}" if kind in SHAFTS else called.get(kind, kind)
 
 
 def priors(fit: Fit) -> tuple[str, ...]:
     """Return sentences on what the fit, and so the draws, assume before the logs are read."""
     columns = fit.core.posterior.problem.columns
     given = "frequencies of lines" if fit.given is None else "your flank model"
-    known = {_called(c.name, given): c.width for c in columns if c.prior == KNOWN}
-    flat = {_called(c.name, given) for c in columns if c.prior == FLAT}
+    known = {_called(c, given): c.width for c in columns if c.prior in (KNOWN, ROUNDING)}
+    flat = {_called(c, given) for c in columns if c.prior == FLAT}
     found = [f"flat: {', '.join(sorted(flat))}"]
     if "delay" in known:
         found.append(f"delay: zero ± {duration_text(known.pop('delay'))}")
