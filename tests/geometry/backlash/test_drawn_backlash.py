@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.compiler import fast_to_compile
-from tests.laws import checks
 from vttig_jax.geometry.backlash import backlash_and_contact, geometric_backlash, section_backlash
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
@@ -168,14 +167,3 @@ def test_derivatives_follow_the_section_that_touches():
         central = (ends[0] - ends[1]) / (2 * step)
         assert float(slopes[name]) == pytest.approx(central, rel=1e-7, abs=1e-11), name
         assert abs(central) > 1e-8
-
-
-def test_new_values_compile_nothing():
-    def sections(z, distance, shift):
-        return section_backlash(make(), z, distance, shift)
-
-    def pairs(distance, shift):
-        return geometric_backlash(make(crowning=(4.0, 0.0)), distance, shift)
-
-    checks.check_one_trace(sections, (np.array([-3.0, 1.0]), np.array(125.2), np.array(0.1)))
-    checks.check_one_trace(pairs, (np.array([125.1, 125.3]), np.array(0.1)))
