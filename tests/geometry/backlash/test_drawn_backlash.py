@@ -63,12 +63,6 @@ def test_linear_teeth_have_the_backlash_of_equation_16():
             assert np.abs(found - off).min() > 1e-10
 
 
-def test_every_section_of_linear_teeth_has_the_same():
-    pair, z = make(), np.linspace(-10.0, 8.0, 7)
-    found = np.asarray(section_backlash(pair, z, 125.3, 2.0))
-    np.testing.assert_allclose(found, geometric_backlash(pair, 125.3, 2.0), rtol=0, atol=1e-15)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("distance", "shift"), [(125.12, 0.0), (125.4, 1.5), (125.05, -4.0)])
 def test_it_is_what_the_surfaces_leave_when_they_touch(distance, shift):

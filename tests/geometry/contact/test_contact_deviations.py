@@ -132,18 +132,3 @@ def test_tip_relief_hands_over_at_the_middle():
     assert np.abs(error - straight).max() > 0.2  # the comparison can fail
     assert error.min() == pytest.approx(-0.6 * (base_pitch / 2) ** 2, rel=0.2)
     assert model.highest_order == 45.0
-
-
-@pytest.mark.slow
-def test_a_bump_is_found_by_the_grid_of_roll_angles():
-    """Of 3 µm on one spot of flank and face, against a search of it by brute force."""
-    roll, z = np.linspace(8.0, 22.0, 15), np.linspace(-10.0, 10.0, 11)
-    spot = 3.0 * np.exp(-(((roll - 15.0) / 1.5) ** 2))[:, None] * np.exp(-((z / 4.0) ** 2))
-    bump = Deviations(driving=(FlankMap(roll, z, spot), None))
-    model = contact_model(PAIR, deviations=bump)
-    assert model.search_grid.points == 30 and model.search_grid.sections == 11
-    fine = contact_model(PAIR, deviations=bump, points=121, sections=41)
-    few = np.linspace(0.0, PITCH, 64)
-    found, expected = (np.asarray(m.transmission_error(few, "A")) for m in (model, fine))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
-    assert expected.max() * BASE[1] * 1e3 == pytest.approx(3.0, abs=0.02)

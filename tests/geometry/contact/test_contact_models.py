@@ -38,17 +38,6 @@ def test_the_backlash_map_of_the_surfaces_is_the_exact_one(paper_pair, rig):
 
 
 @pytest.mark.slow
-def test_tables_for_the_simulator(paper_pair, rig):
-    """Few nodes, whose tables are those of the exact relation."""
-    found, exact = (
-        tabulate_flanks(model, 1, per_turn=8).nodes
-        for model in (contact_model(paper_pair, rig), exact_model(paper_pair, rig))
-    )
-    for column, atol in enumerate((1e-13, 1e-10, 1e-13, 1e-10)):  # values, slopes of a search
-        np.testing.assert_allclose(found[:, column], exact[:, column], rtol=0, atol=atol)
-
-
-@pytest.mark.slow
 def test_the_tooth_mesh_is_in_the_table(paper_pair):
     """A tilted axis: the transmission error has the period of the teeth."""
     model = contact_model(paper_pair, misalignment=Misalignment(0.0, 3e-4), sections=3)
