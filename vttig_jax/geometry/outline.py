@@ -75,9 +75,10 @@ class HalfProfile:
         low, high = np.asarray(u[index - 1]), np.asarray(u[index])
 
         def excess(u: Array, radius: Array) -> Array:
-            return self(u)[0] / radius - 1
+            return np.asarray(self(u)[0] / radius - 1)
 
-        return find_root(excess, (low, high), args=(radius,), tolerances=_TOLERANCES).x
+        found = find_root(excess, (low, high), args=(radius,), tolerances=_TOLERANCES)
+        return np.asarray(found.x)
 
     @cached_property
     def table(self) -> tuple[Array, Array]:

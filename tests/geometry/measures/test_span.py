@@ -45,17 +45,7 @@ def supports(tooth: Tooth, teeth: int, normal: np.ndarray, z: float, reach: floa
     pitch = 2 * math.pi / tooth.teeth
     found = []
     for side, turn in ((0, (teeth - 1) * pitch / 2), (1, -(teeth - 1) * pitch / 2)):
-        angle = math.radians(float(tooth.pressure_angles_deg[side]))
-        half = math.pi * float(tooth.module_mm) / 4
-        half += float(tooth.profile_shift_mm) * math.tan(angle)
-        points = flank_points(
-            radius=float(tooth.reference_radius),
-            angle=angle,
-            half_thickness=half,
-            recedes=tooth.recession[side],
-            roll=roll,
-            z=height,
-        )
+        points = flank_points(tooth, side, roll, height)
         if side:
             points = points * np.array([-1.0, 1.0, 1.0])
         rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
