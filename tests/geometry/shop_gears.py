@@ -1,7 +1,6 @@
 """Gears for the tests of shop measures, and their flanks written down without the package."""
 
 import math
-from collections.abc import Callable
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -66,26 +65,16 @@ def scaled(tooth: Tooth, factor: float) -> Tooth:
     )
 
 
-Recedes = Callable[[Any], Any]
+def flank_points(tooth: Tooth, side: int, roll: Any, z: Any) -> np.ndarray:
+    """Points of a flank from the string that unwinds from the base circle, shape (..., 3).
 
-
-def flank_points(
-    *,
-    radius: float,
-    angle: float,
-    half_thickness: float,
-    recedes: Recedes,
-    roll: np.ndarray,
-    z: np.ndarray,
-) -> np.ndarray:
-    """Points of a left flank from the string that unwinds from the base circle, shape (..., 3).
-
-    `half_thickness` is that at the reference circle of `radius` where nothing has receded; the
-    tooth points along y.
+    The tooth points along y; a right flank (side 1) is mirrored, so that it is a left one.
     """
+    radius, angle = float(tooth.reference_radius), math.radians(tooth.pressure_angles_deg[side])
+    half = math.pi * float(tooth.module_mm) / 4 + float(tooth.profile_shift_mm) * math.tan(angle)
     base = radius * math.cos(angle)
     # From the foot of the involute to the middle of the tooth, clockwise.
-    foot = (half_thickness - recedes(z)) / radius + math.tan(angle) - angle
+    foot = (half - tooth.recession[side](np.asarray(z))) / radius + math.tan(angle) - angle
     tangency = math.pi / 2 + foot - roll  # where the string leaves the circle
     x = base * (np.cos(tangency) - roll * np.sin(tangency))
     y = base * (np.sin(tangency) + roll * np.cos(tangency))

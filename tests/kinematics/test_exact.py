@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -91,40 +89,3 @@ def test_backlash_and_shift_stand_inside_the_relation():
         after = exact_transmission_error(angles, pair, bare, flank) + offsets[side]
         apart = np.abs(exact_transmission_error(angles, pair, rig, flank) - after).max()
         assert 1e-8 < apart < 4e-7
-
-
-@pytest.mark.parametrize("flank", ["A", "B"])
-def test_gradient_with_respect_to_every_number_of_the_rig(flank):
-    """Each float of pair and eccentricities by itself, against a central difference."""
-    pair, rig, _ = make(pressure=(20.0, 22.0), helix=(3.0, 2.0), axial=0.2)
-    pair = jax.tree.map(lambda leaf: jnp.nan_to_num(jnp.asarray(leaf), nan=20.0), pair)
-    rig = jax.tree.map(jnp.asarray, rig)
-
-    @jax.jit
-    def total(pair, rig):
-        return jnp.sum(
-            jnp.array([1.0, -0.3]) * exact_transmission_error(ANGLES[:2], pair, rig, flank)
-        )
-
-    gradient = jax.tree.leaves(jax.jit(jax.grad(total, argnums=(0, 1)))(pair, rig))
-    leaves, tree = jax.tree.flatten((pair, rig))
-    moved_something = 0
-    for place, (leaf, slope) in enumerate(zip(leaves, gradient, strict=True)):
-        for entry in np.ndindex(leaf.shape):
-            step = 1e-4
-            ends = [
-                total(*jax.tree.unflatten(tree, _moved(leaves, place, entry, way * step)))
-                for way in (1, -1)
-            ]
-            central = float(ends[0] - ends[1]) / (2 * step)
-            assert float(slope[entry]) == pytest.approx(central, rel=2e-6, abs=1e-11)
-            moved_something += central != 0.0
-    # Face widths, the driving helix (equal to the driven by decree) and the other flank's helix
-    # and pressure angle do not enter; A has no constant backlash.
-    assert moved_something == {"A": 9, "B": 10}[flank]
-
-
-def _moved(leaves, place, entry, step):
-    return [
-        leaf.at[entry].add(step) if number == place else leaf for number, leaf in enumerate(leaves)
-    ]

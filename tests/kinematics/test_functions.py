@@ -97,41 +97,6 @@ def test_printed_backlash_formula(first, e1, second, e2):
     np.testing.assert_allclose(found, printed, rtol=0, atol=1e-15)
 
 
-@given(st.data())
-def test_everything_repeats_after_the_hunting_period(data):
-    pair = data.draw(pairs())
-    rig = data.draw(rigs(pair))
-    period = 2 * np.pi * pair.hunting_turns
-    for flank in FLANKS:
-        for te in (transmission_error, exact_transmission_error):
-            here, later = te(ANGLES, pair, rig, flank), te(ANGLES + period, pair, rig, flank)
-            np.testing.assert_allclose(later, here, rtol=0, atol=1e-15 + 1e-14 * 0.05)
-    whole_turn = exact_transmission_error(ANGLES + 2 * np.pi, pair, rig)
-    assert np.abs(whole_turn - exact_transmission_error(ANGLES, pair, rig)).max() > 1e-6
-
-
-@given(st.data())
-def test_mirror_symmetry_swaps_the_flanks(data):
-    """Reversing both shafts and mirroring the offsets turns flank A into flank B."""
-    pair = data.draw(pairs())
-    rig = replace(data.draw(rigs(pair)), constant_backlash_deg=0.0, axial_mm=0.0)
-    mirrored = replace(
-        rig, driving_phase_deg=-rig.driving_phase_deg, driven_phase_deg=-rig.driven_phase_deg
-    )
-    angles = pair.pressure_angles_deg
-    other = GearPair(
-        pair.driving,
-        pair.driven,
-        module_mm=float(pair.module_mm),
-        pressure_angles_deg=(float(angles[1]), float(angles[0])),
-        centre_distance_mm=float(pair.centre_distance_mm),
-    )
-    for te in (transmission_error, exact_transmission_error):
-        np.testing.assert_allclose(
-            te(-ANGLES, other, mirrored, "B"), -te(ANGLES, pair, rig, "A"), rtol=0, atol=1e-14
-        )
-
-
 def test_axial_displacement_both_ways(paper_pair, paper_rig):
     """(16): j = 2 s tan β at the reference circle; shifting by s(j) takes up exactly j."""
     assert axial_displacement(0.05, paper_pair) == pytest.approx(
@@ -161,49 +126,12 @@ def test_unequal_helix_angles_move_each_flank_by_its_own():
     assert np.isposinf(axial_displacement(0.05, spur))
 
 
-RIG_CHANGES = {
-    "driving_mm": 0.03,
-    "driving_phase_deg": 60.0,
-    "driven_mm": 0.03,
-    "driven_phase_deg": 60.0,
-    "constant_backlash_deg": 0.05,
-    "axial_mm": 0.1,
-}
-PAIR_CHANGES: list[dict[str, Any]] = [
-    {"module_mm": 2.0005},
-    {"pressure_angles_deg": (20.1, 20.1)},
-    {"centre_distance_mm": 125.2},
-    {"driving": Gear(46, 3.0, 3.0)},
-    {"driven": Gear(79, 3.0, 3.0)},
-    {"driven": Gear(80, 4.0, 4.0)},
-]
 WITH_RIG = (
     partial(transmission_error, flank="B"),
     partial(exact_transmission_error, flank="B"),
     backlash,
     exact_backlash,
 )
-
-
-@pytest.mark.parametrize("function", WITH_RIG)
-def test_every_argument_changes_the_result(function, paper_pair, paper_rig):
-    rig = replace(paper_rig, axial_mm=0.3)
-    before = function(ANGLES, paper_pair, rig)
-    for name, value in RIG_CHANGES.items():
-        after = function(ANGLES, paper_pair, replace(rig, **{name: value}))
-        assert np.abs(after - before).max() > 1e-6, name
-    if function not in WITH_RIG[:2]:
-        return
-    given_pair = {
-        "driving": paper_pair.driving,
-        "driven": paper_pair.driven,
-        "module_mm": 2.0,
-        "pressure_angles_deg": (20.0, 20.0),
-        "centre_distance_mm": 125.12,
-    }
-    for changes in PAIR_CHANGES:
-        after = function(ANGLES, GearPair(**(given_pair | changes)), rig)
-        assert np.abs(after - before).max() > 1e-8, changes
 
 
 @pytest.mark.parametrize("function", [transmission_error, exact_transmission_error])

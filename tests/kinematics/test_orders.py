@@ -60,22 +60,6 @@ def test_no_terms_leave_the_offset():
         np.testing.assert_array_equal(found, np.full(501, float(empty.offset[side])))
 
 
-def test_first_orders_of_the_closed_form(paper_pair, paper_rig):
-    """The closed form as first orders: equal but for the angle at which χ₂ is taken."""
-    closed = closed_model(paper_pair, paper_rig)
-    phasors = jnp.stack([closed.driving_phasor, closed.driven_phasor], axis=1)
-    orders = OrderModel(
-        ratio=closed.ratio,
-        terms=((1, 0), (0, 1)),
-        offset=jnp.asarray(closed.offset),
-        cosine=jnp.imag(phasors),
-        sine=jnp.real(phasors),
-    )
-    for flank in FLANKS:
-        apart = orders.transmission_error(ANGLES, flank) - closed.transmission_error(ANGLES, flank)
-        assert 1e-9 < np.abs(apart).max() < 2 * np.abs(closed.driven_phasor).max() * 1e-3
-
-
 def test_combined_is_exact_plus_orders_at_one_driven_angle(paper_pair, paper_rig):
     exact, orders = exact_model(paper_pair, paper_rig), model()
     both = CombinedModel(ratio=exact.ratio, exact=exact, orders=orders)

@@ -161,11 +161,8 @@ def _closed(pair, rig, closing):
 
 
 TABLES = tuple(
-    Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS, slow=slow)
-    for name, make, slow in (
-        ("tabulate_flanks", _table, True),
-        ("first_order_bounds", _closed, False),
-    )
+    Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS)
+    for name, make in (("tabulate_flanks", _table), ("first_order_bounds", _closed))
 )
 LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *CONTACTS)
 MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)

@@ -26,9 +26,11 @@ def test_every_law_is_kept(law):
         checks.check_finite_gradient(law.function, kink)
 
 
-def test_new_values_compile_nothing():
-    for law in table.FUNCTIONS:
-        checks.check_one_trace(law.function, law.arguments)
+@pytest.mark.parametrize("slow", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_new_values_compile_nothing(slow):
+    for law in (*table.FUNCTIONS, *table.SURFACES, *table.CONTACTS):
+        if law.slow == slow:
+            checks.check_one_trace(law.function, law.arguments)
 
 
 def test_every_public_function_has_a_row():

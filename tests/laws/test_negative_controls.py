@@ -1,7 +1,5 @@
 """Each check of the law table catches a function that is wrong in just that way."""
 
-import types
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -135,16 +133,3 @@ def test_scaling_reaches_every_length_and_no_angle():
         *(f"[0].{name}" for name in ("module_mm", "centre_distance_mm")),
         *(f"[1].{name}" for name in ("driving_mm", "driven_mm", "axial_mm")),
     }
-
-
-def test_an_export_and_a_method_without_a_row_are_seen():
-    module = types.ModuleType("vttig_jax.kinematics.functions")
-
-    def runout(_=None):
-        return 0.0
-
-    runout.__module__ = module.__name__
-    vars(module).update(runout=runout, _hidden=runout, borrowed=np.sin, Kind=dict)
-    assert table.public_functions(module) == {"runout"}
-    model = type("Model", (table.ClosedModel,), {"runout": runout, "__module__": "vttig_jax.made"})
-    assert "Model.runout" in table.public_methods(model)

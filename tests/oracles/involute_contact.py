@@ -27,6 +27,7 @@ class Rig:
     """Two gears on axes O₁ = (0, 0) and O₂ = (centre_distance, 0); lengths mm, angles rad.
 
     `offsets` are the eccentricities (e, θ) of gear 1 and 2; `slopes` are tan β of flanks A and B.
+    `addendum` is that of both gears in modules.
     """
 
     teeth: tuple[int, int]
@@ -37,12 +38,14 @@ class Rig:
     constant_backlash: float = 0.0
     axial: float = 0.0
     slopes: tuple[float, float] = (0.0, 0.0)
+    addendum: float = 1.0
 
 
 def transmission_error(rig: Rig, driving_angle: float, flank: str) -> float:
     """TE = φ₂ − i φ₁ at first touch on `flank`, rad."""
     side = "AB".index(flank)
-    centred = replace(rig, offsets=((0.0, 0.0), (0.0, 0.0)))
+    # Whole teeth, which touch on their flanks there.
+    centred = replace(rig, offsets=((0.0, 0.0), (0.0, 0.0)), addendum=1.0)
     wanted = rig.constant_backlash if side else 0.0
     sense = 1 - 2 * side
     thicker = sense * (wanted - _touch(centred, 0.0, side, 0.0))
@@ -54,7 +57,7 @@ def _touch(rig: Rig, driving_angle: float, side: int, thicker: float) -> float:
     """Extreme of TE over the flank of gear 1 and all tooth pairs; `thicker`: rad of gear 2."""
     sense = 1 - 2 * side
     number = np.round(driving_angle * rig.teeth[0] / (2 * np.pi)) + _NEIGHBOURS
-    low, high = 0.0, _roll_at(rig, 0, side, rig.module * (rig.teeth[0] / 2 + 1))
+    low, high = 0.0, _roll_at(rig, 0, side, rig.module * (rig.teeth[0] / 2 + rig.addendum))
     roll = np.broadcast_to(np.linspace(low, high, _SAMPLES), (len(number), _SAMPLES))
     spacing = (high - low) / (_SAMPLES - 1)
     for zoom in range(_ZOOMS + 1):
@@ -102,7 +105,7 @@ def _meet_radius(rig, side, thicker, centre, radius):
             slope = (np.conj(point) * along).real
             roll = roll - (np.abs(point) ** 2 - radius**2) / (2 * slope)
         point = centre + _flank(rig, 1, side, roll, thicker)
-        last = _roll_at(rig, 1, side, rig.module * (rig.teeth[1] / 2 + 1))
+        last = _roll_at(rig, 1, side, rig.module * (rig.teeth[1] / 2 + rig.addendum))
         good = (np.abs(np.abs(point) - radius) < 1e-11 * radius) & (roll >= 0) & (roll <= last)
     return np.where(good, point, np.nan)
 

@@ -33,12 +33,6 @@ class Flank:
             start = mp.sqrt((mp.norm(target) / self._base()) ** 2 - 1)
             return float(mp.norm(self._point(self._nearest(target, start)) - target))
 
-    def point(self, unwound: float) -> tuple[float, float]:
-        """The point of the flank after unwinding by an angle, rad."""
-        with mp.workdps(DIGITS):
-            x, y = self._point(mp.mpf(unwound))
-            return float(x), float(y)
-
     def _nearest(self, target: mp.matrix, start: mp.mpf) -> mp.mpf:
         """Unwinding at which the string points at the target: the foot of the normal."""
 

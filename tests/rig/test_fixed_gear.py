@@ -1,4 +1,4 @@
-"""Readings with gear 1 held against the exact backlash and against rocking gear 2 step by step."""
+"""Readings with gear 1 held against the exact backlash and against the passes of a log."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,7 +13,6 @@ import vttig_jax
 from tests.rig.test_synthetic import shifted
 from vttig_jax.base.units import DEG
 from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.kinematics.harmonic import CombinedModel
 from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.logs.readers.backlash_readings import read_backlash_readings
 from vttig_jax.rig.fixed_gear import fixed_gear_readings
@@ -46,27 +45,6 @@ def true_deg(rig: SyntheticRig, angles=ANGLES) -> np.ndarray:
     return np.asarray(BacklashMap(rig.flank_model(), None, rig.pair).at(angles * DEG)) / DEG
 
 
-@eqx.filter_jit
-def both_flanks(model: CombinedModel, driving, driven):
-    """Transmission errors of both flanks at both angles."""
-    return [model.at_both_angles(driving, driven, flank) for flank in ("A", "B")]
-
-
-def rocked_deg(rig: SyntheticRig, angle_deg: float, steps: int = 20_001) -> float:
-    """Path of gear 2 rocked from inside the gap in small steps until either flank stops it.
-
-    Every position of gear 2 is asked whether it cuts into flank A or B; nothing is solved for.
-    """
-    model, held = rig.flank_model(), angle_deg * DEG
-    assert isinstance(model, CombinedModel)
-    error = np.linspace(-0.15, 0.15, steps) * DEG
-    driving, driven = np.full(steps, held), float(rig.pair.ratio) * held + error
-    on_a, on_b = map(np.asarray, both_flanks(model, driving, driven))
-    free = (error >= on_a) & (error <= on_b)
-    assert free.any() and not free[0] and not free[-1]
-    return float(np.ptp(error[free])) / DEG
-
-
 def test_is_the_exact_backlash(bare):
     moved, _ = shifted(bare.pair, bare.eccentricities)
     expected = np.asarray(vttig_jax.exact_backlash(ANGLES * DEG, bare.pair, moved)) / DEG
@@ -75,21 +53,11 @@ def test_is_the_exact_backlash(bare):
     assert np.abs(read_deg(bare) - np.asarray(forgotten) / DEG).max() > 1e-6
 
 
-@pytest.mark.parametrize("angle_deg", [0.0, 2106.0, 5761.3])
-def test_is_what_rocking_gear_2_by_hand_finds(full, paper_pair, angle_deg):
-    """With all orders, but an encoder that shows the angle itself."""
-    perfect = replace(
-        full, pair=paper_pair, driving_encoder=EncoderError(), driven_encoder=EncoderError()
-    )
-    seen, step = read_deg(perfect, [angle_deg])[0], 0.3 / 20_000
-    assert 0 <= seen - rocked_deg(perfect, angle_deg) < 2 * step
-    assert abs(seen - rocked_deg(perfect, angle_deg + 90.0)) > 20 * step
-
-
-def test_is_the_gap_between_the_two_passes_of_a_log(bare):
-    """At one shown driving angle, whatever both encoders add; the two share their zero."""
+def test_is_the_gap_between_the_two_passes_of_a_log(bare, full):
+    """At one shown driving angle, whatever orders and encoders add; the two share their zero."""
     rig = replace(
         bare,
+        orders=full.orders,
         motion=PassMotion(reversal_deg=1200.0, dwell_s=0.3, ramp_s=0.25),
         driving_encoder=EncoderError(3600.0, 70.0),
         driven_encoder=EncoderError(3600.0, 200.0),

@@ -13,9 +13,6 @@ def test_reading_of_an_encoder_off_centre():
     reading = EncoderError(20.0, 30.0).reading(ANGLE)
     expected = 20.0 * np.sin(ANGLE + np.pi / 6)
     np.testing.assert_allclose((reading - ANGLE) / ARCSEC, expected, atol=1e-9)
-
-
-def test_a_perfect_encoder_shows_the_angle():
     np.testing.assert_array_equal(EncoderError().reading(ANGLE), ANGLE)
 
 
@@ -25,9 +22,6 @@ def test_counts_are_whole_counts_passed():
     assert counts.dtype == np.int64
     np.testing.assert_array_equal(counts, [-2, -1, 0, 0, 1, 9000])
     np.testing.assert_array_equal(quantised(angle[:5] * 1.001, 720), [-4, -1, 0, 1, 2])
-
-
-def test_quantisation_error_is_one_count_at_most():
     error = ANGLE - quantised(ANGLE, 90_000) * (REV / 90_000)
     assert error.min() > -1e-12
     assert error.max() < REV / 90_000 + 1e-12
@@ -40,35 +34,20 @@ def _correlation(path: np.ndarray, lag: int) -> float:
     return float(path[lag:] @ path[: len(path) - lag] / (path @ path))
 
 
-def test_correlated_noise_has_its_spread_and_memory():
-    path = Noise(0.01, 0.02).draw(400_000, RATE, np.random.default_rng(1))
-    assert path.std() / DEG == pytest.approx(0.01, rel=0.03)
-    for lag in (5, 20, 40):
-        assert _correlation(path, lag) == pytest.approx(np.exp(-lag / 20), abs=0.03)
-    assert _correlation(path, 20) > 0.3
+def test_correlated_noise_has_its_spread_and_memory_at_any_rate():
+    for rate_hz, lags in ((1000.0, (5, 20, 40)), (100.0, (2,))):
+        path = Noise(0.01, 0.02).draw(400_000, rate_hz, np.random.default_rng(1))
+        assert path.std() / DEG == pytest.approx(0.01, rel=0.03)
+        for lag in lags:
+            expected = np.exp(-lag / (0.02 * rate_hz))
+            assert _correlation(path, lag) == pytest.approx(expected, abs=0.03)
 
 
-def test_white_noise_has_no_memory():
+def test_white_noise_has_no_memory_and_the_generator_decides():
     path = Noise(0.01, 0.0).draw(100_000, RATE, np.random.default_rng(1))
     assert path.std() / DEG == pytest.approx(0.01, rel=0.02)
     assert abs(_correlation(path, 1)) < 0.02
-
-
-def test_noise_is_stationary_from_the_first_sample():
-    generator = np.random.default_rng(2)
-    paths = np.stack([Noise(1.0, 0.05).draw(100, RATE, generator) for _ in range(4000)]) / DEG
-    np.testing.assert_allclose(paths.std(axis=0)[[0, 1, 10, 99]], 1.0, rtol=0.05)
-
-
-def test_the_rate_sets_the_correlation_of_neighbours():
-    slow, fast = (
-        Noise(1.0, 0.01).draw(50_000, rate, np.random.default_rng(3)) for rate in (100.0, 1000.0)
-    )
-    assert _correlation(slow, 1) == pytest.approx(np.exp(-1), abs=0.02)
-    assert _correlation(fast, 1) == pytest.approx(np.exp(-0.1), abs=0.02)
-
-
-def test_the_generator_decides():
+    assert not Noise().draw(100, RATE, np.random.default_rng(0)).any()
     first, again, other = (
         Noise(1.0, 0.01).draw(10, RATE, np.random.default_rng(seed)) for seed in (1, 1, 2)
     )
@@ -76,8 +55,10 @@ def test_the_generator_decides():
     assert not np.allclose(first, other)
 
 
-def test_no_noise_is_none():
-    assert not Noise().draw(100, RATE, np.random.default_rng(0)).any()
+def test_noise_is_stationary_from_the_first_sample():
+    generator = np.random.default_rng(2)
+    paths = np.stack([Noise(1.0, 0.05).draw(100, RATE, generator) for _ in range(4000)]) / DEG
+    np.testing.assert_allclose(paths.std(axis=0)[[0, 1, 10, 99]], 1.0, rtol=0.05)
 
 
 def _orders(seed: int = 5, pitch_rms_deg: float = 0.002, mesh_deg: float = 0.003, highest: int = 8):

@@ -33,9 +33,3 @@ def test_equals_the_loop(path, start):
     lower, gap = np.array(path).T
     upper = lower + gap
     np.testing.assert_array_equal(_play(lower, upper, start), _loop(lower, upper, start))
-
-
-def test_start_matters_only_until_the_first_push():
-    lower, upper = np.array([0.0, 0.0, 2.0, 1.0]), np.array([1.0, 1.0, 3.0, 3.0])
-    np.testing.assert_array_equal(_play(lower, upper, 0.25), [0.25, 0.25, 2.0, 2.0])
-    np.testing.assert_array_equal(_play(lower, upper, 0.75), [0.75, 0.75, 2.0, 2.0])

@@ -9,13 +9,13 @@ where the fillets cross, the bottom of the space is the crossing instead of the 
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import root_scalar
+from scipy.optimize.elementwise import find_root
 
 from ..base.errors import PairError, UsageError
 from .checks import check_measurable, section_heights, section_report
@@ -26,7 +26,7 @@ from .tooth import SIDES, Side, Taper, Tooth
 Array = Float[np.ndarray, "..."]
 
 # Chosen values:
-_TOLERANCE = 2e-14  # of a relative radius or of an angle in rad, in a root search
+_TOLERANCES = {"fatol": 2e-14}  # of a relative radius or of an angle in rad, in a root search
 _TABLE_POINTS = 801  # points of a curve or of the face in a search
 _GAP_MM = 1e-6  # largest distance between the ends of fillet and flank
 _CLOSED = 1e-9  # share of a curve, or angle of a land in rad, that is treated as zero
@@ -73,7 +73,12 @@ class HalfProfile:
         u, radii = self.table
         index = np.clip(np.searchsorted(radii, radius), 1, len(u) - 1)
         low, high = np.asarray(u[index - 1]), np.asarray(u[index])
-        return _increasing_root(lambda u: self(u)[0] / radius - 1, low, high, steps=14)
+
+        def excess(u: Array, radius: Array) -> Array:
+            return np.asarray(self(u)[0] / radius - 1)
+
+        found = find_root(excess, (low, high), args=(radius,), tolerances=_TOLERANCES)
+        return np.asarray(found.x)
 
     @cached_property
     def table(self) -> tuple[Array, Array]:
@@ -124,14 +129,14 @@ class GearProfile:
         def on_left(right: Array) -> Array:
             return right if equal else self.left.at_radius(self.right(right)[0])
 
-        def opening(u: Array) -> Array:
+        def opening(u: Array, target: Array) -> Array:
             return target - self.right(u)[1] - self.left(on_left(u))[1]
 
         u, radius = self.right.table
         both = self.right(u)[1] + np.interp(radius, self.left.table[1], self.left(u)[1])
         first = np.argmax(both[:, None] <= target, axis=0)  # the sum decreases from the root
         ends = u[np.maximum(first - 2, 0)], u[np.minimum(first + 1, len(u) - 1)]
-        right = _increasing_root(opening, *ends)
+        right = find_root(opening, ends, args=(target,), tolerances=_TOLERANCES).x
         starts[closed] = np.stack([on_left(right), right], axis=-1)
         return starts
 
@@ -234,28 +239,6 @@ def _half_profile(tooth: Tooth, side: Side) -> HalfProfile:
             where="fillet",
         )
     return half
-
-
-def _increasing_root(
-    function: Callable[[Array], Array], low: Array, high: Array, *, steps: int = 30
-) -> Array:
-    """Return the root of an increasing function between two bounds by the Illinois method."""
-    at_low, at_high, root = function(low), function(high), low
-    last_side = np.zeros(np.shape(low), int)  # 1 below the root, −1 above, 0 at first
-    for _ in range(steps):
-        slope = at_high - at_low
-        share = np.where(slope > 0, -at_low / np.where(slope > 0, slope, 1.0), 0.5)
-        root = np.asarray(low + np.clip(share, 0.0, 1.0) * (high - low))
-        value = function(root)
-        if (np.abs(value) < _TOLERANCE).all():
-            break
-        side = np.where(value < 0, 1, -1)
-        repeated = side == last_side  # the other bound did not move, so its value is halved
-        at_high = np.where(side < 0, value, np.where(repeated, at_high / 2, at_high))
-        at_low = np.where(side > 0, value, np.where(repeated, at_low / 2, at_low))
-        low, high = np.where(side > 0, root, low), np.where(side < 0, root, high)
-        last_side = side
-    return root
 
 
 @dataclass(frozen=True)

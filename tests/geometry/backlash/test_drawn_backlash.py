@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.compiler import fast_to_compile
-from tests.laws import checks
 from vttig_jax.geometry.backlash import backlash_and_contact, geometric_backlash, section_backlash
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
@@ -62,12 +61,6 @@ def test_linear_teeth_have_the_backlash_of_equation_16():
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
             off = expected + 1e-6 * tapers / 80.0  # a nanometre of shift is seen
             assert np.abs(found - off).min() > 1e-10
-
-
-def test_every_section_of_linear_teeth_has_the_same():
-    pair, z = make(), np.linspace(-10.0, 8.0, 7)
-    found = np.asarray(section_backlash(pair, z, 125.3, 2.0))
-    np.testing.assert_allclose(found, geometric_backlash(pair, 125.3, 2.0), rtol=0, atol=1e-15)
 
 
 @pytest.mark.slow
@@ -168,14 +161,3 @@ def test_derivatives_follow_the_section_that_touches():
         central = (ends[0] - ends[1]) / (2 * step)
         assert float(slopes[name]) == pytest.approx(central, rel=1e-7, abs=1e-11), name
         assert abs(central) > 1e-8
-
-
-def test_new_values_compile_nothing():
-    def sections(z, distance, shift):
-        return section_backlash(make(), z, distance, shift)
-
-    def pairs(distance, shift):
-        return geometric_backlash(make(crowning=(4.0, 0.0)), distance, shift)
-
-    checks.check_one_trace(sections, (np.array([-3.0, 1.0]), np.array(125.2), np.array(0.1)))
-    checks.check_one_trace(pairs, (np.array([125.1, 125.3]), np.array(0.1)))

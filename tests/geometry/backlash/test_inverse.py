@@ -30,18 +30,6 @@ def test_there_and_back(helix, crowning, distance, share):
     assert abs(found) <= abs(asked) + 18.0 / 128
 
 
-@pytest.mark.slow
-def test_linear_teeth_by_equation_16():
-    """s = (j₀ − j) R₂/(tan β_L + tan β_R), face widths or none."""
-    for backlash_deg in (-0.3, 0.0, 0.02, 0.0627, 0.4):
-        for width in (20.0, math.nan):
-            pair = make((3.0, 2.0), widths=(width, width))
-            tapers = math.tan(math.radians(3.0)) + math.tan(math.radians(2.0))
-            left = float(pair.drawing_backlash) - math.radians(backlash_deg)
-            found = axial_for_backlash(pair, math.radians(backlash_deg))
-            assert found == pytest.approx(left * 80.0 / tapers, abs=1e-9)
-
-
 def test_of_two_positions_the_nearer_one():
     """Spur gears, crowned: shifted either way the thickest sections part."""
     pair = make((0.0, 0.0), (20.0, 20.0))

@@ -1,7 +1,5 @@
 """Derivatives of first touch, first and second, against central differences; ties and kinks."""
 
-import math
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,7 +7,6 @@ import numpy as np
 import pytest
 
 from benchmarks.compiler import fast_to_compile
-from tests.laws import checks
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.geometry.mounting import Misalignment
@@ -62,9 +59,14 @@ def known(tree):
     return jax.tree.map(jnp.asarray, tree)
 
 
-def compare(arguments, flank: Flank, steps: dict[str, float]) -> int:
-    """Every entry of the gradient against a central difference; how many are not zero."""
-    arguments = known(arguments)
+SMALL = {"inclination_rad": 1e-7, "deviation_rad": 1e-7, "driving_mm": 1e-5, "driven_mm": 1e-5}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flank", FLANKS)
+def test_every_number_of_a_rig_that_has_everything(flank):
+    """Crowned, tilted, deviating, eccentric, shifted: first touch is a single point."""
+    arguments = known((gears(), RIG, TILT, DEVIATIONS))
     slopes = jax.tree.leaves(eqx.filter_grad(total)(arguments, flank))
     paths, tree = jax.tree_util.tree_flatten_with_path(arguments)
     leaves = [leaf for _, leaf in paths]
@@ -73,33 +75,19 @@ def compare(arguments, flank: Flank, steps: dict[str, float]) -> int:
         name = getattr(path[-1], "name", "")
         if "along_" in name or "roll_mm" in name or name == "z_mm":
             continue  # made from the points of a map, which are no free numbers
-        step = steps.get(name, 1e-4)
+        step = SMALL.get(name, 1e-4)
         entries = list(np.ndindex(leaf.shape))
         for entry in entries[:: max(len(entries) // 4, 1)]:
-            ends = [
-                total(jax.tree.unflatten(tree, moved(leaves, place, entry, way * step)), flank)
-                for way in (1, -1)
-            ]
+            ends = []
+            for way in (1, -1):
+                there = leaf.at[entry].add(way * step)
+                moved = [there if k == place else one for k, one in enumerate(leaves)]
+                ends.append(total(jax.tree.unflatten(tree, moved), flank))
             central = float(ends[0] - ends[1]) / (2 * step)
             slope = float(slopes[place][entry])
             # Rounding leaves the section of first touch uncertain by some 1e-5 of its height.
             assert slope == pytest.approx(central, rel=5e-5, abs=1e-10), (name, entry)
             alive += abs(central) > 1e-9
-    return alive
-
-
-def moved(leaves, place, entry, step):
-    return [leaf.at[entry].add(step) if k == place else leaf for k, leaf in enumerate(leaves)]
-
-
-SMALL = {"inclination_rad": 1e-7, "deviation_rad": 1e-7, "driving_mm": 1e-5, "driven_mm": 1e-5}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("flank", FLANKS)
-def test_every_number_of_a_rig_that_has_everything(flank):
-    """Crowned, tilted, deviating, eccentric, shifted: first touch is a single point."""
-    alive = compare((gears(), RIG, TILT, DEVIATIONS), flank, SMALL)
     assert alive >= 18
 
 
@@ -109,7 +97,6 @@ def model_of(pair: GearPair, rig: Eccentricities = RIG, tilt: Misalignment = NO_
 
 
 UNTAPERED = {"addendum": 1.0, "width": 18.0, "tilt": 0.0}
-STEPS = {"addendum": 1e-6, "width": 1e-3, "tilt": 1e-7}
 EDGES = {"A": np.array([0.0279, 0.0489]), "B": np.array([0.1082, 0.0873])}
 """Where first the driving, then the driven tip of the short teeth carries."""
 
@@ -121,54 +108,6 @@ def error(numbers, angles, flank: Flank):
     moved = eqx.tree_at(places, pair, (numbers["addendum"], numbers["width"]))
     tilt = Misalignment(0.0, numbers["tilt"])
     return model_of(moved, tilt=tilt).transmission_error(angles, flank)
-
-
-error_of = jax.jit(error, **fast_to_compile(), static_argnames="flank")
-jacobian_of = jax.jit(jax.jacfwd(error), **fast_to_compile(), static_argnames="flank")
-
-
-def slopes_of(angles, flank: Flank = "A", **changed: float):
-    """Derivatives at two angles, and central differences."""
-    numbers = {name: np.asarray(value) for name, value in (UNTAPERED | changed).items()}
-    found = jacobian_of(numbers, angles, flank=flank)
-    differences = {}
-    for name in changed:
-        step = STEPS[name]
-        above, below = (
-            np.asarray(error_of(numbers | {name: numbers[name] + way * step}, angles, flank=flank))
-            for way in (1, -1)
-        )
-        differences[name] = (above - below) / (2 * step)
-    return found, differences
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("flank", FLANKS)
-def test_tip_edges_move_with_the_addendum(flank):
-    """And so does the transmission error, which knows nothing of it on the flanks."""
-    slopes, differences = slopes_of(EDGES[flank], flank, addendum=0.5)
-    np.testing.assert_allclose(slopes["addendum"], differences["addendum"], rtol=1e-6)
-    assert np.abs(slopes["addendum"]).min() > 1e-5
-    on_flank, _ = slopes_of(EDGES[flank] + 0.07, flank, addendum=0.5)
-    np.testing.assert_allclose(on_flank["addendum"], 0.0, atol=1e-15)
-
-
-@pytest.mark.slow
-def test_contact_at_the_end_of_the_face_moves_with_the_width():
-    slopes, differences = slopes_of(ANGLES, width=18.0, tilt=2e-4)
-    np.testing.assert_allclose(slopes["width"], differences["width"], rtol=1e-6)
-    pair = gears((0.0, 0.0), helix=(0.0, 0.0))
-    alpha = pair.working_pressure_angles[0]
-    lever = 1e-4 * math.cos(alpha) / pair.base_radii[1, 0]
-    np.testing.assert_allclose(slopes["width"], lever, rtol=2e-3)
-
-
-@pytest.mark.slow
-def test_at_a_kink_the_derivative_is_that_of_one_side():
-    """A tilt of nought: the flank may touch at either end of the face."""
-    left, kink, right = (slopes_of(ANGLES, tilt=x)[0]["tilt"][0] for x in (-1e-6, 0.0, 1e-6))
-    assert left < -0.1 < 0.1 < right
-    assert left <= kink <= right
 
 
 @pytest.mark.slow
@@ -193,7 +132,10 @@ def test_where_everything_ties_the_derivatives_are_those_of_the_exact_relation()
 
 
 def bends_of(function, arguments, direction):
-    """Second derivative along a direction, and differences of first derivatives, compiled once."""
+    """Second derivative along a direction, and differences of the first one.
+
+    The first derivative is held against differences of values.
+    """
 
     def along(arguments, direction):
         moved = lambda t: jax.tree.map(lambda x, d: x + t * d, arguments, direction)  # noqa: E731
@@ -204,16 +146,19 @@ def bends_of(function, arguments, direction):
         return function(*arguments), *jax.jvp(slope, (0.0,), (1.0,))
 
     along = jax.jit(along, **fast_to_compile())
-    _, _, bend = along(arguments, direction)
+    _, slope, bend = along(arguments, direction)
 
     def differences(step):
         above, below = (
             along(jax.tree.map(lambda x, d, h=h: x + h * d, arguments, direction), direction)
             for h in (step, -step)
         )
-        return (above[1] - below[1]) / (2 * step)
+        return [(one - other) / (2 * step) for one, other in zip(above, below, strict=True)]
 
-    return bend, (4 * differences(0.05) - differences(0.1)) / 3
+    fine, coarse = differences(0.05), differences(0.1)
+    of_value, of_slope = ((4 * fine[k] - coarse[k]) / 3 for k in (0, 1))
+    np.testing.assert_allclose(slope, of_value, rtol=1e-5)
+    return bend, of_slope
 
 
 @pytest.mark.slow
@@ -241,7 +186,7 @@ def test_second_derivatives_of_perfect_gears_are_those_of_the_exact_relation(fla
 
 @pytest.mark.slow
 @pytest.mark.parametrize("flank", FLANKS)
-def test_second_derivatives_of_edges_and_ends_are_those_of_differences(flank):
+def test_derivatives_of_edges_and_ends_are_those_of_differences(flank):
     """On both tip edges, on the flanks, and at an end of the face, which moves with the width."""
     numbers = {name: jnp.asarray(value) for name, value in UNTAPERED.items()}
     numbers |= {"addendum": jnp.asarray(0.5), "tilt": jnp.asarray(2e-4)}
@@ -254,6 +199,20 @@ def test_second_derivatives_of_edges_and_ends_are_those_of_differences(flank):
     found, expected = bends_of(touch, (numbers, angles), direction)
     np.testing.assert_allclose(found, expected, rtol=1e-5)
     assert np.abs(found[:2]).min() > 10 * np.abs(found[2:]).min()
+
+
+@pytest.mark.slow
+def test_at_a_kink_the_derivative_is_that_of_one_side_and_the_second_one_is_finite():
+    """A tilt of nought: the flank touches all along the face, otherwise at either end."""
+
+    def touch(tilt):
+        return error({**UNTAPERED, "tilt": tilt}, ANGLES, "A")
+
+    slope = jax.jit(jax.jacfwd(touch), **fast_to_compile())
+    left, kink, right = (slope(tilt)[0] for tilt in (-1e-6, 0.0, 1e-6))
+    assert left < -0.1 < 0.1 < right and left <= kink <= right
+    bend = jax.jit(jax.jacfwd(jax.jacfwd(touch)), **fast_to_compile())(0.0)
+    assert np.all(np.isfinite(bend)) and np.abs(bend).max() < 1.0
 
 
 @pytest.mark.slow
@@ -274,46 +233,6 @@ def test_second_derivatives_of_a_point_that_moves_along_the_face():
     by_tilt, differences = bends_of(touch, at, (1e-5, 0.0, jnp.zeros(2)))
     np.testing.assert_allclose(by_tilt, differences, rtol=5e-3)
     assert np.abs(by_tilt).min() > 1e-9
-
-
-@pytest.mark.slow
-def test_where_all_sections_touch_second_derivatives_are_finite():
-    """A tilt of nought: the derivatives are those of one section, which is kept."""
-
-    def touch(tilt):
-        return error({**UNTAPERED, "tilt": tilt}, ANGLES, "A")
-
-    bend = jax.jit(jax.jacfwd(jax.jacfwd(touch)), **fast_to_compile())(0.0)
-    assert np.all(np.isfinite(bend)) and np.abs(bend).max() < 1.0
-
-
-@pytest.mark.slow
-def test_new_values_compile_nothing():
-    def touch(scale):
-        rig = jax.tree.map(lambda leaf: leaf * scale, RIG)
-        pair = gears((12.0 * scale, 8.0), helix=(3.0 * scale, 2.0))
-        model = model_of(pair, rig, Misalignment(1e-4 * scale, -2e-4))
-        return model.transmission_error(ANGLES * scale, "A"), model.backlash(ANGLES)
-
-    touch(1.0)
-    with checks.compilations() as seen:
-        touch(1.01)
-    assert not seen
-
-
-@pytest.mark.slow
-def test_a_batch_of_rigs_is_a_loop():
-    pair = gears()
-
-    def error(e, tilt):
-        rig = Eccentricities(e, 49.5, 0.0273, 79.3)
-        return model_of(pair, rig, Misalignment(0.0, tilt)).transmission_error(ANGLES, "A")
-
-    sizes, tilts = jnp.array([0.0, 0.02, 0.1]), jnp.array([1e-4, 0.0, -3e-4])
-    batch = jax.vmap(error)(sizes, tilts)
-    loop = [error(*one) for one in zip(sizes, tilts, strict=True)]
-    np.testing.assert_allclose(batch, np.stack(loop), rtol=0, atol=1e-15)
-    assert np.ptp(batch, axis=0).min() > 1e-6
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ import pytest
 
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
@@ -49,12 +48,19 @@ def apart(pair, eccentricities, angles=HUNTING, exact=None, **options):
     )
 
 
-@pytest.mark.parametrize("axial", [0.0, 0.1, 0.3])
-def test_the_rig_of_the_paper_over_its_hunting_period(paper_pair, axial):
-    assert apart(paper_pair, drawn(paper_pair, axial=axial)) < 1e-14
+def test_the_rig_of_the_paper_over_its_hunting_period(paper_pair):
+    assert apart(paper_pair, drawn(paper_pair, axial=0.3)) < 1e-14
 
 
+SHIFTED = GearPair(
+    Gear(20, face_width_mm=10.0, profile_shift=0.4),
+    Gear(33, face_width_mm=10.0, profile_shift=0.3),
+    module_mm=2.0,
+    pressure_angles_deg=20.0,
+    centre_distance_mm=54.3,
+)
 RIGS = {
+    "profile-shifted": (SHIFTED, (0.03, 10.0, 0.02, 70.0), 0.0),
     "speeding up": (make((80, 45)), (0.2, 10.0, 0.1, 200.0), 0.2),
     "large eccentricities": (make(), (0.2, 49.5, 0.2, 79.3), -0.5),
     "unequal flanks": (make(helix=(3.0, 2.0), pressure=(20.0, 25.0)), (0.1, 0.0, 0.05, 90.0), 0.4),
@@ -74,15 +80,6 @@ def test_other_rigs():
 @pytest.mark.slow
 def test_sections_that_touch_at_once_add_nothing(paper_pair):
     assert apart(paper_pair, drawn(paper_pair, axial=0.3), SOME, sections=9) < 1e-14
-
-
-def test_profile_shifted_gears():
-    gears = (
-        Gear(20, face_width_mm=10.0, profile_shift=0.4),
-        Gear(33, face_width_mm=10.0, profile_shift=0.3),
-    )
-    pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=54.3)
-    assert apart(pair, drawn(pair, (0.03, 10.0, 0.02, 70.0)), SOME) < 1e-13
 
 
 def test_an_apparent_backlash_turns_flank_b(paper_pair):
@@ -132,11 +129,3 @@ def test_neighbouring_rigs_are_told_apart(paper_pair):
         other = drawn(paper_pair, axial=0.1)
         values = {"axial": 0.1, "backlash_deg": float(other.constant_backlash_deg)}
         assert apart(paper_pair, other, SOME, rig(**(values | changed))) > 5e-8
-
-
-def test_the_closed_form_is_told_from_contact(paper_pair):
-    contact, closed = (
-        make(paper_pair, drawn(paper_pair)) for make in (contact_model, closed_model)
-    )
-    difference = contact.transmission_error(SOME, "A") - closed.transmission_error(SOME, "A")
-    assert np.abs(np.asarray(difference)).max() > 1e-7

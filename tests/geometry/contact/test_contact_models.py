@@ -12,7 +12,6 @@ from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_model import FlankModel
 from vttig_jax.kinematics.flank_table import tabulate_flanks
-from vttig_jax.kinematics.te_curve import TECurve
 from vttig_jax.pair.gear_pair import Eccentricities, Flank
 
 FLANKS: tuple[Flank, Flank] = ("A", "B")
@@ -36,17 +35,6 @@ def test_the_backlash_map_of_the_surfaces_is_the_exact_one(paper_pair, rig):
         assert one.backlash == pytest.approx(other.backlash, abs=1e-13)
         assert one.tooth_pair == other.tooth_pair
     assert found.safe_closing_mm == pytest.approx(exact.safe_closing_mm, abs=1e-9)
-
-
-@pytest.mark.slow
-def test_tables_for_the_simulator(paper_pair, rig):
-    """Few nodes, whose tables are those of the exact relation."""
-    found, exact = (
-        tabulate_flanks(model, 1, per_turn=8).nodes
-        for model in (contact_model(paper_pair, rig), exact_model(paper_pair, rig))
-    )
-    for column, atol in enumerate((1e-13, 1e-10, 1e-13, 1e-10)):  # values, slopes of a search
-        np.testing.assert_allclose(found[:, column], exact[:, column], rtol=0, atol=atol)
 
 
 @pytest.mark.slow
@@ -75,33 +63,3 @@ def test_the_period_of_contact_is_that_of_the_hunting_tooth(paper_pair, rig):
             rtol=0,
             atol=1e-14,
         )
-
-
-def test_curves_of_the_surfaces(paper_pair, rig):
-    """A TE curve that a fit or a metrologist's number can take."""
-    angles = np.linspace(0.0, 4 * math.pi, 8)
-    error = np.asarray(contact_model(paper_pair, rig).transmission_error(angles, "A"))
-    curve = TECurve("A", angles, error, angles / (2 * math.pi))
-    span = exact_model(paper_pair, rig).transmission_error(angles, "A")
-    assert curve.peak_to_peak == pytest.approx(float(np.ptp(span)), abs=1e-14)
-
-
-@pytest.mark.slow
-def test_eccentricities_come_back_from_contact(paper_pair, rig):
-    """Gauss–Newton on the contact itself, from half of the truth."""
-    import jax
-
-    angles = np.linspace(0.0, 32 * math.pi, 8, endpoint=False)
-    truth = np.array(TABLE_2)
-    model = exact_model(paper_pair, rig)
-    wanted = [np.asarray(model.transmission_error(angles, flank)) for flank in FLANKS]
-
-    def left(values):
-        found = contact_model(paper_pair, Eccentricities(*values))
-        errors = [found.transmission_error(angles, flank) for flank in FLANKS]
-        return jax.numpy.concatenate(errors) - np.concatenate(wanted)
-
-    values = truth * np.array([0.6, 1.2, 0.7, 0.9])
-    for _ in range(6):
-        values = values - np.linalg.lstsq(jax.jacfwd(left)(values), left(values))[0]
-    np.testing.assert_allclose(values, truth, rtol=1e-9)

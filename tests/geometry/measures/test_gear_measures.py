@@ -6,43 +6,18 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.geometry.shop_gears import known, shop_gear
+from tests.geometry.shop_gears import known, scaled, shop_gear
+from vttig_jax.geometry.form import radius_where
 from vttig_jax.geometry.measures import measure_gear, over_balls
-from vttig_jax.geometry.tooth import tooth_of
-
-
-@pytest.mark.parametrize(("shaft", "tip", "root"), [("driving", 94, 85), ("driven", 164, 155)])
-def test_table_1_of_the_paper(paper_pair, shaft, tip, root):
-    found = measure_gear(tooth_of(paper_pair, shaft))
-    assert (found.tip_diameter_mm, found.root_diameter_mm) == (tip, root)
-    assert found.thickness.thin == pytest.approx(2.0934, abs=5e-5)
-    assert found.thickness.section == pytest.approx(math.pi)
-    assert found.thickness.thick == pytest.approx(4.1897, abs=5e-5)
-    assert found.base_helix_deg == pytest.approx((2.8194, 2.8194), abs=5e-5)
-    assert not found.undercut and not found.span.measurable
 
 
 def test_the_usual_ball_stands_above_the_tip_in_every_section():
     for section in (-8.0, 0.0, 4.0, 8.0):
         found = measure_gear(shop_gear(helix=(3.0, 3.0)), section_mm=section)
         assert known(found.over_balls.value_mm) > found.tip_diameter_mm
-
-
-def test_the_section_moves_and_the_ends_stay():
-    tooth = shop_gear(helix=(3.0, 3.0))
-    middle, off = measure_gear(tooth, ball_mm=3.5), measure_gear(tooth, section_mm=5.0, ball_mm=3.5)
-    assert (off.thickness.thin, off.thickness.thick) == (
-        middle.thickness.thin,
-        middle.thickness.thick,
-    )
-    thinner = 10.0 * math.tan(math.radians(3.0))
-    assert off.thickness.section == pytest.approx(known(middle.thickness.section) - thinner)
-    assert off.chordal_thickness_mm < middle.chordal_thickness_mm
-    assert known(off.span.value_mm) < known(middle.span.value_mm)
-    assert known(off.over_balls.value_mm) < known(middle.over_balls.value_mm)
 
 
 def test_the_thin_end_is_the_thin_one_whichever_way_the_gear_tapers():
@@ -72,6 +47,47 @@ def test_thickness_at_radii_asked_for():
     assert below.reason in found.notes and above.reason in found.notes
 
 
+@settings(max_examples=10)
+@given(factor=st.floats(0.05, 40.0), ball=st.floats(3.2, 3.8), z=st.floats(-8.0, 8.0))
+def test_lengths_scale_with_the_gear_and_angles_do_not(factor, ball, z):
+    tooth = shop_gear(helix=(3.0, 2.0), shift=0.1, crowning_um=30.0)
+    here = measure_gear(tooth, section_mm=z, ball_mm=ball)
+    there = measure_gear(scaled(tooth, factor), section_mm=factor * z, ball_mm=factor * ball)
+
+    def lengths(found):
+        balls, span = found.over_balls, found.span
+        return np.array(
+            [
+                found.chordal_thickness_mm,
+                found.chordal_height_mm,
+                known(span.value_mm),
+                known(balls.value_mm),
+                *known(balls.contact_z_mm),
+            ]
+        )
+
+    np.testing.assert_allclose(lengths(there) / factor, lengths(here), rtol=1e-10, atol=1e-6)
+    np.testing.assert_allclose(lengths(there)[:4] / factor, lengths(here)[:4], rtol=1e-10)
+    np.testing.assert_allclose(there.base_helix_deg, here.base_helix_deg, atol=1e-9)
+    assert there.span.teeth == here.span.teeth
+
+
+@pytest.mark.parametrize(
+    ("helix", "gear"),
+    [((25.0, -10.0), {}), ((2.0, 14.0), {"normal_pressure_angle_deg": 20.0})],
+)
+def test_base_helices(helix, gear):
+    """tan β_b = tan β cos α_t; from a normal pressure angle also sin β_b = sin β cos α_n."""
+    tooth = shop_gear(helix=helix, **gear)
+    shrunk = np.asarray(tooth.base_radii) / float(tooth.reference_radius)
+    found = np.radians(measure_gear(tooth, section_mm=4.0).base_helix_deg)
+    np.testing.assert_allclose(np.tan(found), shrunk * np.tan(np.radians(helix)), rtol=1e-9)
+    if gear:
+        sines = np.sin(np.radians(helix)) * math.cos(math.radians(20.0))
+        np.testing.assert_allclose(np.sin(found), sines, rtol=1e-9)
+
+
+@settings(max_examples=15)
 @given(
     helix=st.tuples(st.floats(-8, 8), st.floats(-8, 8)),
     z=st.floats(-3, 3),
@@ -84,11 +100,6 @@ def test_the_slope_of_the_measure_over_balls_is_its_derivative(helix, z, teeth, 
     step = 1e-4
     ahead, behind = (known(over_balls(tooth, 3.5, z + sign * step).value_mm) for sign in (1, -1))
     assert found.over_balls_slope == pytest.approx((ahead - behind) / (2 * step), abs=2e-6)
-
-
-def test_balls_and_teeth_that_are_asked_for_are_taken():
-    found = measure_gear(shop_gear(), span_teeth=6, ball_mm=3.4)
-    assert (found.span.teeth, found.over_balls.ball_diameter_mm) == (6, 3.4)
 
 
 NOTES = {
@@ -116,13 +127,6 @@ def test_of_an_ordinary_gear_nothing_has_to_be_said(tooth):
     assert measure_gear(tooth).notes == []
 
 
-def test_without_face_width_the_ends_are_open_and_the_section_is_not():
-    wide, found = (measure_gear(shop_gear(helix=(3.0, 3.0), width=width)) for width in (20.0, None))
-    assert found.thickness.thin is None and found.tip_thickness.thick is None
-    assert found.thickness.section == wide.thickness.section
-    assert found.over_balls == wide.over_balls
-
-
 def test_a_section_beyond_the_face_is_refused():
     with pytest.raises(ValueError, match=r"within the face, ±10 mm, but is 10\.5"):
         measure_gear(shop_gear(), section_mm=10.5)
@@ -146,3 +150,20 @@ print(any("compile" in name for name in compiled))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["[]", "True"]
+
+
+@pytest.mark.smoke
+def test_chord_of_the_handbook():
+    """KHK: m = 10, z = 12, x = +0.3: 17.8256 mm at 13.6657 mm below the tip."""
+    tooth = shop_gear(12, module_mm=10.0, shift=0.3)
+    found = measure_gear(tooth)
+    assert found.chordal_thickness_mm == pytest.approx(17.8256, abs=6e-5)
+    assert found.chordal_height_mm == pytest.approx(13.6657, abs=6e-5)
+
+
+@pytest.mark.smoke
+def test_radius_where_ends_at_the_larger_base_circle():
+    assert radius_where(np.array([10.0, 10.0]), 0.0) == pytest.approx(10.0, rel=1e-9)
+    assert radius_where(np.array([10.0, 10.0]), -1e-6) is None
+    assert radius_where(np.array([9.0, 10.0]), 0.01) is None  # 9/10: inv α = 0.0332 there
+    assert known(radius_where(np.array([9.0, 10.0]), 0.04)) > 10.0

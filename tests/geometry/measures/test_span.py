@@ -12,38 +12,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.geometry.shop_gears import flank_points, known, scaled, shop_gear
+from tests.geometry.shop_gears import flank_points, known, shop_gear
 from vttig_jax.geometry.measures import Span, span
 from vttig_jax.geometry.tooth import Tooth
 
 KHK: dict[str, Any] = {"normal_module_mm": 3.0, "normal_pressure_angle_deg": 20.0}
 
 
-def test_table_of_spur_gears():
+def test_handbooks():
+    """The last two with m_n = 3, z = 24 and x_n = +0.4: spur, and helical in the normal plane."""
     for teeth, spanned, value in ((30, 4, 10.7526), (20, 3, 7.6604), (17, 2, 4.6663)):
         found = span(shop_gear(teeth, module_mm=1.0))
-        assert found.teeth == spanned
+        assert found.teeth == spanned and found.measurable and found.reason is None
         assert found.value_mm == pytest.approx(value, abs=6e-5)
-        assert found.measurable and found.reason is None
         assert found.transverse_mm == found.value_mm
-
-
-def test_the_contact_of_two_teeth_is_that_of_the_calculator():
-    """MESYS: m = 1, z = 20, k = 2: 4.7083 mm, touching at 19.3746 mm."""
-    found = span(shop_gear(20, module_mm=1.0), teeth=2)
+    found = span(shop_gear(20, module_mm=1.0), teeth=2)  # of the calculator of MESYS
     assert found.value_mm == pytest.approx(4.7083, abs=6e-5)
     assert found.contact_diameter_mm == pytest.approx(19.3746, abs=6e-5)
-
-
-@pytest.mark.parametrize(("helix", "spanned", "value"), [(0.0, 4, 32.8266), (25.0, 5, 42.0085)])
-def test_shifted_gears_of_the_handbook(helix, spanned, value):
-    """m_n = 3, 20°, z = 24, x_n = +0.4: spur, and helical in the normal plane."""
-    found = span(shop_gear(24, helix=(helix, -helix), shift=0.4, **KHK))
-    assert (found.teeth, found.measurable) == (spanned, True)
-    assert found.value_mm == pytest.approx(value, abs=6e-5)
-    transverse = 0.4 / math.cos(math.radians(25.0))
-    wrong = span(shop_gear(24, helix=(25.0, -25.0), shift=transverse, **KHK), teeth=5)
-    assert abs(known(wrong.value_mm) - 42.0085) > 0.05
+    for helix, spanned, value in ((0.0, 4, 32.8266), (25.0, 5, 42.0085)):
+        found = span(shop_gear(24, helix=(helix, -helix), shift=0.4, **KHK))
+        assert (found.teeth, found.measurable) == (spanned, True)
+        assert found.value_mm == pytest.approx(value, abs=6e-5)
 
 
 # Jaws laid against the flanks.
@@ -56,17 +45,7 @@ def supports(tooth: Tooth, teeth: int, normal: np.ndarray, z: float, reach: floa
     pitch = 2 * math.pi / tooth.teeth
     found = []
     for side, turn in ((0, (teeth - 1) * pitch / 2), (1, -(teeth - 1) * pitch / 2)):
-        angle = math.radians(float(tooth.pressure_angles_deg[side]))
-        half = math.pi * float(tooth.module_mm) / 4
-        half += float(tooth.profile_shift_mm) * math.tan(angle)
-        points = flank_points(
-            radius=float(tooth.reference_radius),
-            angle=angle,
-            half_thickness=half,
-            recedes=tooth.recession[side],
-            roll=roll,
-            z=height,
-        )
+        points = flank_points(tooth, side, roll, height)
         if side:
             points = points * np.array([-1.0, 1.0, 1.0])
         rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
@@ -76,36 +55,21 @@ def supports(tooth: Tooth, teeth: int, normal: np.ndarray, z: float, reach: floa
     return found
 
 
-@pytest.mark.parametrize("turn", [-0.04, 0.0, 0.03])
-def test_parallel_jaws_on_a_helical_gear_stand_that_far_apart_however_it_is_turned(turn):
-    """The jaws are square to the base helix; the outermost flanks have a common normal."""
-    tooth = shop_gear(24, helix=(25.0, -25.0), shift=0.4, width=60.0, **KHK)
-    found = span(tooth)
-    base_helix = math.atan(
-        float(tooth.base_radii[0] / tooth.reference_radius) * math.tan(math.radians(25.0))
-    )
-    normal = np.array(
-        [
-            math.cos(base_helix) * math.cos(turn),
-            math.cos(base_helix) * math.sin(turn),
-            -math.sin(base_helix),
-        ]
-    )
-    apart = sum(supports(tooth, known(found.teeth), normal, 0.0, 25.0))
-    assert apart == pytest.approx(found.value_mm, abs=2e-4)
-    assert (
-        abs(sum(supports(tooth, known(found.teeth), normal * [1, 1, -1], 0.0, 25.0)) - apart) > 1.0
-    )
-
-
-@pytest.mark.parametrize("turn", [-0.04, 0.0, 0.03])
-def test_in_a_section_of_a_tapered_gear_jaws_stand_that_far_apart(turn):
-    tooth = shop_gear(helix=(3.0, 3.0))
-    found = span(tooth, 4.0)
-    normal = np.array([math.cos(turn), math.sin(turn), 0.0])
-    assert sum(supports(tooth, known(found.teeth), normal, 4.0, 0.0)) == pytest.approx(
-        found.value_mm, abs=1e-4
-    )
+def test_parallel_jaws_stand_that_far_apart_however_they_are_turned():
+    """On a helical gear they are square to the base helix; on a tapered one in a section."""
+    helical = shop_gear(24, helix=(25.0, -25.0), shift=0.4, width=60.0, **KHK)
+    shrunk = float(helical.base_radii[0] / helical.reference_radius)
+    base_helix = math.atan(shrunk * math.tan(math.radians(25.0)))
+    for tooth, lean, z, reach in (
+        (helical, base_helix, 0.0, 25.0),
+        (shop_gear(helix=(3.0, 3.0)), 0.0, 4.0, 0.0),
+    ):
+        found = span(tooth, z)
+        for turn in (-0.04, 0.03):
+            across = np.array([math.cos(turn), math.sin(turn)]) * math.cos(lean)
+            normal = np.array([*across, -math.sin(lean)])
+            apart = sum(supports(tooth, known(found.teeth), normal, z, reach))
+            assert apart == pytest.approx(found.value_mm, abs=2e-4)
 
 
 def test_jaws_rock_on_flanks_with_different_base_circles():
@@ -175,14 +139,6 @@ def test_where_no_number_of_teeth_serves_there_is_none():
 # What has to hold for any gear.
 
 
-@given(factor=st.floats(0.05, 40.0), z=st.floats(-8, 8))
-def test_values_scale_with_the_gear(factor, z):
-    tooth = shop_gear(helix=(3.0, 3.0), shift=0.1, crowning_um=30.0)
-    small, large = span(tooth, z), span(scaled(tooth, factor), factor * z)
-    assert large.teeth == small.teeth
-    assert large.value_mm == pytest.approx(factor * known(small.value_mm), rel=1e-12)
-
-
 @given(teeth=st.integers(12, 200), shift=st.floats(-0.2, 0.5), helix=st.floats(0, 35))
 def test_chosen_teeth_are_the_nearest_to_the_v_circle(teeth, shift, helix):
     tooth = shop_gear(teeth, helix=(helix, -helix), shift=shift)
@@ -203,12 +159,3 @@ def test_chosen_teeth_are_the_nearest_to_the_v_circle(teeth, shift, helix):
         if other.value_mm is not None and spanned >= 2:
             assert off(other) >= off(chosen) - 1e-9
             assert abs(other.value_mm - chosen.value_mm) == pytest.approx(pitch)
-
-
-@given(shift=st.floats(-0.3, 0.4), step=st.floats(0.001, 0.1))
-def test_more_shift_spans_more(shift, step):
-    """By 2 x m sin α, whatever the teeth."""
-    first, second = (
-        known(span(shop_gear(shift=x), teeth=5).value_mm) for x in (shift, shift + step)
-    )
-    assert second - first == pytest.approx(2 * step * 2.0 * math.sin(math.radians(20)))

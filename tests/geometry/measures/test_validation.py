@@ -77,17 +77,6 @@ def test_teeth_that_are_none():
         assert caught.value.exit_code == 3
 
 
-def test_good_teeth_pass():
-    for tooth in (
-        shop_gear(),
-        shop_gear(helix=(3.0, 3.0)),
-        shop_gear(8),  # undercut
-        shop_gear(helix=(25.0, -25.0), width=200.0),
-        shop_gear(helix=(3.0, 3.0), width=None),
-    ):
-        check_measurable(tooth)
-
-
 def test_without_face_width_the_section_alone_is_looked_at():
     tooth = shop_gear(helix=(3.0, 3.0), width=None)
     with pytest.raises(PairError, match="pointed at z = 15 mm"):

@@ -43,10 +43,6 @@ def drawing():
     return section_drawing(tooth(), 0.0)
 
 
-def test_there_are_21_of_them():
-    assert len(set(NAMES)) == 21
-
-
 def test_stl():
     trimesh = pytest.importorskip("trimesh")
     mesh = gear_mesh(tooth(), tolerance_mm=0.2, teeth=1, rounding=np.float32)

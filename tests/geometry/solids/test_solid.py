@@ -38,8 +38,6 @@ def read_step(path):
     ("gear", "options"),
     [
         (SMALL, {}),
-        (SMALL, {"bore_mm": 0.0}),
-        (OVERLAP, {"teeth": 1}),
         (OVERLAP, {"teeth": 3, "bore_mm": 0.0}),
         (WINDING, {"teeth": 3}),
     ],
@@ -75,13 +73,12 @@ def distances(shape, points: np.ndarray) -> np.ndarray:
     return np.array(found)
 
 
-@pytest.mark.parametrize("gear", [SMALL, OVERLAP])
-def test_points_of_the_true_surface_lie_on_its_faces(cad, tmp_path, gear):
-    solid = gear_solid(gear, tolerance_mm=0.001, teeth=1)
+def test_points_of_the_true_surface_lie_on_its_faces(cad, tmp_path):
+    solid = gear_solid(OVERLAP, tolerance_mm=0.001, teeth=1)
     path = tmp_path / "gear.step"
     path.write_bytes(step_bytes(solid, "gear"))
     shell = _shell(read_step(path))
-    points = true_points(gear, np.random.default_rng(0))[::5]
+    points = true_points(OVERLAP)[::5]
     assert distances(shell, points).max() <= solid.error_mm
     moved = points * [1.0, 1.001, 1.0]
     assert distances(shell, moved).max() > solid.error_mm
@@ -98,12 +95,6 @@ def _shell(shape):
 def test_a_tolerance_that_sewing_cannot_hold_is_refused(cad):
     with pytest.raises(UsageError, match=r"below the accuracy of the file; .* 0\.002 or more"):
         gear_solid(SMALL, tolerance_mm=1e-6)
-
-
-def test_sectors_add_up(cad):
-    whole = gear_solid(SMALL, tolerance_mm=0.01)
-    half = gear_solid(SMALL, tolerance_mm=0.01, teeth=7)
-    assert 2 * half.volume_mm3 == pytest.approx(whole.volume_mm3, rel=1e-6)
 
 
 def test_a_jump_of_the_recession_is_told():

@@ -3,25 +3,13 @@
 import math
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.geometry.surface_teeth import crowned, tooth, wave
+from tests.geometry.surface_teeth import tooth
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.checks import check_tooth
 from vttig_jax.geometry.tooth import Taper
-
-
-def test_what_has_a_surface_passes():
-    for gear in (
-        tooth(),
-        tooth(recession=(wave, wave)),
-        tooth(recession=(crowned(0.05, 0.02), lambda z: 0.01 + 0.0 * z)),
-        tooth(12, fillet_radius_mm=0.0),
-    ):
-        check_tooth(gear)
-        check_tooth(gear, [-5.0, 5.0])
 
 
 def test_thin_end_names_the_section():
@@ -66,7 +54,3 @@ def test_numbers_that_are_no_gear():
         with pytest.raises(PairError) as caught:
             check_tooth(replace(tooth(), **changes))
         assert caught.value.where == where
-
-
-def test_a_gear_of_traced_numbers_is_checked_by_value():
-    check_tooth(tooth(module_mm=jnp.asarray(2.0)))
