@@ -57,13 +57,6 @@ TABLE = """
         y[2] = y[3] = y[4] = 0.0;
 """
 
-READINGS = """
-        y[0] = {name}_driving_rad(x[0]);
-        y[1] = {name}_driven_rad(x[1]);
-        y[2] = y[3] = y[4] = 0.0;
-"""
-
-
 def compiled(
     folder: Path, text: str, name: str, body: str = SHIFT, *, flags: tuple[str, ...] = STRICT
 ) -> Path:

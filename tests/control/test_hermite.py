@@ -1,7 +1,5 @@
 """The cubic of one step against polynomials and NumPy's roots."""
 
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,16 +14,6 @@ root_of = jax.jit(first_root)
 root_and_slopes = jax.jit(jax.value_and_grad(first_root))
 
 
-@given(st.lists(NUMBER, min_size=4, max_size=4), st.floats(1e-6, 2.0))
-def test_it_has_the_values_and_rates_that_it_was_made_of(ends, step):
-    start, end, first, last = map(jnp.asarray, ends)
-    curve = cubic(start, end, first, last, step)
-    for share, place in ((0.0, 0), (1.0, 1)):
-        at = jnp.asarray(share)
-        assert float(curve.at(at)) == pytest.approx(ends[place], abs=1e-12)
-        assert float(curve.slope(at)) / step == pytest.approx(ends[2 + place], rel=1e-6, abs=1e-5)
-
-
 @given(st.lists(NUMBER, min_size=4, max_size=4), st.floats(0.01, 2.0))
 def test_cubics_are_reproduced(coefficients, step):
     truth = np.polynomial.Polynomial(coefficients)
@@ -33,17 +21,10 @@ def test_cubics_are_reproduced(coefficients, step):
     values = (jnp.asarray(one(at)) for one in (truth, rates) for at in (0.0, step))
     start, end, first, last = values
     curve = cubic(start, end, first, last, step)
-    for share in (0.2, 0.5, 0.9):
+    for share in (0.0, 0.2, 0.5, 1.0):
         assert float(curve.at(jnp.asarray(share))) == pytest.approx(truth(share * step), abs=1e-10)
         slope = float(curve.slope(jnp.asarray(share))) / step
         assert slope == pytest.approx(rates(share * step), abs=1e-9)
-
-
-def roots(curve: Cubic) -> np.ndarray:
-    """All real roots in [0, 1]."""
-    found = np.polynomial.Polynomial([float(c) for c in jax.tree.leaves(curve)]).roots()
-    found = found[np.abs(found.imag) < 1e-12].real
-    return np.sort(found[(found >= 0) & (found <= 1)])
 
 
 SHARE = st.integers(-64, 64).map(lambda n: n / 64)
@@ -54,9 +35,10 @@ def test_the_root_of_a_curve_that_falls_is_found(above, below, bend, jerk):
     """Bent by less than it falls, as within a short step."""
     fall, bend, jerk = above + below, 0.3 * bend, 0.1 * jerk
     curve = Cubic(*map(jnp.asarray, (above, -fall * (1 + bend + jerk), fall * bend, fall * jerk)))
-    expected = roots(curve)
-    assert len(expected) == 1
-    assert float(root_of(curve)) == pytest.approx(expected[0], abs=1e-12)
+    found = np.polynomial.Polynomial([float(c) for c in jax.tree.leaves(curve)]).roots()
+    real = found[np.abs(found.imag) < 1e-12].real
+    (expected,) = real[(real >= 0) & (real <= 1)]
+    assert float(root_of(curve)) == pytest.approx(expected, abs=1e-12)
 
 
 @given(st.lists(NUMBER, min_size=4, max_size=4))
@@ -65,13 +47,6 @@ def test_any_curve_gives_a_share_and_a_finite_gradient(coefficients):
     value, slopes = root_and_slopes(curve)
     assert 0 <= value <= 1
     assert np.all(np.isfinite(jax.tree.leaves(slopes)))
-
-
-def test_a_straight_line_is_met_at_once():
-    line = Cubic(*map(jnp.asarray, (0.3, -1.0, 0.0, 0.0)))
-    assert float(root_of(line)) == pytest.approx(0.3, abs=1e-15)
-    steeper = replace(line, c1=jnp.asarray(-1.1))
-    assert abs(float(root_of(steeper)) - 0.3) > 1e-2
 
 
 def test_the_root_moves_with_the_curve():

@@ -19,7 +19,7 @@ from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model
 from vttig_jax.kinematics.harmonic import OrderModel
-from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
+from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 PAIR = paper_pair()
@@ -44,7 +44,7 @@ def wrapped(angle):
     return np.remainder(angle + np.pi, REV) - np.pi
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("share", [0.0, 1.0])
 def test_single_turn_readings_give_the_map_of_the_hunting_period(grid, compensation, share):
     first, second = readings(grid, share)
     gap = gap_at(compensation, wrapped(first), wrapped(second))
@@ -89,16 +89,10 @@ def test_weak_harmonics_are_left_out_as_far_as_asked(grid, compensation):
     assert len(coarse.terms) < len(compensation.terms) / 2
     assert 1e-9 < coarse.error_rad < 1e-7
     left_out = set(compensation.terms) - set(coarse.terms)
-    amplitude = dict(
-        zip(
-            compensation.terms,
-            np.hypot(compensation.cosine_rad, compensation.sine_rad),
-            strict=True,
-        )
-    )
-    assert sum(amplitude[term] for term in left_out) <= 1e-7
+    sizes = np.hypot(compensation.cosine_rad, compensation.sine_rad)
+    amplitude = dict(zip(compensation.terms, sizes, strict=True))
     weakest = min(amplitude[term] for term in coarse.terms)
-    assert sum(amplitude[term] for term in left_out) + weakest > 1e-7
+    assert 1e-7 - weakest < sum(amplitude[term] for term in left_out) <= 1e-7
 
 
 def test_a_mounted_driven_encoder_moves_the_offset_alone(grid, compensation):
@@ -116,19 +110,9 @@ def test_a_mounted_driven_encoder_moves_the_offset_alone(grid, compensation):
 def test_models_of_eccentricities_alone(build):
     grid = BacklashMap(build(PAIR, paper_eccentricities()), None, PAIR)
     found = compensation_of(grid, allowed_rad=ALLOWED)
-    first, second = readings(grid)
-    np.testing.assert_allclose(
-        gap_at(found, first, second).backlash_rad, grid.over(ANGLES), atol=1e-11
-    )
+    gap = gap_at(found, *readings(grid)).backlash_rad
+    np.testing.assert_allclose(gap, grid.over(ANGLES), atol=1e-11)
     assert len(found.terms) < 20
-
-
-def test_perfect_gears_have_no_harmonics():
-    grid = BacklashMap(exact_model(PAIR, Eccentricities(constant_backlash_deg=0.04)), None, PAIR)
-    found = compensation_of(grid, allowed_rad=ALLOWED)
-    assert found.terms == ()
-    assert shift_at(found, 1.0, RATIO).shift_mm == pytest.approx(0.04 * DEG / CLOSING)
-    assert shift_at(found, 1.0, RATIO).slope_mm_per_rad == 0
 
 
 def drive_map(ratio: Fraction, gap: float = 4e-4) -> BacklashMap:
@@ -143,17 +127,12 @@ def drive_map(ratio: Fraction, gap: float = 4e-4) -> BacklashMap:
 
 
 def test_a_drive_has_a_backlash_and_no_shift():
-    grid = drive_map(Fraction(1, 2))
-    found = compensation_of(grid, allowed_rad=ALLOWED)
-    first, second = readings(grid)
-    np.testing.assert_allclose(
-        gap_at(found, first, second).backlash_rad, grid.over(ANGLES), atol=1e-11
-    )
+    found = compensation_of(drive_map(Fraction(1, 2)), allowed_rad=ALLOWED)
     assert found.to_json()["closing_rad_per_mm"] is None
     assert "shift" not in str(found)
 
 
-@pytest.mark.parametrize("helix_deg", [(0.0, 0.0), (3.0, -3.0), (-3.0, -3.0)])
+@pytest.mark.parametrize("helix_deg", [(3.0, -3.0), (-3.0, -3.0)])
 def test_gears_that_do_not_thin_have_no_shift(helix_deg):
     gears = Gear(45, *helix_deg), Gear(80, *helix_deg)
     pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.12)
@@ -173,18 +152,6 @@ def test_too_many_turns_leave_the_turn_open():
     gap = gap_at(finer, first, second)
     assert gap.known.all()
     np.testing.assert_allclose(gap.backlash_rad, grid.over(first), atol=1e-11)
-
-
-def test_json_holds_all_that_the_evaluation_needs(grid, compensation):
-    record = compensation.to_json()
-    first = ANGLES[:50]
-    value = np.full(50, record["constant_rad"])
-    for one in record["harmonics"]:
-        phase = (one["driving_order"] + one["driven_order"] * record["ratio_value"]) * first
-        value += one["cos_rad"] * np.cos(phase) + one["sin_rad"] * np.sin(phase)
-    np.testing.assert_allclose(value, grid.over(first), atol=1e-10)
-    assert record["closing_rad_per_mm"] == pytest.approx(CLOSING)
-    assert (record["ratio"], record["hunting_turns"]) == ("9/16", 16)
 
 
 def test_bad_arguments_are_refused(grid):

@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -63,9 +62,10 @@ def run(bounds, oracle: Contact, times: np.ndarray, step: float, plant=None):
     return follow(plant, motion, bounds, start, times[0], step, each * (len(times) - 1), each)
 
 
-def arcsec(shafts, path: Path) -> float:
+def arcsec(shafts, path: Path, every: int = 1) -> float:
     """Largest difference at the samples of a run that may be shorter than the path."""
-    return float(np.abs(shafts.offset - path.offset[1:][: len(shafts.offset)]).max() / ARCSEC)
+    expected = path.offset[every::every][: len(shafts.offset)]
+    return float(np.abs(shafts.offset - expected).max() / ARCSEC)
 
 
 def test_one_reversal_is_that_of_dop853(bounds, reversal):
@@ -77,33 +77,12 @@ def test_one_reversal_is_that_of_dop853(bounds, reversal):
         found.append(np.abs(shafts.offset[:140] - reversal.offset[1:141]).max())
     # Over the first five impacts the error falls with the step, at least in proportion.
     assert found[0] > 5 * found[1] > 25 * found[2]
-
-
-def test_steps_of_many_contacts_keep_to_an_arcsec(bounds, reversal):
-    """At 5 ms, 75 radians a step, an impact takes less than a tenth of a step."""
-    oracle, begin = contact(CORNERS), TURN - 0.5
+    # At 5 ms, 75 radians a step, an impact takes less than a tenth of a step.
+    begin, plant = TURN - 0.5, elastic(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
     motion = trapezoid(60.0, 540.0, 0.0, 0.5)
     start = shafts_at(motion, bounds, begin, *oracle.resting(begin), ON_A)
-    plant = elastic(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
     shafts, _ = follow(plant, motion, bounds, start, begin, 5e-3, 200)
-    assert np.abs(shafts.offset - reversal.offset[5::5]).max() < 1.0 * ARCSEC
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"damping_ratio": 1.01 * RATIO},
-        {"stiffness": 0.9 * STIFFNESS},
-        {"coulomb": 1.01 * COULOMB},
-        {"viscous": 1e-4},
-        {"load": 5e-4},
-    ],
-    ids=lambda change: next(iter(change)),
-)
-def test_another_rig_would_be_seen(bounds, reversal, change):
-    oracle = contact(CORNERS, **change)
-    shafts, _ = run(bounds, oracle, sampled(TURN - 0.5, TURN + 0.5), SAMPLE)
-    assert arcsec(shafts, reversal) > 0.1
+    assert arcsec(shafts, reversal, every=5) < 1.0
 
 
 def test_impacts_are_located(bounds, reversal):
@@ -140,19 +119,15 @@ def test_standstill_load_and_viscous_friction(bounds):
     assert arcsec(run(bounds, without, times, SAMPLE)[0], path) > 1.0
 
 
-@pytest.mark.parametrize(
-    ("damping_ratio", "restitution"), [(0.05, 0.863), (0.1, 0.759), (0.5, 0.404)]
-)
-def test_rigid_teeth_are_the_limit_of_growing_stiffness(bounds, damping_ratio, restitution):
+def test_rigid_teeth_are_the_limit_of_growing_stiffness(bounds):
     times = sampled(TURN - 0.5, TURN + 0.5)
-    stiff = rigid(Drag(INERTIA, COULOMB), restitution)
-    limit, _ = run(bounds, contact(CORNERS), times, SAMPLE, stiff)
+    limit, _ = run(bounds, contact(CORNERS), times, SAMPLE, rigid(Drag(INERTIA, COULOMB), 0.759))
     found = []
     for stiffness in (1e4, 1e6, 1e8, 1e10):
-        shafts, _ = run(bounds, contact(CORNERS, stiffness, damping_ratio), times, SAMPLE)
+        shafts, _ = run(bounds, contact(CORNERS, stiffness), times, SAMPLE)
         found.append(np.abs(shafts.offset - limit.offset).max() / ARCSEC)
     assert found[0] > 5 * found[1] > 5 * found[2]
-    # What is left is the third digit of the table.
+    # What is left is the third digit of the restitution.
     assert found[3] < 1.0
 
 
@@ -183,69 +158,45 @@ def test_a_mesh_without_drive_gains_no_energy(damping_ratio, stiffness, step, wi
         assert energy[-1] > 0.999 * energy[0]
 
 
-def _after(bounds):
-    """x and its rate a step later: of time, place above flank A, rate, stiffness and damping."""
+@pytest.mark.slow
+def test_gradients_are_those_of_differences_in_flight_and_through_an_impact(bounds):
     motion = trapezoid(60.0, 540.0, 0.05, 0.5)
 
-    @eqx.filter_jit
     def after(numbers):
+        """x and its rate a step later."""
         begin, above, drift, stiffness, damping_ratio = numbers
         start = shafts_at(motion, bounds, begin, 0.0, 0.0, FREE)
         start = replace(start, offset=start.flanks.lower + above, drift=drift)
         plant = elastic(Drag(INERTIA, COULOMB), stiffness, damping_ratio)
-        ahead = motion.at(begin + SAMPLE)
-        ended, _ = plant.step(start, ahead, OPEN, bounds, jnp.asarray(SAMPLE))
+        ended, _ = plant.step(start, motion.at(begin + SAMPLE), OPEN, bounds, jnp.asarray(SAMPLE))
         return jnp.stack([ended.offset, ended.drift])
 
-    return after
-
-
-CASES = np.array(
-    [
-        [0.3, 1e-4, 0.02, STIFFNESS, 0.1],
-        [0.3, 1e-5, -0.05, STIFFNESS, 0.1],
-        [2.4, 4e-4, 0.01, STIFFNESS, 0.3],
-        [2.4, 5e-4, 0.5, 1e5, 0.2],
-    ]
-)
-"""Flight; an impact on A; flight; an impact on B that is not over at the end of the step."""
-
-
-@pytest.mark.slow
-def test_one_step_is_the_same_compiled_and_batched(bounds):
-    after = _after(bounds)
-    with jax.disable_jit():
-        single = np.array([np.asarray(after(jnp.asarray(case))) for case in CASES[1::2]])
-    batch = jax.vmap(after)(jnp.asarray(CASES))[1::2]
-    np.testing.assert_allclose(batch, single, rtol=1e-9, atol=1e-15)
-    assert np.ptp(single[:, 0]) > 1e-5
-
-
-@pytest.mark.slow
-def test_gradients_are_those_of_differences_in_flight_and_through_an_impact(bounds):
-    after = _after(bounds)
-    batch = jax.vmap(after)
+    # Flight; an impact on A; flight; an impact on B that is not over at the end of the step.
+    cases = np.array(
+        [
+            [0.3, 1e-4, 0.02, STIFFNESS, 0.1],
+            [0.3, 1e-5, -0.05, STIFFNESS, 0.1],
+            [2.4, 4e-4, 0.01, STIFFNESS, 0.3],
+            [2.4, 5e-4, 0.5, 1e5, 0.2],
+        ]
+    )
+    batch = jax.jit(jax.vmap(after))
     along = jax.jit(lambda cases, moves: jax.jvp(batch, (cases,), (moves,))[1], **fast_to_compile())
     for place, step in ((1, 1e-9), (2, 1e-6), (3, 10.0), (4, 1e-5)):
-        move = np.broadcast_to(step * np.eye(5)[place], CASES.shape)
-        ahead, behind = (np.asarray(batch(jnp.asarray(CASES + s * move))) for s in (1, -1))
+        move = np.broadcast_to(step * np.eye(5)[place], cases.shape)
+        ahead, behind = (np.asarray(batch(jnp.asarray(cases + s * move))) for s in (1, -1))
         difference = (ahead - behind) / 2
         scale = np.abs(difference).max(axis=0)
-        slopes = np.asarray(along(jnp.asarray(CASES), jnp.asarray(move)))
+        slopes = np.asarray(along(jnp.asarray(cases), jnp.asarray(move)))
         np.testing.assert_allclose(slopes / scale, difference / scale, atol=1e-3)
         if place > 2:
             assert np.all(slopes[[0, 2]] == 0.0)  # in flight the teeth do not matter
 
 
-def test_stiffness_of_the_paper():
-    assert mesh_stiffness(20.0, 20.0, 75.18) == pytest.approx(2.26e6, rel=1e-3)
+def test_stiffness_of_the_paper_and_the_longest_step():
     metres = 20.0e9 * 20.0e-3 * 75.18e-3**2  # 20 N/(mm µm) = 20e9 N/m²
     assert mesh_stiffness(20.0, 20.0, 75.18) == pytest.approx(metres, rel=1e-12)
-
-
-def test_the_longest_step_outlasts_a_contact():
-    natural = math.sqrt(INERTIA / STIFFNESS)
     base = largest_step(STIFFNESS, RATIO, INERTIA)
-    assert math.pi < base / natural < 2 * math.pi
+    assert math.pi < base / math.sqrt(INERTIA / STIFFNESS) < 2 * math.pi  # it outlasts a contact
     assert largest_step(4 * STIFFNESS, RATIO, INERTIA) == pytest.approx(base / 2)
     assert largest_step(STIFFNESS, 3.0, INERTIA) < base

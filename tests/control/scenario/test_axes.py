@@ -8,65 +8,49 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.control.texts import MINIMAL
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control.scenario.axes import Range
 from vttig_jax.control.scenario.spec import load_sweep_spec, parse_scenario_spec, spec_table
 
 pytestmark = pytest.mark.smoke
 
-SCENARIO = """
-pair = "pair.toml"
-[eccentricities]
-driving_mm = 0.0226
-driving_phase_deg = 49.5
-driven_mm = 0.0273
-driven_phase_deg = 79.3
-constant_backlash_deg = 0.038
-"""
-CONTRACT = """
-[sweep]                            # only in a sweep file: dotted names of the scenario
-"motion.reversal_deg" = { from = 360, to = 5760, num = 1000 }
-"controller" = ["none", "acceleration", "predictive"]
-"""
-DRAWS = 'pair = "pair.toml"\nrig = { from = "RUN", draws = 200, seed = 0 }\n'
+DRAWS = {"pair": "pair.toml", "rig": {"from": "RUN", "draws": 200, "seed": 0}}
 
 
-def sweep_of(text, start=SCENARIO):
-    spec = parse_scenario_spec(tomllib.loads(start + "[sweep]\n" + text))
+def sweep_of(text, start=MINIMAL):
+    spec = parse_scenario_spec({**start, "sweep": tomllib.loads(text)})
     assert spec.sweep is not None
     return spec.sweep
 
 
-def test_the_contracts_example(tmp_path):
-    path = tmp_path / "sweep.toml"
-    path.write_text(SCENARIO + CONTRACT)
-    spec = load_sweep_spec(path)
+def test_the_contracts_example(write):
+    axes = """
+[sweep]
+"motion.reversal_deg" = { from = 360, to = 5760, num = 1000 }
+"controller" = ["none", "acceleration", "predictive"]
+"""
+    spec = load_sweep_spec(write(tomli_w.dumps(MINIMAL) + axes))
     sweep = spec.sweep
-    assert sweep is not None
-    assert sweep.axes == {
+    assert sweep is not None and sweep.axes == {
         "motion.reversal_deg": Range(first=360.0, last=5760.0, num=1000),
         "controller": ("none", "acceleration", "predictive"),
     }
     assert sweep.groups == (("motion.reversal_deg",), ("controller",))
-    angles = np.array(sweep.values("motion.reversal_deg"))
-    assert (len(angles), angles[0], angles[-1]) == (1000, 360.0, 5760.0)
-    np.testing.assert_allclose(np.diff(angles), 5400 / 999, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(sweep.values("motion.reversal_deg")), 5400 / 999, rtol=1e-9)
     assert spec.motion.reversal_deg == 7560.0  # the scenario itself keeps its value
 
 
-def test_rigs_from_a_posterior_need_no_axis(tmp_path):
-    path = tmp_path / "sweep.toml"
-    path.write_text(DRAWS + "[sweep]\n")
-    spec = load_sweep_spec(path)
+def test_rigs_from_a_posterior_need_no_axis(write):
+    spec = load_sweep_spec(write({**DRAWS, "sweep": {}}))
     assert spec.rig is not None and spec.sweep is not None and spec.eccentricities is None
     assert (spec.rig.run, spec.rig.draws, spec.rig.seed) == ("RUN", 200, 0)
     assert spec.sweep.groups == () and spec.sweep.axes == {}
 
 
-@pytest.mark.parametrize(("start", "also"), [(SCENARIO, False), (DRAWS, True)])
-def test_a_sweep_needs_its_table(start, also, tmp_path):
-    path = tmp_path / "sweep.toml"
-    path.write_text(start)
+@pytest.mark.parametrize(("start", "also"), [(MINIMAL, False), (DRAWS, True)])
+def test_a_sweep_needs_its_table(start, also, write):
+    path = write(start)
     with pytest.raises(ScenarioError, match="missing; a sweep names its axes in") as caught:
         load_sweep_spec(path)
     assert caught.value.where == f"{path}: sweep"
@@ -82,23 +66,18 @@ zip = [["motion.ramp_s", "motion.speed_rpm"]]
 """
 
 
-def test_zipped_axes_stand_where_the_first_of_them_does():
+def test_zipped_axes_stand_where_the_first_does_and_values_have_the_type_of_their_key():
     sweep = sweep_of(ZIPPED)
     assert sweep.groups == (("motion.speed_rpm", "motion.ramp_s"), ("controller",), ("seed",))
     assert sweep.values("motion.ramp_s") == pytest.approx((1.0, 0.6, 0.2))
-
-
-def test_values_have_the_type_of_their_key():
-    sweep = sweep_of(ZIPPED)
-    assert sweep.values("motion.speed_rpm") == (30.0, 60.0, 90.0)
-    assert all(type(value) is float for value in sweep.values("motion.speed_rpm"))
+    for name, kind in (("motion.speed_rpm", float), ("seed", int)):
+        assert {type(value) for value in sweep.values(name)} == {kind}
     assert sweep.values("seed") == tuple(range(10))
-    assert all(type(value) is int for value in sweep.values("seed"))
 
 
 @pytest.mark.parametrize("text", [ZIPPED, "seed = [3]\n", 'plant = ["play"]\nseed = [1, 1]\n'])
 def test_a_sweep_goes_back_to_the_table_it_came_from(text):
-    spec = parse_scenario_spec(tomllib.loads(SCENARIO + "[sweep]\n" + text))
+    spec = parse_scenario_spec({**MINIMAL, "sweep": tomllib.loads(text)})
     table = tomllib.loads(tomli_w.dumps(spec_table(spec)))
     again = parse_scenario_spec(table)
     assert again == spec and parse_scenario_spec(spec_table(spec)) == spec
@@ -137,47 +116,27 @@ BAD = [
         'an axis is one dotted name in quotes; write "motion.reversal_deg" = ….',
     ),
     ("rig = [1]", "rig", "move `rig` to the top of the file"),
-    ('"rig.draws" = [1]', '"rig.draws"', "is no key of a scenario"),
     ("seed = []", "seed", "an axis is a list of values or { from = …, to = …, num = … }"),
     ("seed = 3", "seed", "but it is 3."),
     ('controller = ["none", "nine"]', "controller[1]", "but it is 'nine'."),
-    ("controller = [1]", "controller[0]", "expected text"),
     ('"mesh.restitution" = [0.5, 2]', '"mesh.restitution"[1]', "expected a number <= 1.0"),
-    ('"motion.speed_rpm" = ["60"]', '"motion.speed_rpm"[0]', "expected a number"),
-    ("seed = [0.5]", "seed[0]", "expected a whole number, but it is 0.5."),
     ("controller = { from = 0, to = 1, num = 2 }", "controller", "takes no numbers"),
-    (
-        "seed = { from = 0, to = 9, num = 0 }",
-        "seed.num",
-        "expected a whole number >= 1, but it is 0.",
-    ),
-    ("seed = { from = 0, to = 9 }", "seed", "table missing required field num"),
     ("seed = { from = 0, too = 9, num = 2 }", "seed.too", "did you mean `to`?"),
-    ("seed = { from = 0, to = inf, num = 2 }", "seed.to", "but it is inf."),
-    (
-        "seed = { from = -1, to = 1, num = 3 }",
-        "seed.from",
-        "expected a whole number >= 0, but it is -1.",
-    ),
     ("seed = { from = 0, to = 9, num = 3 }", "seed", "takes whole numbers, but 4.5 is one"),
     (
         '"mesh.restitution" = { from = 0, to = 2, num = 3 }',
         '"mesh.restitution".to',
         "expected a number <= 1.0, but it is 2.0.",
     ),
-    ("seed = { values = [] }", "seed", "an axis is a list of values"),
     (
         '"motion.speed_rpm" = { from = 10, to = 60, num = 1 }',
         '"motion.speed_rpm".num',
         "one value cannot be both 10 and 60; give num = 2 or more",
     ),
-    ("seed = { values = [1], num = 1 }", "seed.num", "unknown key `num`"),
     ("", "", "names no axis; write for example"),
     ("seed = [1]\nzip = 3", "zip", "expected a list"),
-    ('seed = [1]\nzip = ["seed"]', "zip[0]", "expected a list"),
     ('seed = [1]\nzip = [["seed"]]', "zip[0]", "a group needs at least two axes"),
     ('seed = [1]\nzip = [["seed", "sed"]]', "zip[0]", "did you mean `seed`?"),
-    ('seed = [1]\nzip = [["seed", "plant"]]', "zip[0]", "the axes are seed."),
     ('seed = [1]\nzip = [["seed", "seed"]]', "zip[0]", "`seed` occurs twice in zip"),
     (
         'seed = [1]\nplant = ["play"]\nflanks = ["exact"]\nzip = [["seed", "plant"], ["seed",'

@@ -67,8 +67,6 @@ def test_the_expected_margin_is_a_quantile_of_the_scatter(weight):
     tuned = scattered(interference_weight=weight)
     rank = int(np.ceil(len(OFF_MM) / (1 + weight)))
     assert tuned.values[MARGIN] == pytest.approx(-np.sort(OFF_MM)[rank - 1], abs=1.5e-3)
-    quantile = -norm.ppf(1 / (1 + weight)) * 0.004 / PER_MM
-    assert abs(tuned.values[MARGIN] - quantile) < np.diff(OFF_MM).max()
     share = (rank - 1) / len(OFF_MM)
     assert tuned.after.interfering_share == pytest.approx(share, abs=1.01 / len(OFF_MM))
     best = tuned.values[MARGIN] + OFF_MM
@@ -78,15 +76,13 @@ def test_the_expected_margin_is_a_quantile_of_the_scatter(weight):
 
 
 @pytest.mark.slow
-def test_the_worst_margin_balances_both_ends():
+@pytest.mark.parametrize("weight", [2.0, 1000.0])
+def test_the_worst_margin_balances_both_ends(weight):
     # max{δ_max + m, w (−δ_min − m)} is least where both are equal.
-    for weight in (2.0, 1000.0):
-        tuned = scattered(objective="worst", interference_weight=weight)
-        margin = (-weight * OFF_MM.min() - OFF_MM.max()) / (1 + weight)
-        assert tuned.values[MARGIN] == pytest.approx(margin, abs=1.5e-3)
-        assert tuned.before.cost_deg > tuned.after.cost_deg
-    # With a heavy weight: the largest over-estimate of the map.
-    assert tuned.values[MARGIN] == pytest.approx(-OFF_MM.min(), abs=1.5e-3)
+    tuned = scattered(objective="worst", interference_weight=weight)
+    margin = (-weight * OFF_MM.min() - OFF_MM.max()) / (1 + weight)
+    assert tuned.values[MARGIN] == pytest.approx(margin, abs=1.5e-3)
+    assert tuned.before.cost_deg > tuned.after.cost_deg
 
 
 # What the arguments do.
@@ -101,9 +97,8 @@ CHANGES: dict[str, Any] = {
     "draws": drawn(BELIEVED, *RIGS[1:], RIGS[-1]),
     "believed": drawn(Eccentricities(**{**RIG, "constant_backlash_deg": 0.04}), *RIGS),
     "limits": {MARGIN: (0.0, 0.02)},
-    "objective": "worst",
-    "interference_weight": 3.0,
 }
+"""Objective and weight have optima of their own above."""
 
 
 @pytest.mark.slow
@@ -129,15 +124,14 @@ def test_progress_and_the_scenario_with_the_values(base):
     assert tuned.spec.judgement.margin_mm == tuned.values[MARGIN] != 0.01
     assert tuned.spec.sweep == SCATTERED.sweep and tuned.spec.rig == SCATTERED.rig
     # What it says of the values is what a sweep says of them.
-    table = sweep(tuned.spec, PAIR, maps=MAPS)
-    gap = table.columns["residual_gap_deg"]
-    assert tuned.after.gap_mean_deg == pytest.approx(gap.mean(), rel=1e-12)
-    assert tuned.after.gap_high95_deg == pytest.approx(np.quantile(gap, 0.95), rel=1e-12)
-    assert tuned.after.gap_max_deg == pytest.approx(gap.max(), rel=1e-12)
-    worst = table.columns["interference_mm"].max()
-    assert tuned.after.interference_max_mm == pytest.approx(worst, rel=1e-9)
-    travel = table.columns["actuator_travel_mm"].mean()
-    assert tuned.after.travel_mean_mm == pytest.approx(travel, rel=1e-9)
+    columns, after = sweep(tuned.spec, PAIR, maps=MAPS).columns, tuned.after
+    gap = columns["residual_gap_deg"]
+    spread = [gap.mean(), np.quantile(gap, 0.95), gap.max()]
+    found = [after.gap_mean_deg, after.gap_high95_deg, after.gap_max_deg]
+    np.testing.assert_allclose(found, spread, rtol=1e-12)
+    others = [columns["interference_mm"].max(), columns["actuator_travel_mm"].mean()]
+    found = [after.interference_max_mm, after.travel_mean_mm]
+    np.testing.assert_allclose(found, others, rtol=1e-9)
     text = str(tuned)
     assert "confirmed by the full simulation" in text and "21 ok" in text
     assert f"{tuned.values[MARGIN]:.4g}" in text and f"{tuned.after.cost_deg:.5f}" in text
@@ -158,9 +152,9 @@ def test_what_is_not_better_is_not_taken(base):
 
 
 @pytest.mark.slow
-def test_a_setting_that_does_not_matter_is_left_alone():
+def test_all_settings_are_free_and_those_that_do_not_matter_are_left_alone():
     tuned = scattered(free=None)
-    assert tuple(tuned.values) == SETTINGS["predictive"]  # by default all are free
+    assert tuple(tuned.values) == SETTINGS["predictive"]
     moved = [key.name for key in tuned.keys if tuned.values[key.name] != key.start]
     assert moved == [MARGIN]
 
@@ -195,46 +189,32 @@ def test_the_papers_controller_gets_a_margin_and_is_not_cured():
     [
         ({"free": []}, "must name a key to tune"),
         ({"free": MARGIN}, "is one text"),
-        ({"free": ["judgement.margn_mm"]}, "did you mean `judgement.margin_mm`"),
-        ({"free": ["judgement.observer"]}, "none of predictive"),
         ({"free": ["motion.speed_rpm"]}, "none of predictive"),
-        ({"free": ["judgement.threshold_rad_s2"]}, "none of predictive"),
         ({"free": [MARGIN, MARGIN]}, "does so twice"),
         ({"limits": {"judgement.horizon_s": (0.1, 0.5)}}, "is not; free are"),
-        ({"limits": {MARGIN: (0.02, 0.03)}}, "a range around its value 0.01"),
         ({"limits": {MARGIN: (-1e4, 1.0)}}, "within -1000 … 1000"),
-        ({"interference_weight": -1.0}, "at least 0"),
         ({"interference_weight": float("nan")}, "at least 0"),
     ],
 )
 def test_bad_arguments_are_one_sentence(given, words):
+    """Those of options of the command stand in `tests/cli/test_tune.py`."""
     with pytest.raises(ValueError, match=words) as caught:
         scattered(**cast(Any, given))
     assert str(caught.value).count("\n") == 0
-
-
-def test_a_controller_without_settings_is_refused():
-    with pytest.raises(ScenarioError, match="nothing to tune") as caught:
-        tune(spec_of("none"), PAIR)
-    assert caught.value.where == "controller"
-
-
-GAP, JUMP = "map.constant_backlash_deg", "judgement.jump_s"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("start", [0.5, 1.7])
 def test_the_compensation_of_the_motor_ends_at_the_gap_of_the_plant(start):
     """Whether it begins with too little or too much."""
-    true = RIG["constant_backlash_deg"]
+    true, gap = RIG["constant_backlash_deg"], "map.constant_backlash_deg"
     settings: Any = {"map__constant_backlash_deg": start * true}
     found = tune(spec_of("feedforward", (300.0, 420.0), **settings), PAIR)
-    assert set(found.values) == {GAP} and found.improved
-    assert found.values[GAP] == pytest.approx(true, rel=0.01)
+    assert set(found.values) == {gap} and found.improved and found.notes == ()
+    assert found.values[gap] == pytest.approx(true, rel=0.01)
     assert found.before.lost_mean_deg == pytest.approx(abs(1 - start) * true, rel=0.1)
     assert found.after.lost_mean_deg < 0.02 * found.before.lost_mean_deg
-    assert found.notes == ()
-    assert found.spec.map.constant_backlash_deg == found.values[GAP]
+    assert found.spec.map.constant_backlash_deg == found.values[gap]
 
 
 @pytest.mark.slow
@@ -245,11 +225,11 @@ def test_a_shaft_that_is_thrown_back_is_said():
 
 @pytest.mark.slow
 def test_the_gap_of_a_map_has_to_be_given_to_be_tuned():
-    maps = Maps({"RUN": MAPS.named["RUN"]})
+    maps, jump = Maps({"RUN": MAPS.named["RUN"]}), "judgement.jump_s"
     spec = spec_of("feedforward", eccentricities=None, plant_map="RUN")
     with pytest.raises(ValueError, match="no start"):
         tune(spec, PAIR, maps=maps)
-    assert set(tune(spec, PAIR, maps=maps, free=[JUMP]).values) == {JUMP}
+    assert set(tune(spec, PAIR, maps=maps, free=[jump]).values) == {jump}
 
 
 def test_axes_that_cannot_be_tuned_over():
