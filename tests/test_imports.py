@@ -58,8 +58,8 @@ FLOORS = {
     "runs": "",
     "report": "words content verdict charts comparison page",
     "cli": (
-        "output library_messages program_cache completion options axis_options fit_options "
-        "drive_options verbs main"
+        "output library_messages program_cache completion options axis_options drive_options "
+        "fit_options verbs main"
     ),
 }
 """Rooms from the ground up, each with the floors inside it: its sub-rooms and its own modules.

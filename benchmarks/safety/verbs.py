@@ -196,5 +196,5 @@ def left_over(folder: Path) -> list[str]:
         name
         for _, folders, files in os.walk(folder)
         for name in (*folders, *files)
-        if name.startswith(".new-") or name.endswith(".tmp")
+        if name.startswith((".new-", ".commit-")) or name.endswith(".tmp")
     ]

@@ -157,7 +157,7 @@ def test_an_existing_result_is_refused_before_anything_is_computed(vttig, tmp_pa
 def test_bad_calls_end_in_one_sentence(vttig, tmp_path):
     for text, options, code, words in (
         (DRIVE, (), 3, "a drive without gears has no teeth to touch"),
-        (CONTRACT, ("--axial-mm", "30"), 2, "--axial-mm: 30 mm leaves the faces of the gears no"),
+        (CONTRACT, ("--axial-mm", "30"), 2, "--axial-mm must leave the faces some overlap"),
         (CONTRACT, ("--step-deg", "400"), 2, "--step-deg"),
         (CONTRACT, ("--step-deg", "1e-6"), 2, "more than 200000 angles"),
         (CONTRACT, ("--centre-distance-mm", "140"), 3, "--centre-distance-mm: 140 mm is too far"),

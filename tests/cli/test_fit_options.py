@@ -12,7 +12,7 @@ import pytest
 from tests.cli.drive import DELAY_S, FIRST_ARCSEC, TORQUE_ARCSEC, write_drive, write_pair
 from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.verbs.fit import command
-from vttig_jax.identify.fit_settings import REMOVED, fields
+from vttig_jax.identify.fit_settings import fields
 from vttig_jax.identify.identification import fit
 
 
@@ -213,15 +213,6 @@ def test_options_that_cannot_be_followed(folder, vttig, monkeypatch):
         assert words in err
         assert err.count("\n") == 1
         assert "defect" not in err
-
-
-def test_options_of_older_versions_say_what_takes_their_place(folder, vttig, monkeypatch):
-    for name in REMOVED:
-        monkeypatch.chdir(folder)
-        default, instead = REMOVED[name]
-        option = ["--" + name.replace("_", "-"), *([] if default is False else ["1"])]
-        code, out, err = vttig("fit", "late.csv", *option, "--pair", "pair.toml")
-        assert (code, out) == (2, "") and instead in err
 
 
 def test_a_regressor_can_be_required(fitted, vttig):

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import types
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 import jsonschema
@@ -18,7 +18,7 @@ from vttig_jax.base.files.run_folder import RunFolder
 from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module
 from vttig_jax.cli.main import GROUPS, VERBS, main
-from vttig_jax.cli.options import verb
+from vttig_jax.cli.options import Argument, verb
 from vttig_jax.cli.output import Output
 
 pytestmark = pytest.mark.smoke
@@ -49,11 +49,14 @@ def boom(kind: str, out: str) -> None:
 
 
 @verb("toy", example="vttig toy 3 --kind log\nvttig toy 4")
-@click.argument("number", type=int)
-@click.option("--kind", default="", help="How to fail.")
-@click.option("--late", is_flag=True, help="Fail after the result.")
-@click.option("--out", default="")
-def toy(output: Output, number: int, kind: str, late: bool, out: str) -> None:
+def toy(
+    output: Output,
+    *,
+    number: Annotated[int, Argument()],
+    kind: Annotated[str, "How to fail."] = "",
+    late: Annotated[bool, "Fail after the result."],
+    out: Annotated[str, "Where."] = "",
+) -> None:
     """Double NUMBER."""
     LOGGER.debug("details of %d", number)
     LOGGER.info("doubling %d", number)

@@ -6,7 +6,6 @@ import pytest
 
 from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.files.json_io import load_schema
-from vttig_jax.runs.map_table import COLUMNS
 
 
 def rows_of(path):
@@ -35,7 +34,9 @@ def test_csv_and_json_agree_with_each_other(vttig_json, run_folder, tmp_path):
     code, record = vttig_json("map", run_folder, "--out", tmp_path / "map.csv", "--step-deg", "0.5")
     assert code == 0
     table = rows_of(tmp_path / "map.csv")
-    assert table.dtype.names == COLUMNS  # the ramps tell the delay: no interval is that of a prior
+    lengths = ("backlash_mm", "axial_mm")  # and, as the ramps tell the delay, no interval
+    names = ("driving_deg", "backlash_deg", *lengths, "backlash_first_order_deg")
+    assert table.dtype.names == names
     assert len(table) == record["rows"] == 16 * 720
     beside = json.loads((tmp_path / "map.json").read_text())
     assert beside == record

@@ -61,14 +61,9 @@ def replaced(store: Path) -> None:
     (store / NAMES[0]).write_bytes((store / NAMES[1]).read_bytes())
 
 
-def aged(store: Path) -> None:
-    old = time.time() - 31 * 86400
-    os.utime(store / NAMES[0], (old, old))
-
-
-def test_a_damaged_or_old_program_is_left_out_and_removed(store: Path, tmp_path: Path):
+def test_a_damaged_program_is_left_out_and_removed(store: Path, tmp_path: Path):
     whole = (store / NAMES[0]).read_bytes()
-    for damage in (truncated, emptied, flipped, replaced, aged):
+    for damage in (truncated, emptied, flipped, replaced):
         (store / NAMES[0]).write_bytes(whole)
         damage(store)
         assert set(loaded(store, tmp_path)) == {NAMES[1]}
@@ -93,15 +88,6 @@ def test_the_oldest_programs_beyond_the_limit_are_left_out(
     with caplog.at_level("INFO", logger="vttig_jax"):
         assert set(loaded(store, tmp_path)) == {kept}
     assert not (store / other).exists() and "failed their check" not in caplog.text
-
-
-def test_what_a_killed_process_left_is_removed_after_a_day(store: Path, tmp_path: Path) -> None:
-    old = time.time() - 2 * 86400
-    for name in (".stage-dead", ".stage-alive"):
-        (store / name).mkdir()
-    os.utime(store / ".stage-dead", (old, old))
-    loaded(store, tmp_path)
-    assert not (store / ".stage-dead").exists() and (store / ".stage-alive").exists()
 
 
 @pytest.fixture
@@ -137,7 +123,7 @@ def test_a_full_disk_costs_the_programs_and_nothing_else(without_jax: Path, monk
     with kept_programs("fit"):
         stage = Path(os.environ["JAX_COMPILATION_CACHE_DIR"])
         (stage / NAMES[0]).write_bytes(b"program")
-        monkeypatch.setattr(program_cache.tempfile, "mkstemp", full)
+        monkeypatch.setattr(program_cache, "replace_file", full)
     assert not stage.exists()
 
 

@@ -1,5 +1,6 @@
 """Angles in degrees, their signed differences, and amplitude and phase; imports NumPy only."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -43,6 +44,20 @@ def difference_deg(angle_deg: Values, other_deg: Values) -> Numbers:
     """
     difference = np.asarray(angle_deg, np.float64) - np.asarray(other_deg, np.float64)
     return wrap_deg(difference + 180.0) - 180.0
+
+
+def angles_over_turns_deg(step_deg: float, turns: float) -> np.ndarray:
+    """Return the angles 0, `step_deg`, … below so many turns, in degrees.
+
+    **Example**
+    ```python
+    >>> from vttig_jax.base.angles import angles_over_turns_deg
+    >>> angles_over_turns_deg(90.0, 1.0).tolist()
+    [0.0, 90.0, 180.0, 270.0]
+
+    ```
+    """
+    return np.arange(math.ceil(turns * 360.0 / step_deg - 1e-9)) * step_deg
 
 
 def amplitude_phase(cosine: Values, sine: Values) -> tuple[Numbers, Numbers]:

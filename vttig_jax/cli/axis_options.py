@@ -1,51 +1,35 @@
 """Options that say what the axis of a control is."""
 
-from collections.abc import Callable
+from typing import Annotated, Literal, NamedTuple
 
-import click
+from .options import Gathered, Real, declared
 
-from .options import Finite, gathered
 
-AXIS = ("shaft", "zero_deg", "reversed", "travel_deg", "place_known")
-"""Fields of `AxisSetting`, which are the names of these parameters."""
+class AxisOptions(NamedTuple):
+    """Options of an axis, which are keywords of `AxisSetting`."""
 
-_OF_THE_AXIS = (
-    click.option(
-        "--axis",
-        "shaft",
-        type=click.Choice(("driven", "driving")),
-        default="driven",
-        help="Shaft that the axis is.",
-    ),
-    click.option(
+    shaft: Annotated[Literal["driven", "driving"], "--axis", "Shaft that the axis is."] = "driven"
+    zero_deg: Annotated[
+        Real,
         "--axis-zero-deg",
-        "zero_deg",
-        type=Finite(),
-        default=0.0,
-        help="Position of the axis where its shaft has the angle zero in the fit.",
-    ),
-    click.option("--reversed", is_flag=True, help="The axis counts against the fit."),
-    click.option(
+        "Position of the axis where its shaft has the angle zero in the fit.",
+    ] = 0.0
+    reversed: Annotated[bool, "The axis counts against the fit."] = False
+    travel_deg: Annotated[
+        tuple[Real, Real] | None,
         "--travel",
-        "travel_deg",
-        nargs=2,
-        type=Finite(),
-        metavar="FROM TO",
-        help="First and last position of the table, °; one turn of the axis by default.",
-    ),
-    click.option(
+        {"metavar": "FROM TO"},
+        "First and last position of the table, °; one turn of the axis by default.",
+    ] = None
+    place_known: Annotated[
+        bool,
         "--place-unknown",
-        "place_known",
-        is_flag=True,
-        flag_value=False,
-        default=True,
-        help="Homing does not tell the turn within the hunting period; the table is the mean of all"
+        {"flag_value": False},
+        "Homing does not tell the turn within the hunting period; the table is the mean of all"
         " turns.",
-    ),
-)
+    ] = True
 
 
-def axis_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options of an axis; the verb receives `axis`, the keywords of `AxisSetting`."""
-
-    return gathered(function, _OF_THE_AXIS, "axis", AXIS, dict)
+AXIS = AxisOptions._fields
+Axis = Annotated[AxisOptions, Gathered(declared(AxisOptions), AxisOptions)]
+"""Parameter of a verb."""

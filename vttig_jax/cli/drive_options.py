@@ -4,17 +4,16 @@ Every command (verb) that reads logs has all of these options. A command without
 options of the drive: ratio, teeth and counts.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import click
 
 from ..base.errors import PairError, UsageError
 from ..base.logger import LOGGER
 from ..logs.recognition.request import (
-    SHAFTS,
     UNITS,
     DriveRequest,
     ReadingOptions,
@@ -22,13 +21,16 @@ from ..logs.recognition.request import (
     units_of_options,
 )
 from ..runs.stated_drive import write_pair
-from .options import gathered
+from .options import Gathered, declared
 from .output import Output
 
 if TYPE_CHECKING:
     from ..logs.recognition.candidates import Guess
     from ..pair.gear_pair import GearPair
     from ..pair.schema import PairSpec
+
+
+_SCALE = "Factor of the {} column, such as 757/3 for a column that is divided by the ratio already."
 
 
 def _units(_: click.Context, __: click.Parameter, incomplete: str) -> list[str]:
@@ -38,112 +40,6 @@ def _units(_: click.Context, __: click.Parameter, incomplete: str) -> list[str]:
     return [
         text for one in known if (text := f"{role}={one}" if equals else one).startswith(incomplete)
     ]
-
-
-_OF_THE_DRIVE = (
-    click.option(
-        "--ratio",
-        metavar="A:B",
-        help="Driving turns to driven turns, such as 64:23; 9/16 is driven over driving speed.",
-    ),
-    click.option("--teeth", metavar="Z1/Z2", help="Teeth of the driving and the driven gear."),
-    click.option(
-        "--counts",
-        metavar="N,N",
-        callback=lambda _, __, text: None if text is None else counts_of(text),
-        help="Counts per revolution of the driving and the driven encoder.",
-    ),
-)
-_OF_THE_LOG = (
-    click.option(
-        "--unit",
-        "units",
-        multiple=True,
-        metavar="[ROLE=]UNIT",
-        callback=lambda _, __, texts: units_of_options(texts),
-        shell_complete=_units,
-        help="Unit of columns whose names say none: deg, rad, rev, counts, or arcsec, arcmin, mdeg,"
-        " mrad, urad and gon, of both shafts, or of one role, such as time=ms; may be repeated.",
-    ),
-    click.option(
-        "--invert",
-        "inverted",
-        multiple=True,
-        type=click.Choice(("driving", "driven")),
-        help="This encoder counts backwards.",
-    ),
-    click.option(
-        "--driving-rpm",
-        metavar="RPM",
-        help="Speed of a driving shaft that a clock turns and that has no encoder, such as 60/479;"
-        " sidereal for the worm of a telescope mount, whose driven shaft follows the stars.",
-    ),
-    *(
-        click.option(
-            f"--{shaft}-scale",
-            metavar="NUMBER",
-            help=f"Factor of the {shaft} column, such as 757/3 for a column that is divided by the"
-            " ratio already.",
-        )
-        for shaft in SHAFTS
-    ),
-    click.option(
-        "--write-pair",
-        type=click.Path(path_type=Path),
-        help="Write the pair file that says the same as the options and the log.",
-    ),
-    click.option(
-        "--explain-columns",
-        is_flag=True,
-        help="Print how the columns of the log are read, and do nothing else.",
-    ),
-)
-
-
-STATED = tuple(DriveRequest.__dataclass_fields__)
-"""Names of the command parameters from which a `DriveRequest` is made."""
-
-NAMES = (*STATED, "write_pair", "explain_columns")
-"""All parameters that `drive_options` adds."""
-
-GROUPS = {
-    "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
-    "The log": (
-        "units",
-        "driving_scale",
-        "driven_scale",
-        "quadrature",
-        "explain_columns",
-        *ReadingOptions.__struct_fields__,
-    ),
-}
-"""Title in the help → parameters, for every verb that reads logs."""
-
-
-def pair_option(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the option `--pair` to a command; it excludes the options that describe the drive."""
-    return click.option(
-        "--pair",
-        type=click.Path(path_type=Path),
-        help="TOML file of the gear pair, in place of --ratio or --teeth and the options below"
-        " them.",
-    )(function)
-
-
-def drive_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that replace a pair file; the verb receives `drive`, a `DriveOptions`."""
-
-    def drive(write_pair: Path | None, explain_columns: bool, **stated: Any) -> DriveOptions:
-        return DriveOptions(DriveRequest(**stated), write_pair, explain_columns)
-
-    return gathered(function, (*_OF_THE_DRIVE, *_OF_THE_LOG), "drive", NAMES, drive)
-
-
-def ratio_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options of a drive without a log; the verb receives `drive`, a `DriveRequest`."""
-
-    names = ("ratio", "teeth", "counts")
-    return gathered(function, _OF_THE_DRIVE, "drive", names, DriveRequest)
 
 
 @dataclass(frozen=True)
@@ -194,6 +90,86 @@ class DriveOptions:
         report = replace(report, notes=(*map(str, guesses), *report.notes))
         output.emit(report.to_json(), report)
         return True
+
+
+class _OfRatio(NamedTuple):
+    ratio: Annotated[
+        str | None,
+        {"metavar": "A:B"},
+        "Driving turns to driven turns, such as 64:23; 9/16 is driven over driving speed.",
+    ]
+    teeth: Annotated[str | None, {"metavar": "Z1/Z2"}, "Teeth of the driving and the driven gear."]
+    counts: Annotated[
+        str | None,
+        {
+            "metavar": "N,N",
+            "callback": lambda _, __, text: None if text is None else counts_of(text),
+        },
+        "Counts per revolution of the driving and the driven encoder.",
+    ]
+
+
+class _OfLog(NamedTuple):
+    units: Annotated[
+        tuple[str, ...],
+        "--unit",
+        {
+            "metavar": "[ROLE=]UNIT",
+            "callback": lambda _, __, texts: units_of_options(texts),
+            "shell_complete": _units,
+        },
+        "Unit of columns whose names say none: deg, rad, rev, counts, or arcsec, arcmin, mdeg,"
+        " mrad, urad and gon, of both shafts, or of one role, such as time=ms; may be repeated.",
+    ]
+    inverted: Annotated[
+        tuple[Literal["driving", "driven"], ...], "--invert", "This encoder counts backwards."
+    ]
+    driving_rpm: Annotated[
+        str | None,
+        {"metavar": "RPM"},
+        "Speed of a driving shaft that a clock turns and that has no encoder, such as 60/479;"
+        " sidereal for the worm of a telescope mount, whose driven shaft follows the stars.",
+    ]
+    driving_scale: Annotated[str | None, {"metavar": "NUMBER"}, _SCALE.format("driving")]
+    driven_scale: Annotated[str | None, {"metavar": "NUMBER"}, _SCALE.format("driven")]
+    write_pair: Annotated[
+        Path | None, "Write the pair file that says the same as the options and the log."
+    ]
+    explain_columns: Annotated[
+        bool, "Print how the columns of the log are read, and do nothing else."
+    ]
+
+
+def _drive(write_pair: Path | None, explain_columns: bool, **stated: Any) -> DriveOptions:
+    return DriveOptions(DriveRequest(**stated), write_pair, explain_columns)
+
+
+Ratio = Annotated[DriveRequest, Gathered(declared(_OfRatio), DriveRequest)]
+"""Parameter of a verb without a log: what its options say of the drive."""
+
+Drive = Annotated[DriveOptions, Gathered([*declared(_OfRatio), *declared(_OfLog)], _drive)]
+"""Parameter of a verb that reads logs: what its options say in place of a pair file."""
+
+GROUPS = {
+    "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
+    "The log": (
+        "units",
+        "driving_scale",
+        "driven_scale",
+        "quadrature",
+        "explain_columns",
+        *ReadingOptions.__struct_fields__,
+    ),
+}
+"""Title in the help → parameters, for every verb that reads logs."""
+
+
+PairFile = Annotated[
+    Path | None,
+    "--pair",
+    "TOML file of the gear pair, in place of --ratio or --teeth and the options below them.",
+]
+"""Parameter of a verb; it excludes the options that describe the drive."""
 
 
 def gears_of(spec: "PairSpec", path: Path, lack: str) -> "GearPair":

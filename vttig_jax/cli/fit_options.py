@@ -2,14 +2,21 @@
 
 import math
 import re
-from collections.abc import Callable
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import click
 
-from ..base.errors import UsageError
-from ..identify.fit_settings import BATCH, LONGEST_DELAY_S, REMOVED, Field, fields, members
-from .options import POSITIVE, with_options
+from ..identify.fit_settings import (
+    BATCH,
+    LONGEST_DELAY_S,
+    Field,
+    FitSettings,
+    fields,
+    members,
+)
+from ..runs.options import settings_of
+from .drive_options import GROUPS
+from .options import POSITIVE, Gathered
 
 _UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(s|ms|us|µs)?")
@@ -49,36 +56,9 @@ class TimeParam(click.ParamType):
         return float(f"{seconds / _UNITS_S[self.unit]:.15g}")  # 0.0005 s is 0.5 ms
 
 
-def model_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add to a command one option for every field of `FitSettings`."""
-    removed = (
-        _removed("--" + name.replace("_", "-"), instead, flag=default is False)
-        for name, (default, instead) in REMOVED.items()
-    )
-    return with_options(function, (*removed, *map(_option, fields())))
-
-
-def _removed(option: str, instead: str, *, flag: bool) -> Callable[..., Any]:
-    """Return a hidden option of an older version, which says what takes its place."""
-
-    def refuse(ctx: click.Context, param: click.Parameter, value: Any) -> None:
-        if value:
-            raise UsageError(f"{option} is no option any more: {instead}; leave it out.")
-
-    return click.option(
-        option, is_flag=flag, multiple=not flag, hidden=True, expose_value=False, callback=refuse
-    )
-
-
-def batch_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add to a command one option for every setting of a fit of many logs."""
-    return with_options(function, [_option(one) for one in fields() if one.name in BATCH])
-
-
-def _option(field: Field) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    return click.option(
-        field.option,
-        field.name,
+def _option(field: Field) -> click.Parameter:
+    return click.Option(
+        [field.option, field.name],
         default=field.default,
         help=field.text,
         metavar=field.metavar,
@@ -102,3 +82,16 @@ def _kind(field: Field) -> dict[str, Any]:
         limits = bounds.gt is None
         return {"type": click.FloatRange(bounds.ge, bounds.le) if limits else POSITIVE}
     return {"is_flag": True}
+
+
+Settings = Annotated[FitSettings, Gathered([_option(one) for one in fields()], settings_of)]
+"""Parameter of a verb that fits: one option for every field of `FitSettings`."""
+
+BatchSettings = Annotated[
+    FitSettings,
+    Gathered([_option(one) for one in fields() if one.name in BATCH], settings_of),
+]
+"""Parameter of a verb that fits many logs: one option for each field that applies to them."""
+
+OF_A_FIT = {*(name for names in GROUPS.values() for name in names), *(one.name for one in fields())}
+"""Parameters that say how a fit is made, beside its files."""

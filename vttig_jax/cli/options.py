@@ -1,12 +1,13 @@
 """Options that all verbs share, and options for reading a log."""
 
-import functools
+import inspect
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import click
 from click.core import ParameterSource
@@ -14,7 +15,7 @@ from click.core import ParameterSource
 from ..base.errors import UsageError
 from ..base.files.limits import most_memory
 from ..logs.readers.column_names import ROLES
-from ..logs.recognition.request import roles_of
+from ..logs.recognition.request import ReadingOptions, roles_of
 from .completion import columns_of_log
 from .output import Narrator, Output
 from .program_cache import kept_programs
@@ -75,8 +76,94 @@ def once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 
 POSITIVE = Finite(min=0, min_open=True)
-STEP_DEG = Finite(min=0, min_open=True, max=360)
+Positive = Annotated[float, POSITIVE]
+NotNegative = Annotated[float, Finite(min=0)]
+Real = Annotated[float, Finite()]
+StepDeg = Annotated[float, Finite(min=0, min_open=True, max=360)]
 """Difference of the driving angle between two rows of a table, deg, at most one turn."""
+
+
+class Argument(NamedTuple):
+    """Mark of a parameter that is an argument of the command line, with its name in the help."""
+
+    metavar: str | None = None
+    required: bool = False
+
+
+class Gathered(NamedTuple):
+    """Mark of a parameter that is made of several options.
+
+    **Arguments**
+    - `options`: the options. - `make`: function of their values by name.
+    """
+
+    options: Sequence[click.Parameter]
+    make: Callable[..., Any]
+
+
+RunPath = Annotated[Path, Argument("RUN")]
+"""Parameter of a verb that reads a run folder."""
+
+ConstantBacklash = Annotated[NotNegative | None, "Replaces the fitted one."]
+
+
+def declared(function: Callable[..., Any]) -> list[click.Parameter]:
+    """Return the options and arguments that the signature of a function declares.
+
+    A parameter `step_deg: Annotated[Positive, "Distance of the rows."] = 1.0` is the option
+    `--step-deg`. Beside the type stand, in this order, names of the option unless it is that of the
+    parameter, a type of click unless that of Python says it, further keywords of click in a dict,
+    and the help; or the mark `Argument` or `Gathered`. `bool` is a flag, and a tuple of any length
+    is an option that may be repeated. An option is required if it has no default, and its type is
+    neither of these and does not allow None.
+    """
+    found = []
+    for name, parameter in inspect.signature(function).parameters.items():
+        if get_origin(parameter.annotation) is Annotated:
+            kind, *marks = get_args(parameter.annotation)
+            if isinstance(marks[0], Gathered):
+                found += marks[0].options
+            else:
+                found.append(_parameter(name, kind, marks, parameter.default))
+    return found
+
+
+def _parameter(name: str, kind: Any, marks: list[Any], default: Any) -> click.Parameter:
+    settings: dict[str, Any] = {"required": default is inspect.Parameter.empty}
+    if not settings["required"] and default is not None:
+        settings["default"] = default
+    if get_origin(kind) in (Union, UnionType):
+        settings["required"] &= NoneType not in get_args(kind)
+        kind = next(one for one in get_args(kind) if one is not NoneType)
+    if get_origin(kind) is tuple:
+        kind, *more = get_args(kind)
+        settings |= {"multiple": True, "required": False} if more == [...] else {"nargs": 2}
+    if get_origin(kind) is Annotated:
+        kind, *own = get_args(kind)
+        marks = [*own, *marks]
+    if kind is bool:
+        settings |= {"is_flag": True, "required": False}
+    elif get_origin(kind) is Literal:
+        settings["type"] = click.Choice(get_args(kind))
+    else:
+        settings["type"] = click.Path(path_type=Path) if kind is Path else kind
+    argument, names = None, []
+    for mark in marks:
+        if isinstance(mark, Argument):
+            argument = mark
+        elif isinstance(mark, dict):
+            settings |= mark
+        elif isinstance(mark, click.ParamType):
+            settings["type"] = mark
+        elif mark.startswith("-"):
+            names.append(mark)
+        else:
+            settings["help"] = mark
+    if argument is None:
+        return click.Option([name, *(names or ["--" + name.replace("_", "-")])], **settings)
+    settings["nargs"] = -1 if settings.pop("multiple", False) else 1
+    settings["required"] |= argument.required
+    return click.Argument([name], metavar=argument.metavar, **settings)
 
 
 class GroupedCommand(click.Command):
@@ -114,13 +201,16 @@ def verb(
     """
 
     def decorate(function: Callable[..., None]) -> click.Command:
+        wrapper = _with_shared_options(function, name if compiles else None)
         lines = "\n".join(f"  {line}" for line in example.strip().splitlines())
         made = click.command(
             name,
             cls=GroupedCommand,
             epilog=f"\b\nExample:\n{lines}",
             context_settings={"help_option_names": ["-h", "--help"]},
-        )(_with_shared_options(function, name if compiles else None))
+            help=function.__doc__,
+            params=[*declared(wrapper), *declared(function)],
+        )(wrapper)
         made.groups = groups or {}
         return made
 
@@ -182,35 +272,37 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
 
     `kept` is the name under which compiled programs are stored; with None, none are stored.
     """
+    gathers = {
+        name: mark
+        for name, parameter in inspect.signature(function).parameters.items()
+        for mark in getattr(parameter.annotation, "__metadata__", ())
+        if isinstance(mark, Gathered)
+    }
 
-    @click.option("--json", "as_json", is_flag=True, help="Print one JSON object to stdout.")
-    @click.option(
-        "-v",
-        "--verbose",
-        count=True,
-        help="Explain the words of the report below it, and say more on stderr; -vv says all.",
-    )
-    @click.option("-q", "--quiet", is_flag=True, help="Errors only, no progress bar.")
-    @click.option(
-        "--log-file",
-        type=click.Path(dir_okay=False, path_type=Path),
-        help="Append all messages, and the traceback of a defect, to this file.",
-    )
-    @click.option(
-        "--most-memory",
-        "most_memory_gib",
-        type=Finite(0.0, 1 << 20, min_open=True),  # up to a pebibyte
-        metavar="GIB",
-        help="Memory that a file may take when it is read, instead of 64 times its size (at least"
-        " 0.25 GiB, at most half of the free memory).",
-    )
-    @functools.wraps(function)
     def wrapper(
-        as_json: bool,
-        verbose: int,
-        quiet: bool,
-        log_file: Path | None,
-        most_memory_gib: float | None,
+        *,
+        as_json: Annotated[bool, "--json", "Print one JSON object to stdout."],
+        verbose: Annotated[
+            int,
+            "-v",
+            "--verbose",
+            {"count": True},
+            "Explain the words of the report below it, and say more on stderr; -vv says all.",
+        ] = 0,
+        quiet: Annotated[bool, "-q", "--quiet", "Errors only, no progress bar."],
+        log_file: Annotated[
+            Path | None,
+            click.Path(dir_okay=False, path_type=Path),
+            "Append all messages, and the traceback of a defect, to this file.",
+        ],
+        most_memory_gib: Annotated[
+            float | None,
+            "--most-memory",
+            Finite(0.0, 1 << 20, min_open=True),  # up to a pebibyte
+            {"metavar": "GIB"},
+            "Memory that a file may take when it is read, instead of 64 times its size (at least"
+            " 0.25 GiB, at most half of the free memory).",
+        ],
         **own: Any,
     ) -> None:
         if verbose and quiet:
@@ -225,6 +317,8 @@ def _with_shared_options(function: Callable[..., None], kept: str | None) -> Cal
             stack.enter_context(most_memory(limit))
             if kept is not None:
                 stack.enter_context(kept_programs(kept))
+            for name, mark in gathers.items():
+                own[name] = mark.make(**{one.name: own.pop(one.name) for one in mark.options})
             function(output, **own)
             output.finish()
 
@@ -238,98 +332,58 @@ def _checked(
     return columns
 
 
-_OF_READING = (
-    click.option(
+class _OfReading(NamedTuple):
+    columns: Annotated[
+        tuple[str, ...],
         "--column",
-        "columns",
-        multiple=True,
-        metavar="ROLE=NAME",
-        callback=_checked,
-        shell_complete=columns_of_log,
-        help=f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
+        {"metavar": "ROLE=NAME", "callback": _checked, "shell_complete": columns_of_log},
+        f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
         " first column of a text file, #row the number 0, 1, 2, … of the row, and 0.5*(a+b)"
         " is computed from two columns.",
-    ),
-    click.option(
-        "--quadrature",
-        multiple=True,
-        metavar="ROLE=A,B",
-        callback=_checked,
-        help="Count the angle of a shaft from the levels of two channels, A and B or STEP"
+    ]
+    quadrature: Annotated[
+        tuple[str, ...],
+        {"metavar": "ROLE=A,B", "callback": _checked},
+        "Count the angle of a shaft from the levels of two channels, A and B or STEP"
         " and DIR; may be repeated.",
-    ),
-    click.option("--decimal", type=click.Choice([".", ","]), help="Decimal mark."),
-    click.option(
-        "--sample-rate",
-        type=POSITIVE,
-        metavar="HZ",
-        help="Samples per second, in place of a time column.",
-    ),
-    click.option(
+    ]
+    decimal: Annotated[Literal[".", ","] | None, "Decimal mark."]
+    sample_rate: Annotated[
+        Positive | None, {"metavar": "HZ"}, "Samples per second, in place of a time column."
+    ]
+    start: Annotated[
+        str | None,
         "--from",
-        "start",
-        metavar="PLACE",
-        help="Read the log from here: seconds, or turns of the driving shaft such as 3rev,"
+        {"metavar": "PLACE"},
+        "Read the log from here: seconds, or turns of the driving shaft such as 3rev,"
         " since its first sample.",
-    ),
-    click.option("--to", "stop", metavar="PLACE", help="Read the log up to here."),
-    click.option(
-        "--cut",
-        multiple=True,
-        metavar="A:B",
-        help="Leave out this part, such as 18:21 or 3rev:4rev; may be repeated.",
-    ),
-    click.option(
-        "--missing",
-        type=click.Choice(["skip"]),
-        help="Leave out the rows in which a column that is used has no number.",
-    ),
-    click.option("--lead-mm", type=POSITIVE, help="Travel in one turn of an axis in mm or µm."),
-    click.option("--radius-mm", type=POSITIVE, help="Radius of a dial gauge that shows mm or µm."),
-)
-"""Options of `ReadingOptions`; `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`, and
-`--radius-mm` is the `--lead-mm` of its circumference."""
+    ]
+    stop: Annotated[str | None, "--to", {"metavar": "PLACE"}, "Read the log up to here."]
+    cut: Annotated[
+        tuple[str, ...],
+        {"metavar": "A:B"},
+        "Leave out this part, such as 18:21 or 3rev:4rev; may be repeated.",
+    ]
+    missing: Annotated[
+        Literal["skip"] | None,
+        "Leave out the rows in which a column that is used has no number.",
+    ]
+    lead_mm: Annotated[Positive | None, "Travel in one turn of an axis in mm or µm."]
+    radius_mm: Annotated[Positive | None, "Radius of a dial gauge that shows mm or µm."]
 
 
-def log_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the options for reading a log to a verb, which receives those of `ReadingOptions`."""
-
-    @functools.wraps(function)
-    def wrapper(*arguments: Any, quadrature: tuple[str, ...], **options: Any) -> None:
-        counted = (one.partition("=") for one in quadrature)
-        columns = tuple(f"{role}=quadrature({channels})" for role, _, channels in counted)
-        options["columns"] = (*options["columns"], *columns)
-        if (radius_mm := options.pop("radius_mm")) is not None:
-            if options["lead_mm"] is not None:
-                raise UsageError("--radius-mm and --lead-mm are both given; keep one of them.")
-            options["lead_mm"] = math.tau * radius_mm
-        function(*arguments, **options)
-
-    return with_options(wrapper, _OF_READING)
+def _reading(
+    quadrature: tuple[str, ...], radius_mm: float | None, **reading: Any
+) -> ReadingOptions:
+    counted = (one.partition("=") for one in quadrature)
+    reading["columns"] += tuple(f"{role}=quadrature({channels})" for role, _, channels in counted)
+    if radius_mm is not None:
+        if reading["lead_mm"] is not None:
+            raise UsageError("--radius-mm and --lead-mm are both given; keep one of them.")
+        reading["lead_mm"] = math.tau * radius_mm
+    return ReadingOptions(**reading)
 
 
-def gathered(
-    function: Callable[..., None],
-    options: Sequence[Callable[..., Any]],
-    name: str,
-    names: Collection[str],
-    make: Callable[..., Any],
-) -> Callable[..., None]:
-    """Add options to a verb, which receives them as one argument `name`.
-
-    The argument is what `make` returns for the parameters `names` of the options.
-    """
-
-    @functools.wraps(function)
-    def wrapper(*arguments: Any, **given: Any) -> None:
-        made = make(**{one: given.pop(one) for one in names})
-        function(*arguments, **{name: made}, **given)
-
-    return with_options(wrapper, options)
-
-
-def with_options(
-    function: Callable[..., None], options: Sequence[Callable[..., Any]]
-) -> Callable[..., None]:
-    """Return a command to which options are added, in the order in which the help lists them."""
-    return functools.reduce(lambda made, option: option(made), reversed(options), function)
+Reading = Annotated[ReadingOptions, Gathered(declared(_OfReading), _reading)]
+"""Parameter of a verb that reads a log; `--quadrature ROLE=A,B` is
+`--column ROLE=quadrature(A,B)`, and `--radius-mm` is the `--lead-mm` of its circumference."""

@@ -1,25 +1,25 @@
 """Storage of compiled programs between runs of the command line.
 
 XLA compiles the programs of a command again in every process. JAX can keep them in a folder, but it
-loads an entry (a file with one program) without a check of its content. Here every entry begins
-with the SHA-256 of its name and content. A command copies the entries that pass the check into a
-temporary folder, which is the only folder that JAX uses, and stores the new programs when it ends.
+loads an entry (a file with one program) without a check of its content: where the package
+`zstandard` is installed, one flipped bit of an entry changed a result or ended the process in 6 of
+35 tries. So here every entry begins with the SHA-256 of its name and content. A command copies the
+entries that pass the check into a temporary folder, which is the only folder that JAX uses, and
+stores the new programs when it ends.
 """
 
 import hashlib
 import os
 import platform
-import shutil
 import stat
 import sys
-import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from ..base.files.atomic_write import move
+from ..base.files.atomic_write import replace_file
 from ..base.logger import LOGGER
 
 VARIABLE = "VTTIG_CACHE"
@@ -27,8 +27,6 @@ VARIABLE = "VTTIG_CACHE"
 
 _SUFFIX = "-cache"  # of the files of JAX that hold a program
 _DIGEST = hashlib.sha256().digest_size
-_OLDEST_S = 30 * 86400.0  # age at which an entry is removed and compiled again; chosen value
-_ABANDONED_S = 86400.0  # age at which the folder of a killed process is removed; chosen value
 _MOST_BYTES = 128 << 20  # largest total size of the programs of one command; chosen value
 _SETTINGS = {
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
@@ -53,64 +51,52 @@ def kept_programs(command: str) -> Iterator[None]:
     try:
         store.mkdir(parents=True, exist_ok=True, mode=0o700)
         _require_private(store, folder)
-        stage = Path(tempfile.mkdtemp(prefix=".stage-", dir=store))
+        stage = TemporaryDirectory(prefix="vttig-", ignore_cleanup_errors=True)  # closed to others
     except OSError as error:
         LOGGER.info("compiled programs are not kept in %s: %s", store, error.strerror or error)
         yield
         return
-    known = read_programs(store, stage)
-    settings = {**_SETTINGS, "JAX_COMPILATION_CACHE_DIR": str(stage)}
-    added = [name for name in settings if name not in os.environ]
-    os.environ.update({name: settings[name] for name in added})
-    try:
-        yield
-    finally:
-        for name in added:
-            os.environ.pop(name, None)
-        with suppress(OSError):
-            write_programs(stage, store, known)
-        shutil.rmtree(stage, ignore_errors=True)
+    with stage as path:
+        known = read_programs(store, Path(path))
+        settings = {**_SETTINGS, "JAX_COMPILATION_CACHE_DIR": path}
+        added = [name for name in settings if name not in os.environ]
+        os.environ.update({name: settings[name] for name in added})
+        try:
+            yield
+        finally:
+            for name in added:
+                os.environ.pop(name, None)
+            with suppress(OSError):
+                write_programs(Path(path), store, known)
 
 
 def read_programs(store: Path, stage: Path) -> set[str]:
-    """Copy the valid entries of the folder `store` to the folder `stage`.
+    """Copy the valid entries of the folder `store` to the folder `stage`, and return their names.
 
-    Entries that fail the check, are too old or exceed the total size are removed from `store`.
-
-    The newest entries are copied first, up to the limit of the size.
-
-    **Returns** the names of the copied entries.
+    Entries that fail the check are removed from `store`, and the oldest ones beyond the limit of
+    the size.
     """
-    known, damaged, now, size = set(), 0, time.time(), 0
-    for path, seen in _newest_first(store):
+    found = []
+    for path in store.iterdir():
+        with suppress(OSError):  # another command has removed it
+            found.append((path, path.stat()))
+    known, damaged, size = set(), 0, 0
+    for path, seen in sorted(found, key=lambda one: (-one[1].st_mtime_ns, one[0].name)):
+        size += seen.st_size
         with suppress(OSError):
-            if path.name.startswith("."):
-                if now - seen.st_mtime > _ABANDONED_S:
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
-                continue
-            size += seen.st_size
-            if now - seen.st_mtime > _OLDEST_S or size > _MOST_BYTES:
+            if size > _MOST_BYTES:
                 path.unlink()
                 continue
             data = path.read_bytes()
             if data[:_DIGEST] == _digest(path.name, data[_DIGEST:]):
                 (stage / path.name).write_bytes(data[_DIGEST:])
                 known.add(path.name)
-            else:
+            elif path.suffix != ".tmp":  # another command is writing it
                 damaged += 1
                 path.unlink()
     if damaged:
         LOGGER.info("%d stored programs failed their check and are compiled again", damaged)
     return known
-
-
-def _newest_first(store: Path) -> list[tuple[Path, os.stat_result]]:
-    """Return what is in a folder, by time and then by name; entries that vanish are left out."""
-    found = []
-    for path in store.iterdir():
-        with suppress(OSError):  # another command has removed it
-            found.append((path, path.stat()))
-    return sorted(found, key=lambda entry: (-entry[1].st_mtime_ns, entry[0].name))
 
 
 def write_programs(stage: Path, store: Path, known: set[str]) -> None:
@@ -121,10 +107,7 @@ def write_programs(stage: Path, store: Path, known: set[str]) -> None:
     for path in stage.iterdir():
         if path.name.endswith(_SUFFIX) and path.name not in known:
             content = path.read_bytes()
-            descriptor, temporary = tempfile.mkstemp(prefix=".new-", dir=store)
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(_digest(path.name, content) + content)
-            move(Path(temporary), store / path.name)
+            replace_file(store / path.name, _digest(path.name, content) + content)
 
 
 def _digest(name: str, content: bytes) -> bytes:

@@ -37,19 +37,6 @@ DelayBound = Annotated[float, Meta(gt=0, le=1e3 * LONGEST_DELAY_S)]
 Share = Annotated[float, Meta(ge=0, le=0.1)]
 Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
 
-REMOVED = {
-    "loss": ("auto", "outliers are found and left out unasked"),
-    "regressor": ((), "a torque column joins the fit unasked"),
-    "regressors": ((), "a torque column joins the fit unasked"),
-    "free_ratio": (False, "the ratio of a drive is free within --ratio-within"),
-    "drift_order": (None, "a level that drifts is part of every fit"),
-    "drift_knots": (None, "a level that drifts is part of every fit"),
-    "noise": ("ar", "the noise of every fit remembers as long as the log shows"),
-    "noise_in": ("time", "the noise of every fit is stationary in time"),
-    "noise_of": ("rig", "fit slow and fast passes as logs of their own"),
-}
-"""Settings that older versions had: their default, and what takes their place."""
-
 
 def setting(text: str, option: str, metavar: str | None = None) -> Meta:
     """Describe a field: its text for `help()` and `--help`, and its option on the command line."""
@@ -222,10 +209,6 @@ def from_keywords(settings: FitSettings | None, changes: dict[str, Any]) -> FitS
 
     **Raises** `TypeError` for a keyword that is no setting.
     """
-    for name in sorted(set(changes) & set(REMOVED)):
-        raise TypeError(
-            f"`fit` has no argument `{name}` any more: {REMOVED[name][1]}; leave it out."
-        )
     unknown = sorted(set(changes).difference(FitSettings.__struct_fields__))
     if unknown:
         raise TypeError(

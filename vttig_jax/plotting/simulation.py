@@ -1,7 +1,5 @@
 """Picture of a simulated run: the whole run, and enlarged views of its braking and turning."""
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float
 from matplotlib.artist import Artist
@@ -40,6 +38,7 @@ _OBSERVED, _COMMAND, _CLOSED = "0.65", COLOURS[1], COLOURS[4]
 Span = tuple[float, float]
 Handles = dict[str, Artist]
 Mark = tuple[float, str, ColorType]
+Lines = dict[str, tuple[str, ColorType, float]]
 
 
 Rows = dict[str, Float[np.ndarray, " _"]]
@@ -79,7 +78,7 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     shifts = found.case.controller.closes
     second = "axial shift [mm]" if shifts else f"error of the output [{SIGNS[unit]}]"
     labels = (f"transmission error [{SIGNS[unit]}]", second, "speed [rpm]")
-    draw = (_draw_error, _draw_displacement if shifts else _draw_output, _draw_speed)
+    lines = (_ERROR, _SHIFT if shifts else _OUTPUT, _SPEED)
     figure = new_figure(8.0 if spans else 6.0)
     heights = [1.0, 1.0, 0.6]
     cells = figure.add_gridspec(
@@ -89,7 +88,7 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     )
     if spans:
         ax = figure.add_subplot(cells[0, :])
-        _draw_error(ax, rows)
+        _draw(ax, _ERROR, rows)
         for span in spans:
             ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
         ax.set_xlim(*whole)
@@ -97,7 +96,7 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     columns = range(cells.ncols)
     axes = [[figure.add_subplot(cells[row, column]) for column in columns] for row in (-3, -2, -1)]
     handles = [
-        _draw_row(*row, rows, spans or [whole]) for row in zip(axes, draw, labels, strict=True)
+        _draw_row(*row, rows, spans or [whole]) for row in zip(axes, lines, labels, strict=True)
     ]
     drawn_marks: Handles = {}
     for column, span in enumerate(spans or [whole]):
@@ -191,7 +190,7 @@ def _check(span: Span, rows: Rows) -> None:
 
 def _draw_row(
     axes: list[Axes],
-    draw: Callable[[Axes, Rows], Handles],
+    lines: Lines,
     label: str,
     rows: Rows,
     spans: list[Span],
@@ -201,56 +200,48 @@ def _draw_row(
     for ax, span in zip(axes, spans, strict=True):
         if ax is not axes[0]:
             ax.sharey(axes[0])
-        handles |= draw(ax, _within(rows, span))
+        handles |= _draw(ax, lines, _within(rows, span))
         ax.set_xlim(*span)
         grid(ax)
     axes[0].set_ylabel(label)
     return handles
 
 
-def _draw_error(ax: Axes, rows: Rows) -> Handles:
-    ax.fill_between(rows["time"], rows["lower"], rows["upper"], color="0.93", linewidth=0, zorder=1)
-    measured = _line(ax, rows, "measured", _OBSERVED, 0.8)
-    return {
-        "flank B": _line(ax, rows, "upper", FLANK_COLOURS["B"], 1.0),
-        "flank A": _line(ax, rows, "lower", FLANK_COLOURS["A"], 1.0),
-        "transmission error": _line(ax, rows, "error", MODEL_COLOUR, 1.0),
-        "measured by encoders": measured,
-    }
+_ERROR = {
+    "flank B": ("upper", FLANK_COLOURS["B"], 1.0),
+    "flank A": ("lower", FLANK_COLOURS["A"], 1.0),
+    "transmission error": ("error", MODEL_COLOUR, 1.0),
+    "measured by encoders": ("measured", _OBSERVED, 0.8),
+}
+_SHIFT = {
+    "closes the gap": ("closed", _CLOSED, 1.0),
+    "commanded": ("command", _COMMAND, 1.2),
+    "reached": ("reached", MODEL_COLOUR, 1.2),
+}
+_OUTPUT = {"driven shaft less i φ₁ of the reference": ("output", MODEL_COLOUR, 1.2)}
+_SPEED = {
+    "reference": ("speed", MODEL_COLOUR, 1.0),
+    "observer's estimate": ("observed", _OBSERVED, 0.8),
+}
+"""Words of a line → column, colour and width."""
 
 
-def _draw_displacement(ax: Axes, rows: Rows) -> Handles:
-    handles: Handles = {
-        "closes the gap": _line(ax, rows, "closed", _CLOSED, 1.0),
-        "commanded": _line(ax, rows, "command", _COMMAND, 1.2),
-        "reached": _line(ax, rows, "reached", MODEL_COLOUR, 1.2),
-    }
+def _draw(ax: Axes, lines: Lines, rows: Rows) -> Handles:
+    """Draw the lines of a quantity, with the open gap or the excess of the command filled."""
+    time = rows["time"]
+    if lines is _ERROR:
+        ax.fill_between(time, rows["lower"], rows["upper"], color="0.93", linewidth=0, zorder=1)
+    drawn: Handles = {}
+    for words in sorted(lines, key=lambda one: lines[one][1] != _OBSERVED):  # it lies below
+        column, colour, width = lines[words]
+        [drawn[words]] = ax.plot(*thinned(time, rows[column]), color=colour, linewidth=width)
+    drawn = {words: drawn[words] for words in lines}
     beyond = rows["command"] > rows["closed"]
-    if beyond.any():
+    if lines is _SHIFT and beyond.any():
         look = {"color": _CLOSED, "alpha": 0.3, "linewidth": 0, "zorder": 1}
-        area = ax.fill_between(
-            rows["time"], rows["closed"], rows["command"], where=beyond.tolist(), **look
-        )
-        handles["commanded too far"] = area
-    return handles
-
-
-def _draw_output(ax: Axes, rows: Rows) -> Handles:
-    line = _line(ax, rows, "output", MODEL_COLOUR, 1.2)
-    return {"driven shaft less i φ₁ of the reference": line}
-
-
-def _draw_speed(ax: Axes, rows: Rows) -> Handles:
-    observed = _line(ax, rows, "observed", _OBSERVED, 0.8)
-    return {
-        "reference": _line(ax, rows, "speed", MODEL_COLOUR, 1.0),
-        "observer's estimate": observed,
-    }
-
-
-def _line(ax: Axes, rows: Rows, name: str, colour: ColorType, width: float) -> Artist:
-    [line] = ax.plot(*thinned(rows["time"], rows[name]), color=colour, linewidth=width)
-    return line
+        shifts = rows["closed"], rows["command"]
+        drawn["commanded too far"] = ax.fill_between(time, *shifts, where=beyond.tolist(), **look)
+    return drawn
 
 
 def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Handles:

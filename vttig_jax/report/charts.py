@@ -11,7 +11,8 @@ from ..base.units import ARCSEC, DEG, REV
 from ..identify.result import Fit
 from ..pair.gear_pair import Flank
 from ..plotting.curves import folded_turns, residual_spectrum, thinned
-from .content import MapTable, RunContent
+from ..runs.map_table import RunTable
+from .content import RunContent
 
 # The settings of the charts are chosen values.
 _POINTS = 3000  # most points of a line, about three times the pixels of its width
@@ -81,7 +82,7 @@ def charts_of(content: RunContent) -> dict[str, list[Chart]]:
         flanks.setdefault(curve.flank, []).append(run)
     return {
         "error": [_over_log(fit, flanks), *_folded(fit)] if flanks else [],
-        "backlash": [*_backlash(found)] if isinstance(found, MapTable) else [],
+        "backlash": [*_backlash(found)] if isinstance(found, RunTable) else [],
         "orders": [_orders(fit)] if fit.orders else [],
         "residual": [*_residual(fit, flanks)] if flanks else [],
     }
@@ -145,7 +146,7 @@ def _folded(fit: Fit) -> Iterator[Chart]:
         yield Chart(title, f"angle of the {fold.shaft} shaft [°]", "error [″]", series, remark)
 
 
-def _backlash(found: MapTable) -> Iterator[Chart]:
+def _backlash(found: RunTable) -> Iterator[Chart]:
     """Yield the gap over the hunting period, and around its smallest value."""
     angle, record = found.columns["driving_deg"], found.record
     title = "The gap as the fitted orders have it; the log does not tell where it is smallest"
@@ -163,7 +164,7 @@ def _backlash(found: MapTable) -> Iterator[Chart]:
         yield Chart("One turn around the smallest gap", *axes, [*_gap(found, near), marks[0]])
 
 
-def _gap(found: MapTable, shown: Bool[np.ndarray, " n"]) -> Iterator[Series]:
+def _gap(found: RunTable, shown: Bool[np.ndarray, " n"]) -> Iterator[Series]:
     """Yield the band and the line of a part of a map; each piece keeps its extremes."""
     columns = {name: values[shown] for name, values in found.columns.items()}
     turn, gap = columns["driving_deg"] / 360.0, columns["backlash_deg"]

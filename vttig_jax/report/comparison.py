@@ -11,8 +11,9 @@ from ..base.files.text_tables import decimals, text_table
 from ..base.results import TextResult
 from ..model.parameter import Parameter
 from ..model.parameters import SIGNIFICANT
+from ..runs.map_table import RunTable
 from ..runs.run import open_run
-from .content import MapTable, RunContent
+from .content import RunContent
 
 HEADERS = ("quantity", "first", "second", "difference", "95 % interval", "counts", "unit")
 _JUDGED = {
@@ -122,7 +123,7 @@ def _numbers(content: RunContent) -> dict[str, Parameter]:
     fit, found = content.fit, content.map
     gap = fit.checks.gap_over_angles_covered
     numbers = [Parameter("mean gap", "deg", gap.value, gap.std, determined=gap.determined)]
-    if isinstance(found, MapTable) and (least := found.record.get("smallest_gap")):
+    if isinstance(found, RunTable) and (least := found.record.get("smallest_gap")):
         own = least["backlash_deg"]
         numbers += [Parameter("smallest gap", "deg", own["median"], own["std"], determined=True)]
     numbers += [*fit.parameters.values(), *fit.regressors]

@@ -6,32 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
-
 from ..base.errors import NoAnswerError, VttigError
 from ..base.files.limits import read_regular
 from ..identify.accuracy import Accuracy
-from ..identify.backlash import backlash_map
 from ..identify.result import Fit
-from ..runs.map_table import columns_of, map_record, map_table
+from ..runs.map_table import RunTable, run_table
 from ..runs.posterior_run import FIGURES, REPORT
 from ..runs.run import SWEEP, Run
 
 _MOST_ROWS = 100_000  # of a map that is computed for a report; chosen value
 _TEXTS = (".csv", ".json", ".h", ".comp", ".xml", ".toml")
-
-
-@dataclass(frozen=True)
-class MapTable:
-    """Backlash over the hunting period, as `map.json` and `map.csv` hold it.
-
-    **Arguments**
-    - `record`: object of schema `vttig.map/1`. - `columns`: name → values, one per driving angle.
-    """
-
-    record: dict[str, Any]
-    columns: dict[str, Float[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True)
@@ -67,7 +51,7 @@ class RunContent:
         return self._object(REPORT)
 
     @cached_property
-    def map(self) -> MapTable | str:
+    def map(self) -> RunTable | str:
         """The backlash map with its bands if draws gave them; otherwise why there is none."""
         from pyarrow import ArrowInvalid, csv
 
@@ -76,13 +60,10 @@ class RunContent:
             if "smallest_gap" in record and data is not None:
                 read = csv.read_csv(io.BytesIO(data))  # empty cells become NaN
                 columns = {k: read[k].cast("float64").to_numpy() for k in read.column_names}
-                return MapTable(record, columns)
-            grid = backlash_map(self.fit)
-            turns = float(grid.pair.hunting_turns)
+                return RunTable(record, columns)
+            turns = float(self.fit.pair.hunting_turns)
             step_deg = max(1.0, turns * 360.0 / _MOST_ROWS)
-            table = map_table(grid, step_deg, turns)
-            record = map_record(self.fit, grid, step_deg, turns, len(table), None)
-            return MapTable(record, dict(zip(columns_of(grid), table.T, strict=True)))
+            return run_table(self.fit, "backlash", step_deg, turns)
         except VttigError as error:
             return error.message
         except ArrowInvalid as error:

@@ -8,7 +8,8 @@ from ..base.units import ARCSEC, DEG
 from ..identify.result import Fit
 from ..pair.gear_pair import GearPair
 from ..plotting.curves import driving_turns, residual_spectrum
-from .content import MapTable, RunContent
+from ..runs.map_table import RunTable
+from .content import RunContent
 
 _MEANT = {
     "backlash_deg": "the backlash",
@@ -61,7 +62,7 @@ def _main(content: RunContent) -> str:
         elif isinstance(fit.pair, GearPair):
             length_um = 1e3 * gap.value * DEG * float(fit.pair.reference_radii[1])
             said += f", {length_um:.3g} µm at the reference circle"
-        if isinstance(found, MapTable) and found.record["smallest"]:
+        if isinstance(found, RunTable) and found.record["smallest"]:
             ends = [found.record[end]["backlash_deg"] for end in ("smallest", "largest")]
             said += f"; over all positions of the gears it is {ends[0]:.4f}° to {ends[1]:.4f}°"
     return f"{said or _swings(fit)}."

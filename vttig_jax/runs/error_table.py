@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..base.angles import angles_over_turns_deg
 from ..base.files.text_tables import key_values
 from ..base.results import TextResult
 from ..base.units import DEG, REV
@@ -80,19 +81,14 @@ class ErrorTable(TextResult):
     zero_mean: tuple[Flank, ...]
 
     @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the columns of `table`: the angle, the flanks, then the bands of each flank."""
-        names = [f"te_{flank.lower()}" for flank in self.flanks]
+    def columns(self) -> dict[str, Float[np.ndarray, " rows"]]:
+        """Name → values over the driving angle: that angle, the flanks, then their bands."""
+        found = {f"te_{flank.lower()}_deg": one.error for flank, one in self.flanks.items()}
         for flank, one in self.flanks.items():
-            names += [f"te_{flank.lower()}_{edge}" for edge in one.band.edges] if one.band else []
-        return ("driving_deg", *(f"{name}_deg" for name in names))
-
-    def table(self) -> Float[np.ndarray, "rows columns"]:
-        """Return the values of `columns`, one row for each driving angle."""
-        values = [one.error for one in self.flanks.values()]
-        for one in self.flanks.values():
-            values += one.band.edges.values() if one.band else []
-        return np.stack([_angles(self.step_deg, self.turns), *values], axis=1) / DEG
+            for edge, values in one.band.edges.items() if one.band else ():
+                found[f"te_{flank.lower()}_{edge}_deg"] = values
+        angle = angles_over_turns_deg(self.step_deg, self.turns)
+        return {"driving_deg": angle, **{name: values / DEG for name, values in found.items()}}
 
     def to_json(self, out: Path | None = None) -> dict[str, Any]:
         """Return the object of schema `vttig.map/1`; `out` is the path of the CSV file."""
@@ -106,7 +102,7 @@ class ErrorTable(TextResult):
             "hunting_turns": fit.pair.hunting_turns,
             "span_turns": self.turns,
             "step_deg": self.step_deg,
-            "rows": len(_angles(self.step_deg, self.turns)),
+            "rows": len(angles_over_turns_deg(self.step_deg, self.turns)),
             "no_period": no_period(fit),
             "coverage": fit.coverage.to_json() | {"sentence": self._covered},
             "zero_mean_flanks": list(self.zero_mean),
@@ -190,7 +186,7 @@ def error_table(
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
     """
     measured, zero_mean, model, draws = measured_error(fit, posterior)
-    angle = _angles(step_deg, turns)
+    angle = angles_over_turns_deg(step_deg, turns) * DEG
     # Between the rows there are further points where the rows do not resolve the highest order.
     split = math.ceil(step_deg / 360.0 * POINTS_PER_PERIOD * max(model.highest_order, 1.0))
     fine = (angle[:, None] + step_deg * DEG * np.arange(split) / split).ravel()
@@ -243,11 +239,6 @@ def measured_error(fit: Fit, posterior: Posterior | None = None) -> MeasuredErro
         return MeasuredError(flanks, zero_mean, fit.model, None)
     draws = gap_draws(posterior) if has_gap else flank_draws(posterior)
     return MeasuredError(flanks, zero_mean, draws.mean_model, draws)
-
-
-def _angles(step_deg: float, turns: float) -> Float[np.ndarray, " rows"]:
-    """Return the driving angles of the rows, rad."""
-    return np.arange(math.ceil(turns * 360.0 / step_deg - 1e-9)) * step_deg * DEG
 
 
 def _is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:

@@ -1,12 +1,14 @@
-"""Table and record of a backlash map: the contents of `map.csv` and `map.json`."""
+"""What a run says over the driving angle: the contents of `map.csv`, `map.json` and `error.csv`."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..base.angles import angles_over_turns_deg
 from ..base.units import DEG
 
 if TYPE_CHECKING:
@@ -14,60 +16,105 @@ if TYPE_CHECKING:
     from ..kinematics.backlash_map import BacklashMap, Extreme
     from ..pair.gear_pair import Drive, GearPair
     from ..posterior.summary.bands import BandedMap
+    from ..posterior.summary.posterior import Posterior
 
-COLUMNS: tuple[str, ...] = (
-    "driving_deg",
-    "backlash_deg",
-    "backlash_mm",
-    "axial_mm",
-    "backlash_first_order_deg",
-)
-"""Columns of `map.csv` for a map without posterior draws."""
-
-INTERVAL = ("low95_deg", "high95_deg")
-"""Further columns if a delay that the logs do not contain may shift the map."""
+QuantityName = Literal["backlash", "error", "shift"]
 
 
-def columns_of(grid: "BacklashMap") -> tuple[str, ...]:
-    """Return the names of the columns of `map_table`."""
-    return COLUMNS if grid.shift is None else COLUMNS + INTERVAL
+@dataclass(frozen=True)
+class RunTable:
+    """A quantity of a run over the driving angle.
 
-
-def map_table(grid: "BacklashMap", step_deg: float, turns: float) -> Any:
-    """Return the values of `columns_of(grid)`, a row each, at driving angles 0°, `step_deg`, ….
-
-    The rows cover `turns` driving revolutions. Lengths in mm are NaN if the pair does not define
-    them.
+    **Arguments**
+    - `record`: object of schema `vttig.map/1`. - `columns`: name → values, one per driving angle.
+    - `text`: its report.
     """
-    from ..pair.gear_pair import GearPair
 
-    driving_deg = np.arange(int(np.ceil(turns * 360.0 / step_deg - 1e-9))) * step_deg
+    record: dict[str, Any]
+    columns: dict[str, np.ndarray]
+    text: str = ""
+
+
+def run_table(
+    fit: "Fit",
+    quantity: QuantityName,
+    step_deg: float,
+    turns: float,
+    *,
+    posterior: "Posterior | None" = None,
+    constant_backlash_deg: float | None = None,
+    probability: float = 0.95,
+    closing_mm: tuple[float, ...] = (),
+    out: Path | None = None,
+) -> RunTable:
+    """Return a quantity of a fit at driving angles 0°, `step_deg`, … over `turns` driving turns.
+
+    **Arguments**
+    - `posterior`: draws of the fit, which give bands of the `probability`.
+    - `closing_mm`: axial displacements whose probability to bind the record has, with draws.
+    - `out`: path of the CSV file.
+
+    **Raises** `NoAnswerError` for a backlash that the fit does not tell, and `UsageError` for the
+    shift of a pair whose backlash no axial displacement closes.
+    """
+    if quantity == "error":
+        from .error_table import error_table
+
+        errors = error_table(fit, posterior, step_deg, turns, probability)
+        return RunTable(errors.to_json(out), errors.columns, str(errors))
+    if posterior is not None:
+        from ..posterior.summary.bands import band_map
+
+        found = banded_table(
+            band_map(posterior, step_deg, turns, probability), fit, out, closing_mm
+        )
+    else:
+        from ..identify.backlash import backlash_map
+
+        grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
+        columns = map_columns(grid, step_deg, turns)
+        record = map_record(fit, grid, step_deg, turns, len(columns["driving_deg"]), out)
+        found = RunTable(record, columns, str(grid))
+    columns = shift_first(found.columns, fit.pair) if quantity == "shift" else found.columns
+    return RunTable(found.record | {"quantity": quantity}, columns, found.text)
+
+
+def map_columns(grid: "BacklashMap", step_deg: float, turns: float) -> dict[str, np.ndarray]:
+    """Return the columns of `map.csv` for a map without draws.
+
+    Lengths in mm are NaN if the pair does not define them. The last two are there if a delay that
+    the logs do not contain may shift the map.
+    """
+    from ..posterior.summary.draws import millimetres
+
+    driving_deg = angles_over_turns_deg(step_deg, turns)
     backlash = grid.over(driving_deg * DEG)
-    millimetres = axial = np.full(len(driving_deg), np.nan)
-    if isinstance(grid.pair, GearPair):
-        millimetres = backlash * float(grid.pair.reference_radii[1])
-        if thinning := float(grid.pair.thinning):
-            axial = millimetres / thinning
-    first = grid.first_order_over(driving_deg * DEG)
-    found = [driving_deg, backlash / DEG, millimetres, axial, first / DEG]
+    radius, axial = millimetres(grid.pair)
+    columns = {
+        "driving_deg": driving_deg,
+        "backlash_deg": backlash / DEG,
+        "backlash_mm": backlash * radius,
+        "axial_mm": backlash * axial,
+        "backlash_first_order_deg": grid.first_order_over(driving_deg * DEG) / DEG,
+    }
     if grid.shift is not None:
-        found += [end / DEG for end in grid.interval(backlash)]
-    return np.stack(found, axis=1)
+        low, high = grid.interval(backlash)
+        columns |= {"low95_deg": low / DEG, "high95_deg": high / DEG}
+    return columns
 
 
 def shift_first(
-    table: Any, columns: Sequence[str], pair: "GearPair | Drive"
-) -> tuple[Any, tuple[str, ...]]:
-    """Return a table of the backlash with its axial columns behind the angle, and their names.
+    columns: Mapping[str, np.ndarray], pair: "GearPair | Drive"
+) -> dict[str, np.ndarray]:
+    """Return the columns of the backlash with the axial ones behind the angle.
 
     **Raises** `UsageError` for a pair whose backlash no axial displacement closes.
     """
     from ..control.compensation.compensation import closing_of, require_closing
 
     require_closing(closing_of(pair))
-    behind = [place for place, name in enumerate(columns) if not name.startswith("axial")]
-    order = [0, *sorted(set(range(len(columns))) - set(behind)), *behind[1:]]
-    return table[:, order], tuple(columns[place] for place in order)
+    ahead = [name for name in columns if name.startswith(("driving", "axial"))]
+    return {name: columns[name] for name in dict.fromkeys([*ahead, *columns])}
 
 
 def map_record(
@@ -100,22 +147,18 @@ def map_record(
     }
 
 
-def banded_record(
-    fit: "Fit",
-    banded: "BandedMap",
-    rows: int,
-    out: Path | None,
-    closing_mm: tuple[float, ...] = (),
-) -> dict[str, Any]:
-    """Return the object of schema `vttig.map/1` for a map with bands; see `map_record`.
+def banded_table(
+    banded: "BandedMap", fit: "Fit", out: Path | None, closing_mm: tuple[float, ...] = ()
+) -> RunTable:
+    """Return the table of a map with bands; its record is that of `map_record` with more entries.
 
-    It also contains the probability of the band, the smallest gap of the draws and, for each axial
+    They are the probability of the band, the smallest gap of the draws and, for each axial
     displacement in `closing_mm`, the probability that the gears bind.
     """
+    columns = dict(zip(banded.columns, banded.table().T, strict=True))
     chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
-    return map_record(
-        fit, grid=banded.map, step_deg=banded.step_deg, turns=banded.turns, rows=rows, out=out
-    ) | {
+    rows = len(banded.driving_angle)
+    record = map_record(fit, banded.map, banded.step_deg, banded.turns, rows, out) | {
         "probability": banded.band.probability,
         "critical": banded.band.critical,
         "smallest_gap": None if banded.map.unknown else banded.smallest.to_json(),
@@ -124,6 +167,7 @@ def banded_record(
             for closing, chance in chances
         ],
     }
+    return RunTable(record, columns, str(banded))
 
 
 def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:
@@ -147,8 +191,8 @@ def resolution(fit: "Fit", step_deg: float) -> str:
     )
 
 
-def csv_text(table: Any, columns: Sequence[str] = COLUMNS) -> str:
-    """Return an array of shape (rows, columns) as CSV with a header; NaN becomes an empty field."""
-    buffer = io.StringIO()
+def csv_text(columns: Mapping[str, np.ndarray]) -> str:
+    """Return columns of equal length as CSV with a header; NaN becomes an empty field."""
+    buffer, table = io.StringIO(), np.stack(list(columns.values()), axis=1)
     np.savetxt(buffer, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
     return buffer.getvalue().replace("nan", "")

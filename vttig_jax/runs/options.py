@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 
 from ..base.errors import UsageError
-from ..identify.fit_settings import REMOVED, FitSettings, fields
+from ..identify.fit_settings import FitSettings, fields
 from ..logs.recognition.request import ReadingOptions as ReadingOptions
 from ..logs.recognition.request import roles_of
 
@@ -42,33 +42,25 @@ class RunOptions(msgspec.Struct, frozen=True):
 def options_from(table: dict[str, Any]) -> RunOptions:
     """Return the options in the table `[options]` of `run.toml`; missing options have defaults.
 
-    **Raises** `msgspec.ValidationError` or `TypeError` for a damaged table, and `ValueError` for an
-    option of an older version that has no counterpart.
+    **Raises** `msgspec.ValidationError` or `TypeError` for a damaged table.
     """
     if not isinstance(table, dict):
         raise TypeError("options")
     names = ReadingOptions.__struct_encode_fields__
     reading = {name: value for name, value in table.items() if name in names}
     settings = {name: value for name, value in table.items() if name not in names}
-    for name, (default, instead) in REMOVED.items():
-        usual = list(default) if isinstance(default, tuple) else default
-        if name in settings and settings.pop(name) != usual:
-            raise ValueError(f"`{name}` is no option any more: {instead}; take it out of run.toml")
     return RunOptions(
         msgspec.convert(reading, ReadingOptions), msgspec.convert(settings, FitSettings)
     )
 
 
-def options_of(given: dict[str, Any]) -> RunOptions:
-    """Return the options from the parameters of a command: name → value.
+def settings_of(**values: Any) -> FitSettings:
+    """Return the settings of a fit from the options of a command: name → value.
 
     **Raises** `UsageError` for two options that exclude each other.
     """
-    names = ReadingOptions.__struct_fields__
-    reading = ReadingOptions(**{name: given[name] for name in names if name in given})
-    values = {name: value for name, value in given.items() if name not in names}
     try:
-        return RunOptions(reading, FitSettings(**values))
+        return FitSettings(**values)
     except ValueError as error:
         message = str(error).removeprefix("Arguments ").removeprefix("Argument ")
         for field in fields():

@@ -9,7 +9,7 @@ from ..base.files.atomic_write import settle_if_free
 from ..base.files.json_io import dumps, read_json
 from ..base.files.run_folder import RunFolder
 from .fit_run import save_fit
-from .map_table import banded_record, csv_text
+from .map_table import banded_table, csv_text
 from .run_file import CHECKPOINT
 
 if TYPE_CHECKING:
@@ -77,8 +77,6 @@ def _holds(folder: Path, posterior: "Posterior") -> bool:
     if isinstance(stored, dict):
         for digest in ("run", "arrays"):
             stored.pop(digest, None)
-        if "transmission_error" not in stored:  # written by an older version
-            drawn.pop("transmission_error")
     return stored == drawn
 
 
@@ -109,8 +107,7 @@ def write_report(
             for name, data in posterior_figures(posterior, banded, run=run).items():
                 writer.write_bytes(f"figures/{name}", data)
         if banded is not None:
-            table = banded.table()
-            record = banded_record(posterior.fit, banded, len(table), Path("map.csv"))
-            writer.write_text("map.csv", csv_text(table, banded.columns))
-            writer.write_text("map.json", dumps(record | {"run": run}) + "\n")
+            found = banded_table(banded, posterior.fit, Path("map.csv"))
+            writer.write_text("map.csv", csv_text(found.columns))
+            writer.write_text("map.json", dumps(found.record | {"run": run}) + "\n")
         writer.write_text(REPORT, dumps(posterior.to_json() | {"run": run}) + "\n")

@@ -10,7 +10,7 @@ from unittest import mock
 
 from vttig_jax.base.files import atomic_write as commit
 
-OPERATIONS = ("replace", "unlink", "rmdir", "mkdir", "fsync", "open")
+OPERATIONS = ("rename", "replace", "unlink", "rmdir", "mkdir", "fsync", "open")
 
 
 def contents(folder: Path) -> dict[str, bytes]:

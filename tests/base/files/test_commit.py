@@ -73,6 +73,7 @@ def test_a_new_run_stands_or_is_written_again_without_overwrite(tmp_path):
         write(folder, NEW)
     outcomes = set()
     for state in states:
+        commit.settle_if_free(state)
         stood = (state / "fit.json").exists()
         if stood:
             with pytest.raises(UsageError, match="already exists"):
@@ -102,7 +103,7 @@ def test_a_killed_first_run_leaves_the_files_of_others(tmp_path):
 @pytest.mark.parametrize("fresh", [True, False])
 def test_every_operation_may_be_refused(old, tmp_path, fresh, monkeypatch):
     """A full disk, no inode, no permission: one sentence, and the old or the new result."""
-    real = {name: getattr(os, name) for name in ("replace", "mkdir", "open", "fsync")}
+    real = {name: getattr(os, name) for name in ("rename", "replace", "mkdir", "open", "fsync")}
     refusals = 0
     for number in range(1000):
         folder = tmp_path / f"{fresh}{number}"
@@ -145,12 +146,12 @@ def test_a_stage_from_elsewhere_touches_nothing_outside(tmp_path):
     write(folder, OLD)
     (folder / "link").symlink_to(tmp_path / "away")
     for bad in ("../precious", str(outside), "link/fit.json", 7):
-        stage = folder / ".new-planted"
-        stage.mkdir()
-        digest = commit._digest(folder / "fit.json")
-        record = {"result": "fit.json", "files": {"fit.json": digest}, "removed": [bad]}
-        (stage / commit.RECORD).write_text(json.dumps(record))
-        commit.settle_if_free(folder)
-        assert not stage.exists()
+        for record in ({"files": [bad], "removed": []}, {"files": [], "removed": [bad]}, {}, 7):
+            stage = folder / ".commit-planted"
+            (stage / "link").mkdir(parents=True)
+            (stage / "link" / "fit.json").write_text("planted")
+            (stage / commit.RECORD).write_text(json.dumps(record))
+            commit.settle_if_free(folder)
+            assert not stage.exists()
     assert outside.read_text() == "mine" and (tmp_path / "away/fit.json").read_text() == "mine"
     assert visible(folder) == OLD | {"link/fit.json": "mine"} or visible(folder) == OLD

@@ -165,18 +165,27 @@ def test_a_full_disk_is_one_sentence_and_leaves_no_half_file(
     assert folder.exists() == overwrite
 
 
-def test_a_move_that_fails_takes_back_the_files_before_it(tmp_path, monkeypatch):
-    real = os.replace
+def test_a_move_that_fails_after_the_switch_is_made_by_the_next_reader(tmp_path, monkeypatch):
+    real, folder = os.replace, tmp_path / "run"
 
     def replace(source: Path, target: Path) -> None:
         if Path(target).name == "fit.json":
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
         real(source, target)
 
-    monkeypatch.setattr(os, "replace", replace)
-    with pytest.raises(InputError, match="no permission to write here") as caught:
-        write_run(tmp_path / "run", {"run.toml": "", "fit.json": "{}"}, results=("fit.json",))
-    assert caught.value.where == str(tmp_path / "run" / "fit.json")
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", replace)
+        with pytest.raises(InputError, match="no permission to write here") as caught:
+            write_run(folder, {"run.toml": "", "fit.json": "{}"}, results=("fit.json",))
+    assert caught.value.where == str(folder / "fit.json")
+    commit.settle_if_free(folder)
+    assert contents(folder) == {"run.toml": b"", "fit.json": b"{}"}
+
+
+def test_a_folder_in_the_way_of_a_file_leaves_all_as_it_was(tmp_path):
+    (tmp_path / "run" / "fit.json").mkdir(parents=True)
+    with pytest.raises(InputError, match="a folder is in the way"):
+        write_run(tmp_path / "run", {"run.toml": "", "fit.json": "{}"}, overwrite=True)
     assert contents(tmp_path) == {}
 
 

@@ -3,20 +3,14 @@
 One file is written under a random name, synced to disk and renamed. It is created exclusively, so
 that an existing file or link of the same name is never opened.
 
-Several files are written into a stage, a folder with a random name inside the target folder, whose
-record lists them with their SHA-256. One of them marks the result, for example `fit.json`:
-
-1. If no file of these names exists, the others are moved first and the result is moved last.
-2. Otherwise the result is moved first and replaces the old one; the others follow, and files that
-   depend on the old result are removed.
-
-The rename of the result is the switch. After a kill `settle` compares the result with the record:
-if the result is the new one, the remaining files are moved; otherwise those that were moved are
-removed. So the folder holds the old result or the new one and never a mixture of both.
+Several files are written into a stage, a folder with a random name inside the target folder. Its
+record lists them, and the old files that go. The rename of the stage is the switch: a stage that
+has its new name is always finished, its files are moved out of it one after the other, the result
+last. After a kill `settle` does that, and removes a stage that still has its first name. So the
+folder holds the old result or the new one and never a mixture of both.
 """
 
 import errno
-import hashlib
 import json
 import os
 import re
@@ -129,7 +123,7 @@ def os_error_message(error: OSError) -> str:
     return f"this file cannot be written: {error.strerror}."
 
 
-PREFIX, RECORD, LOCK = ".new-", ".commit.json", ".lock"
+PREFIX, SWITCHED, RECORD, LOCK = ".new-", ".commit-", ".commit.json", ".lock"
 
 
 class Stage:
@@ -141,68 +135,59 @@ class Stage:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX, dir=folder))  # new, and closed to others
-        self._digests: dict[str, str] = {}
+        self._names: list[str] = []
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file into the stage, or replace it there; `name` uses `/` for subfolders."""
         staged = self.path / name
         staged.parent.mkdir(parents=True, exist_ok=True)
         staged.unlink(missing_ok=True)
-        self._digests[name] = hashlib.sha256(data).hexdigest()
         write_synced(staged, data)
+        self._names = [*(one for one in self._names if one != name), name]
 
     def commit(self, result: str | None, removed: Iterable[str]) -> None:
         """Make all staged files visible and remove the old files `removed`.
 
-        `result` is the file whose rename is the switch; by default it is the last one written.
+        `result` is the file that is moved last; by default it is the last one written.
 
         **Raises** `InputError` for an operation that the system refuses. If it fails before the
         switch, the folder is unchanged. After the switch the stage stays for `settle` to finish.
         """
-        if not self._digests:
-            return
-        result = result if result in self._digests else next(reversed(self._digests))
-        record = {
-            "result": result,
-            "files": self._digests,
-            "removed": [name for name in removed if name not in self._digests],
-        }
-        if len(self._digests) > 1 or record["removed"]:
+        files = sorted(self._names, key=lambda name: name == result)
+        removed = [name for name in removed if name not in files]
+        stage = self.path
+        if len(files) > 1 or removed:  # otherwise the move is the switch
             with os_errors_as_input_errors(self.folder):
-                write_synced(self.path / RECORD, json.dumps(record).encode())
-                for folder in {(self.path / name).parent for name in self._digests} | {self.path}:
+                record = {"files": files, "removed": removed}
+                write_synced(stage / RECORD, json.dumps(record).encode())
+                for folder in {(stage / name).parent for name in files} | {stage}:
                     sync_folder(folder)
-        stands = any((self.folder / name).exists() for name in self._digests)
-        try:
-            if not stands:
-                _move_staged(self.path, [name for name in self._digests if name != result])
-            _move_staged(self.path, [result])
-        except BaseException:
-            if not _is_switched(self.path, record):
-                _undo(self.path, record)
-            raise
-        _follow(self.path, record)
+            for target in (self.folder / name for name in files):
+                with os_errors_as_input_errors(target):
+                    if target.is_dir():
+                        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            stage = self.folder / f"{SWITCHED}{secrets.token_hex(8)}"
+            with os_errors_as_input_errors(self.folder):
+                os.rename(self.path, stage)
+                sync_folder(self.folder)
+        _finish(stage, files, removed)
 
     def drop(self) -> None:
-        """Remove the stage, unless the switch is done and files in the stage are still to move."""
-        record = _read_record(self.path)
-        if record is None or not _is_switched(self.path, record):
-            shutil.rmtree(self.path, ignore_errors=True)
+        """Remove the stage, if it is not switched."""
+        shutil.rmtree(self.path, ignore_errors=True)
 
 
 def settle(folder: Path) -> None:
-    """Finish or undo the commits of killed processes. The lock of the folder must be held.
+    """Finish or remove the stages of killed processes. The lock of the folder must be held.
 
     **Raises** `InputError` for an operation that the system refuses.
     """
     for stage in list(_stages(folder)):
-        record = _read_record(stage)
+        record = _read_record(stage) if stage.name.startswith(SWITCHED) else None
         if record is None:
             shutil.rmtree(stage, ignore_errors=True)
-        elif _is_switched(stage, record):
-            _follow(stage, record)
         else:
-            _undo(stage, record)
+            _finish(stage, **record)
 
 
 def settle_if_free(folder: Path) -> None:
@@ -255,22 +240,18 @@ def locked(lock: Path, what: str) -> Iterator[None]:
 def _stages(folder: Path) -> Iterator[Path]:
     with suppress(OSError):
         for path in folder.iterdir():
-            if path.name.startswith(PREFIX) and path.is_dir() and not path.is_symlink():
+            if path.name.startswith((PREFIX, SWITCHED)) and path.is_dir() and not path.is_symlink():
                 yield path
 
 
-def _read_record(stage: Path) -> dict[str, Any] | None:
+def _read_record(stage: Path) -> dict[str, list[str]] | None:
     """Return the record of a stage, or None if it is missing or names files outside the folder."""
     try:
-        record = json.loads((stage / RECORD).read_bytes())
-        names = [record["result"], *record["files"], *record["removed"]]
-        digests = record["files"].values()
-        if record["result"] not in record["files"]:
-            return None
-        if not all(isinstance(digest, str) for digest in digests):
-            return None
-        return record if all(is_inside(stage.parent, name) for name in names) else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        found = json.loads((stage / RECORD).read_bytes())
+        record = {name: list(found[name]) for name in ("files", "removed")}
+        inside = (is_inside(stage.parent, one) for names in record.values() for one in names)
+        return record if all(inside) else None
+    except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
@@ -282,22 +263,10 @@ def is_inside(folder: Path, name: Any) -> bool:
     return (folder / name).parent.resolve().is_relative_to(folder.resolve())
 
 
-def _is_switched(stage: Path, record: dict[str, Any]) -> bool:
-    result = record["result"]
-    return _digest(stage.parent / result) == record["files"][result]
-
-
-def _digest(path: Path) -> str | None:
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
-
-
-def _move_staged(stage: Path, names: Iterable[str]) -> None:
+def _finish(stage: Path, files: Iterable[str], removed: Iterable[str]) -> None:
+    """Move the files of a stage that are still in it to their places, and remove the old files."""
     folders = set()
-    for name in names:
+    for name in files:
         staged, target = stage / name, stage.parent / name
         if staged.exists():
             with os_errors_as_input_errors(target):
@@ -307,28 +276,8 @@ def _move_staged(stage: Path, names: Iterable[str]) -> None:
     for folder in folders:  # after all moves, so that they follow each other closely
         with os_errors_as_input_errors(folder):
             sync_folder(folder)
-
-
-def _follow(stage: Path, record: dict[str, Any]) -> None:
-    """Finish a commit after its switch: move the other new files and remove the old files."""
-    _move_staged(stage, record["files"])
-    for name in record["removed"]:
+    for name in removed:
         target = stage.parent / name
         with os_errors_as_input_errors(target):
             target.unlink(missing_ok=True)
-    shutil.rmtree(stage, ignore_errors=True)
-
-
-def _undo(stage: Path, record: dict[str, Any]) -> None:
-    """Undo a commit before its switch: remove the moved files that are still unchanged."""
-    folders = set()
-    for name, digest in record["files"].items():
-        target = stage.parent / name
-        if not (stage / name).exists() and _digest(target) == digest:
-            with suppress(OSError):
-                target.unlink()
-            folders.add(target.parent)
-    for folder in folders - {stage.parent}:
-        with suppress(OSError):
-            os.rmdir(folder)  # fails, as wanted, for a folder that is not empty
     shutil.rmtree(stage, ignore_errors=True)

@@ -1,8 +1,8 @@
 """Run folders: all files of a run appear together or not at all.
 
 Every file is written under a temporary name, synced to disk and renamed with `os.replace`; several
-files are committed as one, see `commit`. An `OSError` becomes an `InputError` with a message of one
-sentence.
+files are committed as one, see `atomic_write`. An `OSError` becomes an `InputError` with a message
+of one sentence.
 """
 
 import hashlib

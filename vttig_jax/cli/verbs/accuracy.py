@@ -1,17 +1,12 @@
 """`vttig accuracy`: a run in the terms of the standards on gears and on rotary axes."""
 
-from pathlib import Path
-
-import click
-
 from ...runs.run import open_run
-from ..options import verb
+from ..options import RunPath, verb
 from ..output import Output
 
 
 @verb("accuracy", example="vttig accuracy run")
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-def command(output: Output, run_folder: Path) -> None:
+def command(output: Output, *, run_folder: RunPath) -> None:
     """Say how accurate the drive of RUN is, in the terms of ISO 1328-1 and ISO 230-2.
 
     Single flank: total and tooth-to-tooth deviation of the measured transmission error, averaged

@@ -2,6 +2,7 @@
 
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -11,7 +12,7 @@ from ...base.files.run_folder import RunFolder
 from ...base.logger import LOGGER
 from ...runs.fit_run import perform
 from ...runs.run_file import read_run, require_same_data
-from ..options import need, verb
+from ..options import RunPath, need, verb
 from ..output import Output
 
 _FEWEST, _MOST = 20, 100_000
@@ -27,19 +28,19 @@ vttig calibrate run
 vttig calibrate run --rigs 1000 --seed 1 --out calibration
 """,
 )
-@click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
-@click.option(
-    "--rigs",
-    type=click.IntRange(_FEWEST, _MOST),
-    default=400,
-    show_default=True,
-    help="Drawn and fitted; about 20 a second.",
-)
-@click.option("--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), help=f"Folder for {FILE}.")
-@click.option("--overwrite", is_flag=True, help="Replace the calibration in that folder.")
 def command(
-    output: Output, run: Path, rigs: int, seed: int, out: Path | None, overwrite: bool
+    output: Output,
+    *,
+    run: RunPath,
+    rigs: Annotated[
+        int,
+        click.IntRange(_FEWEST, _MOST),
+        {"show_default": True},
+        "Drawn and fitted; about 20 a second.",
+    ] = 400,
+    seed: Annotated[int, click.IntRange(0, 2**32 - 1), {"show_default": True}] = 0,
+    out: Annotated[Path | None, f"Folder for {FILE}."],
+    overwrite: Annotated[bool, "Replace the calibration in that folder."],
 ) -> None:
     """Say whether the intervals of the fit in a run folder hold, on rigs whose truth is known.
 

@@ -1,18 +1,17 @@
 """`vttig compare`: the differences between two runs, and which of them count."""
 
 from pathlib import Path
-
-import click
+from typing import Annotated
 
 from ... import report as reports
-from ..options import verb
+from ..options import Argument, RunPath, verb
 from ..output import Output
 
 
 @verb("compare", example="vttig compare before after")
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.argument("other", metavar="RUN2", type=click.Path(path_type=Path))
-def command(output: Output, run_folder: Path, other: Path) -> None:
+def command(
+    output: Output, *, run_folder: RunPath, other: Annotated[Path, Argument("RUN2")]
+) -> None:
     """Compare the fits in RUN and RUN2, such as before and after an adjustment.
 
     Each difference is that of RUN2 less RUN, with its 95 % interval. It counts from three standard

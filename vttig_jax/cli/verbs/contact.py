@@ -3,11 +3,11 @@
 from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import click
 import numpy as np
 
+from ...base.angles import angles_over_turns_deg
 from ...base.errors import PairError, UsageError
 from ...base.files.json_io import dumps
 from ...base.files.run_folder import RunFolder
@@ -16,7 +16,7 @@ from ...base.units import DEG
 from ...pair.pair_file import load_pair_spec
 from ...runs.map_table import csv_text
 from ..drive_options import gears_of
-from ..options import POSITIVE, STEP_DEG, Finite, verb
+from ..options import Argument, Finite, Positive, Real, StepDeg, arguments_as_options, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -43,55 +43,35 @@ vttig contact pair.toml --deviation-urad 100 --step-deg 0.5
 vttig contact pair.toml --deviations measured.csv --span-rev 1 --out contact
 """,
 )
-@click.argument("pair", metavar="PAIR", type=click.Path(path_type=Path))
-@click.option(
-    "--rig",
-    type=click.Path(path_type=Path),
-    help="Run folder whose eccentricities the gears have; without it they run true.",
-)
-@click.option(
-    "--axial-mm", type=Finite(), default=0.0, help="Displacement of the driven gear; closes if > 0."
-)
-@click.option("--centre-distance-mm", type=POSITIVE, help="In the place of that of PAIR.")
-@click.option(
-    "--inclination-urad",
-    type=_STEEPEST,
-    default=0.0,
-    help="Of the driven axis in the plane of both; positive where they part towards +z.",
-)
-@click.option(
-    "--deviation-urad", type=_STEEPEST, default=0.0, help="Of the driven axis out of that plane."
-)
-@click.option(
-    "--deviations",
-    type=click.Path(path_type=Path),
-    metavar="CSV",
-    help="Measured flanks: gear,flank,roll_mm,z_mm,deviation_um, a full grid for each flank.",
-)
-@click.option(
-    "--pitch",
-    type=click.Path(path_type=Path),
-    metavar="CSV",
-    help="Where single teeth stand: gear,flank,tooth,deviation_um, all teeth of each flank.",
-)
-@click.option("--step-deg", type=STEP_DEG, default=1.0, help="Of the driving angle; 1 by default.")
-@click.option("--span-rev", type=POSITIVE, help="Driving turns; the hunting period by default.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for table and pictures.")
-@click.option("--overwrite", is_flag=True, help="Replace the results in --out.")
 def command(
     output: Output,
-    pair: Path,
-    rig: Path | None,
-    axial_mm: float,
-    centre_distance_mm: float | None,
-    inclination_urad: float,
-    deviation_urad: float,
-    deviations: Path | None,
-    pitch: Path | None,
-    step_deg: float,
-    span_rev: float | None,
-    out: Path | None,
-    overwrite: bool,
+    *,
+    pair: Annotated[Path, Argument("PAIR")],
+    rig: Annotated[
+        Path | None, "Run folder whose eccentricities the gears have; without it they run true."
+    ],
+    axial_mm: Annotated[Real, "Displacement of the driven gear; closes if > 0."] = 0.0,
+    centre_distance_mm: Annotated[Positive | None, "In the place of that of PAIR."],
+    inclination_urad: Annotated[
+        float,
+        _STEEPEST,
+        "Of the driven axis in the plane of both; positive where they part towards +z.",
+    ] = 0.0,
+    deviation_urad: Annotated[float, _STEEPEST, "Of the driven axis out of that plane."] = 0.0,
+    deviations: Annotated[
+        Path | None,
+        {"metavar": "CSV"},
+        "Measured flanks: gear,flank,roll_mm,z_mm,deviation_um, a full grid for each flank.",
+    ],
+    pitch: Annotated[
+        Path | None,
+        {"metavar": "CSV"},
+        "Where single teeth stand: gear,flank,tooth,deviation_um, all teeth of each flank.",
+    ],
+    step_deg: Annotated[StepDeg, "Of the driving angle; 1 by default."] = 1.0,
+    span_rev: Annotated[Positive | None, "Driving turns; the hunting period by default."],
+    out: Annotated[Path | None, "Folder for table and pictures."],
+    overwrite: Annotated[bool, "Replace the results in --out."],
 ) -> None:
     """Find where the teeth of the gears in PAIR touch, from their surfaces alone.
 
@@ -126,24 +106,20 @@ def command(
     if inclination_urad or deviation_urad:
         tilt = Misalignment(inclination_urad * 1e-6, deviation_urad * 1e-6)
     try:
-        model = contact_model(
-            gears,
-            eqx.tree_at(lambda one: one.axial_mm, mounted, np.float64(axial_mm)),
-            misalignment=tilt,
-            deviations=measured,
-            centre_distance_mm=centre_distance_mm,
-        )
-        gap = gap_report(gears, centre_distance_mm, axial_mm, apparent_deg=apparent)
+        with arguments_as_options():
+            model = contact_model(
+                gears,
+                eqx.tree_at(lambda one: one.axial_mm, mounted, np.float64(axial_mm)),
+                misalignment=tilt,
+                deviations=measured,
+                centre_distance_mm=centre_distance_mm,
+            )
+            gap = gap_report(gears, centre_distance_mm, axial_mm, apparent_deg=apparent)
     except PairError as error:
         asked = centre_distance_mm is not None and error.where == "centre_distance_mm"
         where = "--centre-distance-mm" if asked else f"{pair}: {error.where}"
         raise PairError(error.message, where=where) from None
-    except ValueError:
-        raise UsageError(
-            f"{axial_mm:g} mm leaves the faces of the gears no overlap; shift less.",
-            where="--axial-mm",
-        ) from None
-    driving = np.arange(int(np.ceil(turns * 360.0 / step_deg - 1e-9))) * step_deg * DEG
+    driving = angles_over_turns_deg(step_deg, turns) * DEG
     said = {
         "source": str(pair),
         "rig": None if rig is None else str(rig),
@@ -293,4 +269,4 @@ def contact_table(flanks: Flanks) -> str:
             f"driven_radius{end}_mm": found.radius_mm[:, 1],
             f"line{end}_mm": found.length_mm,
         }
-    return csv_text(np.stack(list(columns.values()), axis=1), tuple(columns))
+    return csv_text(columns)

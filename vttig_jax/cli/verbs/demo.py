@@ -3,7 +3,7 @@
 import hashlib
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import click
 import numpy as np
@@ -36,16 +36,17 @@ SAMPLED_TOGETHER: Final = "off"
 
 
 @verb("demo", example="vttig demo --out demo")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for log, fit, map, pictures.")
-@click.option("--overwrite", is_flag=True, help="Replace the demo that is in --out.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, help="Of orders, phases and noise.")
-@click.option(
-    "--steps",
-    type=click.IntRange(min=40),
-    help="Number of steps to sample; by default until the sampler has converged.",
-)
 def command(
-    output: Output, out: Path | None, overwrite: bool, seed: int, steps: int | None
+    output: Output,
+    *,
+    out: Annotated[Path | None, "Folder for log, fit, map, pictures."],
+    overwrite: Annotated[bool, "Replace the demo that is in --out."],
+    seed: Annotated[int, click.IntRange(min=0), "Of orders, phases and noise."] = 0,
+    steps: Annotated[
+        int | None,
+        click.IntRange(min=40),
+        "Number of steps to sample; by default until the sampler has converged.",
+    ],
 ) -> None:
     """Simulate the rig of the paper, identify it, and compare the result with the true values.
 

@@ -1,10 +1,10 @@
 """`vttig explain`: say what a word or a parameter of a report means."""
 
-import click
+from typing import Annotated
 
 from ...base.errors import UsageError
 from ...report.words import WORDS, meanings
-from ..options import verb
+from ..options import Argument, verb
 from ..output import Output
 
 
@@ -16,8 +16,7 @@ vttig explain
 """,
     compiles=False,
 )
-@click.argument("name", required=False)
-def command(output: Output, name: str | None) -> None:
+def command(output: Output, *, name: Annotated[str | None, Argument()]) -> None:
     """Say what NAME means, a word or a parameter of a report; without NAME, all of them.
 
     The page "How to read a report" of the documentation goes through one report line by line.

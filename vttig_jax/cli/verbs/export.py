@@ -1,32 +1,41 @@
 """`vttig export`: backlash or transmission error for a controller, as CSV, JSON or a C header."""
 
 import math
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import click
 
 import vttig_jax
 
-from ...base.errors import UsageError, VttigError
+from ...base.errors import UsageError
 from ...base.files.json_io import dumps
 from ...base.logger import LOGGER
 from ...base.units import ARCSEC, DEG
 from ...control.scenario.axes import Gap
-from ...runs.map_table import columns_of, csv_text, map_record, map_table, resolution, shift_first
+from ...runs.map_table import QuantityName, csv_text, resolution, run_table
 from ...runs.run import Run
 from ...runs.run_file import CHECKPOINT
-from ..axis_options import AXIS, axis_options
-from ..options import POSITIVE, STEP_DEG, Finite, given, refuse_existing, verb
+from ..axis_options import AXIS, Axis
+from ..options import (
+    ConstantBacklash,
+    NotNegative,
+    Positive,
+    Real,
+    RunPath,
+    StepDeg,
+    given,
+    refuse_existing,
+    verb,
+)
 from ..output import Output
-from .map import MOST_ROWS, QuantityName
+from .map import MOST_ROWS
 
 if TYPE_CHECKING:
-    from ...control.compensation.compensation import Compensation
     from ...identify.result import Fit
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.flank_model import FlankModel
+    from ...runs.axis_table import AxisSetting
 
 CONTROLS = ("linuxcnc", "twincat", "beckhoff", "csv", "json", "c")
 """Formats of error tables; beckhoff is another name of twincat."""
@@ -61,97 +70,72 @@ vttig export run --for linuxcnc --out axis.comp
 """,
     groups={"The axis, with --for": _PLACE},
 )
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="File to write: .csv the map as a table, .json its harmonics (of the error: the table), .h"
-    " C that evaluates them. With --for any name.",
-)
-@click.option(
-    "--for",
-    "control",
-    type=click.Choice(CONTROLS),
-    help="Write the error table of the axis for a control: what it adds to the command in each"
-    " direction, in degrees at equidistant positions. LinuxCNC reads it as COMP_FILE, TwinCAT as"
-    " constants of Structured Text (beckhoff is the same); c is a header with a function for each"
-    " direction.",
-)
-@axis_options
-@click.option(
-    "--over",
-    "over_deg",
-    nargs=2,
-    type=Finite(),
-    metavar="FROM TO",
-    help="Travel of the axis, °, if it is not that of the table: what is left is predicted for it."
-    " A control holds the ends of its table.",
-)
-@click.option(
-    "--acceleration-deg-s2",
-    type=POSITIVE,
-    help="With --for linuxcnc: MAX_ACCELERATION; prints the largest speed that follows the table.",
-)
-@click.option(
-    "--servo-period-ms", type=POSITIVE, default=1.0, help="With --for linuxcnc: its servo period."
-)
-@click.option(
-    "--name",
-    help="With .h and --for c: what all names in C begin with, with --for twincat what follows"
-    " axis_; made from the name of the pair by default.",
-)
-@click.option(
-    "--quantity",
-    type=click.Choice(get_args(QuantityName)),
-    help="With .h: axial shift and backlash (the default), or the backlash alone. With .csv and"
-    " .json: the backlash (the default), the same with the axial shift as the first column, or the"
-    " transmission error of each measured flank.",
-)
-@click.option(
-    "--tolerance-arcsec",
-    type=Finite(min=0),
-    help="How far readings may put the driven shaft off its flanks, its speed times the time"
-    " between both readings included; by default six times the residual of the fit, 360 at least.",
-)
-@click.option(
-    "--accuracy-arcsec",
-    type=Finite(min=0),
-    default=0.0,
-    help="Backlash that the harmonics left out may add up to; more leaves fewer to evaluate. By"
-    " default only those below 1e-12 rad are left out.",
-)
-@click.option(
-    "--step-deg",
-    type=STEP_DEG,
-    help="Of a table: distance of the rows, 1 by default. With --for: distance of the positions,"
-    " the 255th part of the travel by default.",
-)
-@click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
-@click.option(
-    "--gap",
-    type=click.Choice(get_args(Gap)[1:]),
-    help="With .h and .json, after `vttig sample`: the mean gap, lowered until it is nowhere above"
-    " this edge of its band. The table of `vttig map` has the edge itself as a column.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 def command(
     output: Output,
-    run_folder: Path,
-    out: Path,
-    control: str | None,
-    axis: dict[str, Any],
-    over_deg: tuple[float, float] | None,
-    acceleration_deg_s2: float | None,
-    servo_period_ms: float,
-    name: str | None,
-    quantity: QuantityName | None,
-    tolerance_arcsec: float | None,
-    accuracy_arcsec: float,
-    step_deg: float | None,
-    constant_backlash_deg: float | None,
-    gap: str | None,
-    overwrite: bool,
+    *,
+    run_folder: RunPath,
+    out: Annotated[
+        Path,
+        "File to write: .csv the map as a table, .json its harmonics (of the error: the table), .h"
+        " C that evaluates them. With --for any name.",
+    ],
+    control: Annotated[
+        str | None,
+        "--for",
+        click.Choice(CONTROLS),
+        "Write the error table of the axis for a control: what it adds to the command in each"
+        " direction, in degrees at equidistant positions. LinuxCNC reads it as COMP_FILE, TwinCAT"
+        " as constants of Structured Text (beckhoff is the same); c is a header with a function for"
+        " each direction.",
+    ],
+    axis: Axis,
+    over_deg: Annotated[
+        tuple[Real, Real] | None,
+        "--over",
+        {"metavar": "FROM TO"},
+        "Travel of the axis, °, if it is not that of the table: what is left is predicted for it."
+        " A control holds the ends of its table.",
+    ],
+    acceleration_deg_s2: Annotated[
+        Positive | None,
+        "With --for linuxcnc: MAX_ACCELERATION; prints the largest speed that follows the table.",
+    ],
+    servo_period_ms: Annotated[Positive, "With --for linuxcnc: its servo period."] = 1.0,
+    name: Annotated[
+        str | None,
+        "With .h and --for c: what all names in C begin with, with --for twincat what follows"
+        " axis_; made from the name of the pair by default.",
+    ],
+    quantity: Annotated[
+        QuantityName | None,
+        "With .h: axial shift and backlash (the default), or the backlash alone. With .csv and"
+        " .json: the backlash (the default), the same with the axial shift as the first column, or"
+        " the transmission error of each measured flank.",
+    ],
+    tolerance_arcsec: Annotated[
+        NotNegative | None,
+        "How far readings may put the driven shaft off its flanks, its speed times the time"
+        " between both readings included; by default six times the residual of the fit, 360 at"
+        " least.",
+    ],
+    accuracy_arcsec: Annotated[
+        NotNegative,
+        "Backlash that the harmonics left out may add up to; more leaves fewer to evaluate. By"
+        " default only those below 1e-12 rad are left out.",
+    ] = 0.0,
+    step_deg: Annotated[
+        StepDeg | None,
+        "Of a table: distance of the rows, 1 by default. With --for: distance of the positions,"
+        " the 255th part of the travel by default.",
+    ],
+    constant_backlash_deg: ConstantBacklash,
+    gap: Annotated[
+        str | None,
+        click.Choice(get_args(Gap)[1:]),
+        "With .h and .json, after `vttig sample`: the mean gap, lowered until it is nowhere above"
+        " this edge of its band. The table of `vttig map` has the edge itself as a column.",
+    ],
+    overwrite: Annotated[bool, "Replace a file that exists."],
 ) -> None:
     """Write the backlash map, or the transmission error, of the fit in RUN for a controller.
 
@@ -166,9 +150,11 @@ def command(
     direction, so that the axis stands where it is told. What the table leaves over the travel is
     predicted and printed, and a table that leaves more than none is refused.
     """
+    from ...control.compensation.c_header import HeaderOrigin, c_header, identifier_of
     from ...control.compensation.map_harmonics import compensation_of
     from ...runs.error_table import origin
     from ...runs.maps import lowered_map
+    from ...runs.zeros import shaft_readings
 
     suffix = out.suffix.lower()
     quantity = quantity or ("error" if control else "shift" if suffix == ".h" else "backlash")
@@ -177,44 +163,61 @@ def command(
     _check_options(out, control, suffix, quantity, overwrite=overwrite)
     step, fit = step_deg or 1.0, opened.fit
     if control is not None:
+        from ...runs.axis_table import AxisSetting
+
         rate = acceleration_deg_s2, servo_period_ms
-        axis |= {"over_deg": over_deg}
-        text, record, shown = _axis_table(opened, out, control, axis, step_deg, rate, name)
-    elif quantity == "error":
-        text, record, shown = _error(opened, out, step)
+        setting = AxisSetting(**axis._asdict(), over_deg=over_deg)
+        text, record, shown = _axis_table(opened, out, control, setting, step_deg, rate, name)
+    elif quantity == "error" or suffix == ".csv":
+        posterior = opened.drawn if quantity == "error" else None
+        if quantity != "error":
+            _maps(opened, constant_backlash_deg, quantity)
+        turns = _whole_period(opened.pair.hunting_turns, step)
+        how: Any = {"constant_backlash_deg": constant_backlash_deg, "posterior": posterior}
+        found = run_table(fit, quantity, step, turns, out=out, **how)
+        record, shown, text = found.record, found.text, csv_text(found.columns)
+        if suffix == ".json":
+            record |= {"table": found.columns}
+            text = dumps(record) + "\n"
     else:
-        shift = quantity == "shift"
-        grid, contact = _maps(opened, constant_backlash_deg, header=suffix == ".h", shift=shift)
+        grid, contact = _maps(opened, constant_backlash_deg, quantity, header=suffix == ".h")
         lowered = None
         if gap is not None:
             grid, distance = lowered_map(opened, gap)
             lowered = gap, distance / DEG
-        if suffix == ".csv":
-            text, record, shown = _table(fit, grid, step, out, quantity)
-        else:
-            allowed_deg = max(_DEVIATIONS * fit.residual_rms_deg, _LEAST_DEG)
-            allowed = allowed_deg * DEG if tolerance_arcsec is None else tolerance_arcsec * ARCSEC
-            compensation = compensation_of(
-                grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
+        allowed_deg = max(_DEVIATIONS * fit.residual_rms_deg, _LEAST_DEG)
+        allowed = allowed_deg * DEG if tolerance_arcsec is None else tolerance_arcsec * ARCSEC
+        compensation = compensation_of(
+            grid, contact, allowed_rad=allowed, left_out_rad=accuracy_arcsec * ARCSEC
+        )
+        fitted, interval = fit.parameters["constant_backlash_deg"], None
+        low, high = fitted.low95, fitted.high95
+        if constant_backlash_deg is None and low is not None and high is not None:
+            interval = low, high
+        record: dict[str, Any] = {
+            "schema": "vttig.compensation/1",
+            **origin(fit),
+            "file": out.name,
+            "constant_backlash_deg": interval and {"low95": low, "high95": high},
+            **compensation.to_json(),
+        }
+        shown = str(compensation)
+        if lowered is not None:
+            record |= {"gap": gap, "lowered_deg": lowered[1]}
+        text = dumps(record) + "\n"
+        if suffix == ".h":
+            made_of = HeaderOrigin(
+                pair=fit.pair.name,
+                version=vttig_jax.__version__,
+                zero=fit.zero,
+                conditional_on=fit.conditional_on,
+                sha256=fit.sha256,
+                readings=shaft_readings(opened.record, fit),
+                backlash_deg=interval,
+                lowered_deg=lowered,
             )
-            fitted, interval = fit.parameters["constant_backlash_deg"], None
-            low, high = fitted.low95, fitted.high95
-            if constant_backlash_deg is None and low is not None and high is not None:
-                interval = low, high
-            record: dict[str, Any] = {
-                "schema": "vttig.compensation/1",
-                **origin(fit),
-                "file": out.name,
-                "constant_backlash_deg": interval
-                and dict(zip(("low95", "high95"), interval, strict=True)),
-                **compensation.to_json(),
-            }
-            shown = str(compensation)
-            if lowered is not None:
-                record |= {"gap": gap, "lowered_deg": lowered[1]}
-            text = dumps(record) + "\n"
-            if suffix == ".h":
-                text = _header(opened, compensation, name, interval, lowered, shift=shift)
+            prefix = identifier_of(fit.pair.name) if name is None else name
+            text = c_header(compensation, made_of, name=prefix, quantity=quantity)
     if gap is None and (run_folder / CHECKPOINT).exists() and quantity != "error":
         LOGGER.warning(
             "these are the values of the fit; its draws know how far they may be wrong:"
@@ -230,7 +233,7 @@ def _axis_table(
     run: Run,
     out: Path,
     control: str,
-    axis: dict[str, Any],
+    axis: "AxisSetting",
     step_deg: float | None,
     rate: tuple[float | None, float],
     name: str | None,
@@ -238,9 +241,9 @@ def _axis_table(
     """Return the error table of the axis for a control, its record, and its report."""
     from ...control.compensation import table_formats
     from ...control.compensation.c_header import identifier_of, table_header
-    from ...runs.axis_table import AxisSetting, axis_table
+    from ...runs.axis_table import axis_table
 
-    found = axis_table(run.fit, run.drawn, AxisSetting(**axis), step_deg)
+    found = axis_table(run.fit, run.drawn, axis, step_deg)
     record, lines = found.to_json(out), found.provenance(vttig_jax.__version__)
     shown = str(found)
     if control == "linuxcnc":
@@ -296,51 +299,25 @@ def _check_options(
 
 
 def _maps(
-    run: Run, constant_backlash_deg: float | None, *, header: bool, shift: bool
+    run: Run, constant_backlash_deg: float | None, quantity: QuantityName, *, header: bool = False
 ) -> "tuple[BacklashMap, FlankModel]":
     """Return the backlash map of the fit, and its flank model.
 
-    If the export is impossible, one error names all reasons.
-
-    **Arguments**
-    - `header`: whether a C header is written, which needs the readings of both encoders.
-    - `shift`: whether the header gives the axial shift that closes the gap.
+    **Raises** the error of what makes the export impossible; a `header` also needs the readings of
+    both encoders, and the shift a pair that closes the gap by it.
     """
     from ...control.compensation.compensation import closing_of, require_closing
     from ...identify.backlash import contact_map
     from ...runs.zeros import shaft_readings
 
-    fit = run.fit
-    found: list[tuple[BacklashMap, FlankModel]] = []
-    checks: list[Callable[[], object]] = [
-        lambda: found.append(contact_map(fit, constant_backlash_deg=constant_backlash_deg))
-    ]
+    found = contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)
     if constant_backlash_deg is None:
-        checks.append(lambda: _require_delay(fit))
+        _require_delay(run.fit)
     if header:
-        checks.append(lambda: shaft_readings(run.record, fit))
-    if shift:
-        checks.append(lambda: require_closing(closing_of(fit.pair)))
-    _require_all(checks, run.folder)
-    return found[0]
-
-
-def _require_all(checks: Sequence[Callable[[], object]], folder: Path) -> None:
-    """Call all `checks`; if some of them raise errors, raise one error with all their messages."""
-    failed: list[VttigError] = []
-    for check in checks:
-        try:
-            check()
-        except VttigError as error:
-            failed.append(error)
-    if not failed:
-        return
-    gravest = type(max(failed, key=lambda error: error.exit_code))
-    reasons = [error.message.removesuffix(".") for error in failed]
-    if len(failed) > 1:
-        reasons = [f"({number}) {reason}" for number, reason in enumerate(reasons, 1)]
-        reasons[0] = f"{len(failed)} things are in the way: {reasons[0]}"
-    raise gravest("; ".join(reasons) + ".", where=failed[0].where or str(folder))
+        shaft_readings(run.record, run.fit)
+    if quantity == "shift":
+        require_closing(closing_of(run.pair))
+    return found
 
 
 def _require_delay(fit: "Fit") -> None:
@@ -358,31 +335,6 @@ def _require_delay(fit: "Fit") -> None:
     )
 
 
-def _error(run: Run, out: Path, step_deg: float) -> tuple[str, dict[str, Any], str]:
-    """Return the transmission error of each flank as CSV or JSON, its record, and its report."""
-    from ...runs.error_table import error_table
-
-    turns = _whole_period(run.pair.hunting_turns, step_deg)
-    found = error_table(run.fit, run.drawn, step_deg, turns)
-    record, table = found.to_json(out), found.table()
-    if out.suffix.lower() == ".csv":
-        return csv_text(table, found.columns), record, str(found)
-    record["table"] = dict(zip(found.columns, table.T, strict=True))
-    return dumps(record) + "\n", record, str(found)
-
-
-def _table(
-    fit: "Fit", grid: "BacklashMap", step_deg: float, out: Path, quantity: QuantityName
-) -> tuple[str, dict[str, Any], str]:
-    """Return the map over the hunting period as CSV, its record `vttig.map/1`, and its report."""
-    turns = _whole_period(grid.pair.hunting_turns, step_deg)
-    table, columns = map_table(grid, step_deg, turns), columns_of(grid)
-    if quantity == "shift":
-        table, columns = shift_first(table, columns, grid.pair)
-    record = map_record(fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out)
-    return csv_text(table, columns), record | {"quantity": quantity}, str(grid)
-
-
 def _whole_period(hunting_turns: int, step_deg: float) -> float:
     """Return the driving turns of the hunting period.
 
@@ -395,30 +347,3 @@ def _whole_period(hunting_turns: int, step_deg: float) -> float:
             f" {MOST_ROWS} rows; give --step-deg {least:g} or more."
         )
     return float(hunting_turns)
-
-
-def _header(
-    run: Run,
-    compensation: "Compensation",
-    name: str | None,
-    interval: tuple[float, float] | None,
-    lowered: tuple[str, float] | None,
-    *,
-    shift: bool,
-) -> str:
-    from ...control.compensation.c_header import HeaderOrigin, c_header, identifier_of
-    from ...runs.zeros import shaft_readings
-
-    fit = run.fit
-    name = identifier_of(fit.pair.name) if name is None else name
-    origin = HeaderOrigin(
-        pair=fit.pair.name,
-        version=vttig_jax.__version__,
-        zero=fit.zero,
-        conditional_on=fit.conditional_on,
-        sha256=fit.sha256,
-        readings=shaft_readings(run.record, fit),
-        backlash_deg=interval,
-        lowered_deg=lowered,
-    )
-    return c_header(compensation, origin, name=name, quantity="shift" if shift else "backlash")

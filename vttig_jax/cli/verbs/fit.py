@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -13,11 +13,11 @@ from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, readings_alone, resolve, save_fit
-from ...runs.options import options_of
+from ...runs.options import RunOptions
 from ...runs.run_file import RunRecord, read_run, require_same_data
-from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
-from ..fit_options import model_options
-from ..options import given, log_options, need, verb
+from ..drive_options import GROUPS, Drive, PairFile
+from ..fit_options import OF_A_FIT, Settings
+from ..options import Argument, Reading, given, need, verb
 from ..output import Output
 from .sample import refuse_existing
 
@@ -46,44 +46,30 @@ xz -dc log.csv.xz | vttig fit - --pair pair.toml --out run
         "The model": tuple(field.name for field in fields()),
     },
 )
-@click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
-@pair_option
-@click.option(
-    "--run", "run_path", type=click.Path(path_type=Path), help="Repeat the run of this run.toml."
-)
-@click.option("--out", type=click.Path(path_type=Path), help="Run folder to write.")
-@click.option("--overwrite", is_flag=True, help="Replace the fit that is in --out.")
-@click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
-@click.option("--report", is_flag=True, help="Write report.html of it too; see `vttig report`.")
-@click.option(
-    "--readings",
-    "--backlash-readings",
-    "readings",
-    type=click.Path(path_type=Path),
-    help="CSV of driving_deg,backlash_deg (gear 1 held, gear 2 rocked) to check the fit against, or"
-    " without LOG to be fitted alone.",
-)
-@click.option(
-    "--require",
-    multiple=True,
-    help="Exit with 4 unless this parameter is determined; a warning tells one that may be zero.",
-)
-@drive_options
-@log_options
-@model_options
 def command(
     output: Output,
-    logs: tuple[Path, ...],
-    pair: Path | None,
-    run_path: Path | None,
-    out: Path | None,
-    overwrite: bool,
-    no_figures: bool,
-    report: bool,
-    readings: Path | None,
-    require: tuple[str, ...],
-    drive: DriveOptions,
-    **options: Any,
+    *,
+    logs: Annotated[tuple[Path, ...], Argument("[LOG]...")],
+    pair: PairFile,
+    run_path: Annotated[Path | None, "--run", "Repeat the run of this run.toml."],
+    out: Annotated[Path | None, "Run folder to write."],
+    overwrite: Annotated[bool, "Replace the fit that is in --out."],
+    no_figures: Annotated[bool, "Leave the pictures out of the run folder."],
+    report: Annotated[bool, "Write report.html of it too; see `vttig report`."],
+    readings: Annotated[
+        Path | None,
+        "--readings",
+        "--backlash-readings",
+        "CSV of driving_deg,backlash_deg (gear 1 held, gear 2 rocked) to check the fit against, or"
+        " without LOG to be fitted alone.",
+    ],
+    require: Annotated[
+        tuple[str, ...],
+        "Exit with 4 unless this parameter is determined; a warning tells one that may be zero.",
+    ],
+    drive: Drive,
+    reading: Reading,
+    settings: Settings,
 ) -> None:
     """Identify the eccentricity and phase of both gears and the backlash from LOG.
 
@@ -95,24 +81,25 @@ def command(
     --out no file is written.
     """
     need("out", "overwrite", "no_figures", "report")
+    options = RunOptions(reading, settings)
     if report:
         reports.require_bokeh()
     if readings is not None and not logs and run_path is None:
         if out is not None or require:
             raise UsageError("readings alone have no run folder and no parameters; leave that out.")
-        found = readings_alone(readings, pair, drive.request, options_of(options))
-        length = _as_length(found.backlash_deg, found.std_deg, options["lead_mm"])
+        found = readings_alone(readings, pair, drive.request, options)
+        length = _as_length(found.backlash_deg, found.std_deg, reading.lead_mm)
         output.emit(found.to_json(), "\n\n".join([str(found), *length]))
         return
     if not drive.explain_columns:
         refuse_existing(out, overwrite=overwrite, resumes=False)
     if run_path is None:
         logs = with_standard_input(logs)
-        run = resolve(logs, pair, readings, options_of(options), drive.request)
+        run = resolve(logs, pair, readings, options, drive.request)
         if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
             return
     else:
-        run = _repeated(run_path, options)
+        run = _repeated(run_path)
     result, run = perform(run)
     _check_names(result, require)
     if out is not None:
@@ -174,13 +161,13 @@ def _noise_to_plan(result: "Fit") -> str:
     )
 
 
-def _repeated(path: Path, options: dict[str, Any]) -> RunRecord:
+def _repeated(path: Path) -> RunRecord:
     """Return the record of a `run.toml`, to repeat its fit unchanged.
 
     **Raises** `UsageError` if logs, a pair, readings or options of the fit are given too,
     `InputError` if a file of the run is missing or has changed.
     """
-    if asked := given({"logs", "pair", "readings", *NAMES, *options}):
+    if asked := given({"logs", "readings", *OF_A_FIT}):
         raise UsageError(
             f"--run repeats a run as it was; leave out {' and '.join(asked)}, or leave out --run."
         )

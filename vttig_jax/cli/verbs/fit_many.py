@@ -1,7 +1,7 @@
 """`vttig fit-many`: fit many logs, each of another rig, in batches; the result is one table."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 import click
 
@@ -10,10 +10,9 @@ from ...base.files.limits import STDIN
 from ...base.logger import LOGGER
 from ...identify.fit_settings import BATCH
 from ...logs.readers.open_table import with_standard_input
-from ...runs.options import options_of
-from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
-from ..fit_options import batch_options
-from ..options import exclude_each_other, log_options, need, refuse_existing, verb
+from ..drive_options import GROUPS, Drive, PairFile
+from ..fit_options import BatchSettings
+from ..options import Argument, Reading, exclude_each_other, need, refuse_existing, verb
 from ..output import Output
 
 
@@ -31,38 +30,29 @@ vttig fit-many rigs/*.csv --pair pair.toml --delay off --csv fits.csv
         "The model": BATCH,
     },
 )
-@click.argument("logs", metavar="LOG...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@pair_option
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for fits.parquet.")
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on with the table that is unfinished in --out; where there is none, start.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace the table in --out.")
-@click.option("--csv", "csv_file", type=click.Path(path_type=Path), help="Write the table as CSV.")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 1024),
-    help="Processes that fit blocks of 16 logs at the same time; by default one for each core"
-    " and 1.5 GiB of free memory.",
-)
-@click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
-@drive_options
-@log_options
-@batch_options
 def command(
     output: Output,
-    logs: tuple[Path, ...],
-    pair: Path | None,
-    out: Path | None,
-    resume: bool,
-    overwrite: bool,
-    csv_file: Path | None,
-    jobs: int | None,
-    dask: str | None,
-    drive: DriveOptions,
-    **options: Any,
+    *,
+    logs: Annotated[tuple[Path, ...], Argument("LOG...", required=True)],
+    pair: PairFile,
+    out: Annotated[Path | None, "Folder for fits.parquet."],
+    resume: Annotated[
+        bool, "Go on with the table that is unfinished in --out; where there is none, start."
+    ],
+    overwrite: Annotated[bool, "Replace the table in --out."],
+    csv_file: Annotated[Path | None, "--csv", "Write the table as CSV."],
+    jobs: Annotated[
+        int | None,
+        click.IntRange(1, 1024),
+        "Processes that fit blocks of 16 logs at the same time; by default one for each core"
+        " and 1.5 GiB of free memory.",
+    ],
+    dask: Annotated[
+        str | None, {"metavar": "ADDRESS"}, "Scheduler of dask.distributed to send blocks to."
+    ],
+    drive: Drive,
+    reading: Reading,
+    settings: BatchSettings,
 ) -> None:
     """Identify the parameters of many logs, each of a rig of its own, in one table.
 
@@ -80,7 +70,6 @@ def command(
         refuse_existing(csv_file, overwrite=overwrite or resume)
     from ...runs.many_fits import ManyFits, fit_files
 
-    chosen = options_of(options)
     if STDIN in logs:
         if dask is not None or (jobs or 1) > 1:
             raise UsageError(
@@ -88,7 +77,7 @@ def command(
             )
         jobs = 1
     logs = with_standard_input(logs)
-    task = ManyFits.of(logs, pair, chosen.settings, chosen.reading, drive.request)
+    task = ManyFits.of(logs, pair, settings, reading, drive.request)
     if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
         return
     how = {"out": out, "resume": resume, "overwrite": overwrite, "dask": dask, "jobs": jobs}

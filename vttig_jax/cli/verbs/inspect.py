@@ -2,15 +2,15 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
 from ...base.errors import InputError, UsageError
 from ...logs.readers.column_names import ROLES
 from ...logs.readers.open_table import with_standard_input
-from ..drive_options import GROUPS, DriveOptions, drive_options, pair_option
-from ..options import given, log_options, need, verb
+from ..drive_options import GROUPS, Drive, PairFile
+from ..options import Argument, Reading, given, need, verb
 from ..output import Output
 from .plot import check_picture, write_picture
 
@@ -29,33 +29,26 @@ if TYPE_CHECKING:
     "vttig inspect axis.comp --for linuxcnc",
     groups=GROUPS,
 )
-@click.argument("log", type=click.Path(path_type=Path))
-@click.option(
-    "--for",
-    "control",
-    type=click.Choice(["linuxcnc"]),
-    help="LOG is no log but an error table: say what LinuxCNC reads of this COMP_FILE, and what it"
-    " leaves out without a word.",
-)
-@click.option(
-    "--picture",
-    type=click.Path(path_type=Path),
-    help="Draw the transmission error before any fit, and its spectrum, in this .png, .svg or .pdf"
-    " file.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a picture that exists.")
-@pair_option
-@drive_options
-@log_options
 def command(
     output: Output,
-    log: Path,
-    control: str | None,
-    picture: Path | None,
-    overwrite: bool,
-    pair: Path | None,
-    drive: DriveOptions,
-    **options: Any,
+    *,
+    log: Annotated[Path, Argument()],
+    control: Annotated[
+        str | None,
+        "--for",
+        click.Choice(["linuxcnc"]),
+        "LOG is no log but an error table: say what LinuxCNC reads of this COMP_FILE, and what it"
+        " leaves out without a word.",
+    ],
+    picture: Annotated[
+        Path | None,
+        "Draw the transmission error before any fit, and its spectrum, in this .png, .svg or .pdf"
+        " file.",
+    ],
+    overwrite: Annotated[bool, "Replace a picture that exists."],
+    pair: PairFile,
+    drive: Drive,
+    reading: Reading,
 ) -> None:
     """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders.
 
@@ -63,7 +56,7 @@ def command(
     recognised; one for each reading if no name says which column is which shaft.
     """
     from ...logs.preview import preview_log
-    from ...logs.recognition.request import ReadingOptions, fit_command
+    from ...logs.recognition.request import fit_command
 
     (log,) = with_standard_input([log])
     if control is not None:
@@ -72,7 +65,7 @@ def command(
         output.emit(*_comp_file(log))
         return
     need("picture", "overwrite")
-    reading, request = ReadingOptions(**options), drive.request
+    request = drive.request
     report: Preview | Inspection
     if pair is None and not request.names_a_drive:
         for name in given(("write_pair", "picture")):

@@ -2,8 +2,7 @@
 
 import math
 from decimal import Decimal, InvalidOperation
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import click
 
@@ -12,7 +11,7 @@ from ...base.files.text_tables import key_values
 from ...base.units import ARCSEC, DEG
 from ...pair.schema import Flank
 from ...runs.run import Run
-from ..options import POSITIVE, Finite, verb
+from ..options import ConstantBacklash, Finite, Positive, RunPath, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -67,46 +66,33 @@ vttig locate run --driving-deg 304.97 --driven-deg 126.51
 vttig locate run --driving-counts 76243 --driven-counts 31627 --flank A
 """,
 )
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.option(
-    "--driving-deg", type=WrittenNumber(), help="Reading of the driving encoder, degrees."
-)
-@click.option("--driven-deg", type=WrittenNumber(), help="Reading of the driven encoder, degrees.")
-@click.option(
-    "--driving-counts",
-    type=int,
-    help="The same in counts, where the pair file has them.",
-)
-@click.option("--driven-counts", type=int, help="The same in counts, where the pair file has them.")
-@click.option(
-    "--reading-std-arcsec",
-    type=POSITIVE,
-    help="Standard deviation of either reading, beside the residual of the fit; by default that of"
-    " rounding to the last digit given.",
-)
-@click.option(
-    "--flank",
-    type=click.Choice(get_args(Flank)),
-    help="The flank that carries; by default the driven shaft may lie anywhere in the gap.",
-)
-@click.option(
-    "--certainty",
-    type=Finite(min=0, max=1, max_open=True),
-    default=0.999,
-    help="Probability the turn must have; 0.999 by default.",
-)
-@click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
 def command(
     output: Output,
-    run_folder: Path,
-    driving_deg: Reading | None,
-    driven_deg: Reading | None,
-    driving_counts: int | None,
-    driven_counts: int | None,
-    reading_std_arcsec: float | None,
-    flank: Flank | None,
-    certainty: float,
-    constant_backlash_deg: float | None,
+    *,
+    run_folder: RunPath,
+    driving_deg: Annotated[
+        Reading | None, WrittenNumber(), "Reading of the driving encoder, degrees."
+    ],
+    driven_deg: Annotated[
+        Reading | None, WrittenNumber(), "Reading of the driven encoder, degrees."
+    ],
+    driving_counts: Annotated[int | None, "The same in counts, where the pair file has them."],
+    driven_counts: Annotated[int | None, "The same in counts, where the pair file has them."],
+    reading_std_arcsec: Annotated[
+        Positive | None,
+        "Standard deviation of either reading, beside the residual of the fit; by default that of"
+        " rounding to the last digit given.",
+    ],
+    flank: Annotated[
+        Flank | None,
+        "The flank that carries; by default the driven shaft may lie anywhere in the gap.",
+    ],
+    certainty: Annotated[
+        float,
+        Finite(min=0, max=1, max_open=True),
+        "Probability the turn must have; 0.999 by default.",
+    ] = 0.999,
+    constant_backlash_deg: ConstantBacklash,
 ) -> None:
     """Find the position of both shafts within the hunting period of the fit in RUN.
 

@@ -2,27 +2,15 @@
 
 import shlex
 from pathlib import Path
-from typing import Any, Literal, get_args
-
-import click
+from typing import Annotated, Any
 
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.json_io import dumps, read_json
 from ...base.logger import LOGGER
-from ...runs.map_table import (
-    banded_record,
-    columns_of,
-    csv_text,
-    map_record,
-    map_table,
-    resolution,
-    shift_first,
-)
+from ...runs.map_table import QuantityName, csv_text, resolution, run_table
 from ...runs.run import Run
-from ..options import POSITIVE, STEP_DEG, Finite, given, verb
+from ..options import Argument, ConstantBacklash, Finite, Positive, StepDeg, given, verb
 from ..output import Output
-
-QuantityName = Literal["backlash", "error", "shift"]
 
 MOST_ROWS = 200_000
 _MOST_ASKED = 20_000_000
@@ -41,46 +29,32 @@ vttig map run --step-deg 0.5 --out map.csv
 vttig map run --quantity error --out error.csv
 """,
 )
-@click.argument("run_folder", metavar="D", type=click.Path(path_type=Path))
-@click.option(
-    "--quantity",
-    type=click.Choice(get_args(QuantityName)),
-    default="backlash",
-    help="Backlash (the default), the axial shift that closes it as the first column, or the"
-    " transmission error of each measured flank.",
-)
-@click.option("--step-deg", type=STEP_DEG, default=1.0)
-@click.option(
-    "--span-rev",
-    type=POSITIVE,
-    help="Driving turns to cover; the hunting period by default, 200 000 rows at most.",
-)
-@click.option("--constant-backlash-deg", type=Finite(min=0), help="Replaces the fitted one.")
-@click.option(
-    "--probability",
-    type=Finite(min=0, max=1, min_open=True, max_open=True),
-    default=0.95,
-    help="Of the bands that draws of `vttig sample` in D give; 0.95 by default.",
-)
-@click.option(
-    "--closing-mm",
-    type=POSITIVE,
-    multiple=True,
-    help="With draws: say how probable it is that this axial closing binds somewhere; repeatable.",
-)
-@click.option("--out", type=click.Path(path_type=Path), help="CSV to write, with a JSON beside it.")
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def command(
     output: Output,
-    run_folder: Path,
-    quantity: QuantityName,
-    step_deg: float,
-    span_rev: float | None,
-    constant_backlash_deg: float | None,
-    probability: float,
-    closing_mm: tuple[float, ...],
-    out: Path | None,
-    overwrite: bool,
+    *,
+    run_folder: Annotated[Path, Argument("D")],
+    quantity: Annotated[
+        QuantityName,
+        "Backlash (the default), the axial shift that closes it as the first column, or the"
+        " transmission error of each measured flank.",
+    ] = "backlash",
+    step_deg: StepDeg = 1.0,
+    span_rev: Annotated[
+        Positive | None,
+        "Driving turns to cover; the hunting period by default, 200 000 rows at most.",
+    ],
+    constant_backlash_deg: ConstantBacklash,
+    probability: Annotated[
+        float,
+        Finite(min=0, max=1, min_open=True, max_open=True),
+        "Of the bands that draws of `vttig sample` in D give; 0.95 by default.",
+    ] = 0.95,
+    closing_mm: Annotated[
+        tuple[Positive, ...],
+        "With draws: say how probable it is that this axial closing binds somewhere; repeatable.",
+    ],
+    out: Annotated[Path | None, "CSV to write, with a JSON beside it."],
+    overwrite: Annotated[bool, "Replace files that exist."],
 ) -> None:
     """Show the backlash of the fit in run folder D over the hunting period, and write it.
 
@@ -112,37 +86,29 @@ def command(
     posterior = run.drawn if constant_backlash_deg is None else None
     if posterior is None and (asked := given({"closing_mm", "probability"})):
         raise _without_draws(asked[0], run_folder, constant_backlash_deg)
-    if quantity == "error":
-        from ...runs.error_table import error_table
-
-        errors = error_table(fit, posterior, step_deg, turns, probability)
-        table, columns, record = errors.table(), errors.columns, errors.to_json(out)
-        shown = str(errors) if posterior else f"{errors}\n\n{_NO_ERROR_BAND}"
-    elif posterior is not None:
-        from ...posterior.summary.bands import band_map
-
-        banded = band_map(posterior, step_deg, turns, probability)
-        table, columns = banded.table(), banded.columns
-        record = banded_record(fit, banded, len(table), out, closing_mm)
-        shown = f"{banded}{_bindings(record)}"
-    else:
-        from ...identify.backlash import backlash_map
-
-        grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
-        table, columns = map_table(grid, step_deg, turns), columns_of(grid)
-        record = map_record(
-            fit, grid=grid, step_deg=step_deg, turns=turns, rows=len(table), out=out
-        )
-        shown = f"{grid}\n\n{_NO_BAND}"
-    if quantity == "shift":
-        table, columns = shift_first(table, columns, fit.pair)
-    record |= {"quantity": quantity, "run": run.record.digest}
+    found = run_table(
+        fit,
+        quantity,
+        step_deg,
+        turns,
+        posterior=posterior,
+        constant_backlash_deg=constant_backlash_deg,
+        probability=probability,
+        closing_mm=closing_mm,
+        out=out,
+    )
+    record, shown = found.record | {"run": run.record.digest}, found.text
+    if posterior is None:
+        shown += f"\n\n{_NO_ERROR_BAND if quantity == 'error' else _NO_BAND}"
+    elif quantity != "error":
+        shown += _bindings(record)
     if out is not None:
-        texts = {out.with_suffix(".json"): dumps(record) + "\n", out: csv_text(table, columns)}
+        texts = {out.with_suffix(".json"): dumps(record) + "\n", out: csv_text(found.columns)}
         run.write_beside(texts, overwrite=overwrite)
         shown = f"{shown}\n\n{out}: {resolution(fit, step_deg)}"
     else:
-        shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {len(table)} rows"
+        rows = len(found.columns["driving_deg"])
+        shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {rows} rows"
     output.emit(record, shown)
 
 

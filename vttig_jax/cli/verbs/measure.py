@@ -4,7 +4,7 @@ They are computed from the pair file.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
@@ -12,7 +12,7 @@ from ...base.errors import PairError, UsageError
 from ...pair.pair_file import load_pair_spec
 from ...pair.schema import StatedTable
 from ..drive_options import gears_of
-from ..options import POSITIVE, Finite, verb
+from ..options import Argument, Positive, Real, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -30,37 +30,27 @@ vttig measure pair.toml --section-mm 5 --ball-mm 3.5
 vttig measure pair.toml --thickness-at-mm 44 --thickness-at-mm 46 --span-teeth 6
 """,
 )
-@click.argument("pair", metavar="PAIR", type=click.Path(path_type=Path))
-@click.option(
-    "--section-mm",
-    type=Finite(),
-    default=0.0,
-    help="Height of the section along the axis of each gear, whose teeth thin towards +z; 0, the"
-    " middle of the face, by default.",
-)
-@click.option(
-    "--thickness-at-mm",
-    type=POSITIVE,
-    multiple=True,
-    help="Radius at which the thickness is wanted as well; repeatable.",
-)
-@click.option(
-    "--span-teeth",
-    type=click.IntRange(min=1, max=100_000),
-    help="Teeth to span; by default those stated, or those the jaws touch nearest to R + x m.",
-)
-@click.option(
-    "--ball-mm",
-    type=POSITIVE,
-    help="Diameter of the balls; by default that stated, or one on sale that touches near there.",
-)
 def command(
     output: Output,
-    pair: Path,
-    section_mm: float,
-    thickness_at_mm: tuple[float, ...],
-    span_teeth: int | None,
-    ball_mm: float | None,
+    *,
+    pair: Annotated[Path, Argument("PAIR")],
+    section_mm: Annotated[
+        Real,
+        "Height of the section along the axis of each gear, whose teeth thin towards +z; 0, the"
+        " middle of the face, by default.",
+    ] = 0.0,
+    thickness_at_mm: Annotated[
+        tuple[Positive, ...], "Radius at which the thickness is wanted as well; repeatable."
+    ],
+    span_teeth: Annotated[
+        int | None,
+        click.IntRange(min=1, max=100_000),
+        "Teeth to span; by default those stated, or those the jaws touch nearest to R + x m.",
+    ],
+    ball_mm: Annotated[
+        Positive | None,
+        "Diameter of the balls; by default that stated, or one on sale that touches near there.",
+    ],
 ) -> None:
     """Measure the gears of the pair file PAIR as a shop would.
 

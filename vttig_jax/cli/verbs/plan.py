@@ -1,15 +1,13 @@
 """`vttig plan`: predict the standard errors of a planned run before anything is measured."""
 
-from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Literal
 
 import click
 
 from ...base.errors import UsageError
-from ...logs.recognition.request import DriveRequest
-from ..drive_options import pair_option, ratio_options
+from ..drive_options import PairFile, Ratio
 from ..fit_options import TimeParam
-from ..options import POSITIVE, Finite, KeyValue, arguments_as_options, once, verb
+from ..options import Finite, KeyValue, NotNegative, Positive, arguments_as_options, once, verb
 from ..output import Output
 
 DirectionName = Literal["both", "forward", "backward"]
@@ -34,71 +32,54 @@ vttig plan --pair pair.toml --noise-std-deg 0.002 --want driving_eccentricity_mm
         "The fit": ("want", "assume", "perfect_encoders", "delay"),
     },
 )
-@pair_option
-@ratio_options
-@click.option(
-    "--turns",
-    type=POSITIVE,
-    help="Of the driving shaft in every pass, ramps included; with --want the most to be spent,"
-    " 1000 by default.",
-)
-@click.option(
-    "--speed-rpm",
-    "speeds_rpm",
-    type=POSITIVE,
-    multiple=True,
-    help="Of the driving shaft, 60 by default; repeat it for passes at several speeds in one"
-    " recording, which tell a delay.",
-)
-@click.option("--directions", type=click.Choice(get_args(DirectionName)), default="both")
-@click.option("--passes", type=click.IntRange(min=1), help="At every speed; 2 for both directions.")
-@click.option("--rate-hz", type=POSITIVE, help="Of sampling; that of the pair file by default.")
-@click.option("--dwell-s", type=NOT_NEGATIVE, default=2.0, help="Standstill after every pass.")
-@click.option("--ramp-s", type=NOT_NEGATIVE, default=0.5, help="From standstill to speed.")
-@click.option(
-    "--noise-std-deg",
-    type=Finite(min=0, max=360),
-    required=True,
-    help="Noise of one sample of the transmission error, as `vttig fit -v` prints it for a log;"
-    " counting is added from the pair.",
-)
-@click.option("--noise-correlation-s", type=NOT_NEGATIVE, default=0.0, help="Its memory.")
-@click.option("--white-std-deg", type=NOT_NEGATIVE, default=0.0, help="White noise beside it.")
-@click.option(
-    "--assume",
-    type=NAMED,
-    multiple=True,
-    help="Amplitude or phase to expect, such as driving_eccentricity_mm=0.03; decides what a phase"
-    " costs.",
-)
-@click.option("--perfect-encoders", is_flag=True, help="Fit no encoder eccentricity.")
-@click.option(
-    "--delay",
-    type=TimeParam("delay", "s", ("auto", "off")),
-    metavar="auto|off|SECONDS",
-    default="auto",
-    help="As in `vttig fit`: fitted (auto, the default), taken as zero, or known in seconds.",
-)
-@click.option(
-    "--want",
-    type=NAMED,
-    multiple=True,
-    help="Standard error to reach, such as driving_eccentricity_mm=0.0001; repeatable. Finds the"
-    " fewest turns.",
-)
 def command(
     output: Output,
-    pair: Path | None,
-    drive: DriveRequest,
-    turns: float | None,
-    rate_hz: float | None,
-    want: tuple[tuple[str, float], ...],
-    speeds_rpm: tuple[float, ...],
-    noise_std_deg: float,
-    noise_correlation_s: float,
-    white_std_deg: float,
-    assume: tuple[tuple[str, float], ...],
-    **same: Any,
+    *,
+    pair: PairFile,
+    drive: Ratio,
+    turns: Annotated[
+        Positive | None,
+        "Of the driving shaft in every pass, ramps included; with --want the most to be spent,"
+        " 1000 by default.",
+    ],
+    speeds_rpm: Annotated[
+        tuple[Positive, ...],
+        "--speed-rpm",
+        "Of the driving shaft, 60 by default; repeat it for passes at several speeds in one"
+        " recording, which tell a delay.",
+    ],
+    directions: Annotated[DirectionName, "Of the passes."] = "both",
+    passes: Annotated[int | None, click.IntRange(min=1), "At every speed; 2 for both directions."],
+    rate_hz: Annotated[Positive | None, "Of sampling; that of the pair file by default."],
+    dwell_s: Annotated[NotNegative, "Standstill after every pass."] = 2.0,
+    ramp_s: Annotated[NotNegative, "From standstill to speed."] = 0.5,
+    noise_std_deg: Annotated[
+        float,
+        Finite(min=0, max=360),
+        "Noise of one sample of the transmission error, as `vttig fit -v` prints it for a log;"
+        " counting is added from the pair.",
+    ],
+    noise_correlation_s: Annotated[NotNegative, "Its memory."] = 0.0,
+    white_std_deg: Annotated[NotNegative, "White noise beside it."] = 0.0,
+    assume: Annotated[
+        tuple[tuple[str, float], ...],
+        NAMED,
+        "Amplitude or phase to expect, such as driving_eccentricity_mm=0.03; decides what a phase"
+        " costs.",
+    ],
+    perfect_encoders: Annotated[bool, "Fit no encoder eccentricity."],
+    delay: Annotated[
+        str | float,
+        TimeParam("delay", "s", ("auto", "off")),
+        {"metavar": "auto|off|SECONDS"},
+        "As in `vttig fit`: fitted (auto, the default), taken as zero, or known in seconds.",
+    ] = "auto",
+    want: Annotated[
+        tuple[tuple[str, float], ...],
+        NAMED,
+        "Standard error to reach, such as driving_eccentricity_mm=0.0001; repeatable. Finds the"
+        " fewest turns.",
+    ],
 ) -> None:
     """Say how well a fit of a run would know every parameter, before the run is made.
 
@@ -127,7 +108,12 @@ def command(
         "speed_rpm": speeds_rpm or (60.0,),
         "noise": PlannedNoise(noise_std_deg, noise_correlation_s, white_std_deg),
         "assumed": once("--assume", assume),
-        **same,
+        "directions": directions,
+        "passes": passes,
+        "dwell_s": dwell_s,
+        "ramp_s": ramp_s,
+        "perfect_encoders": perfect_encoders,
+        "delay": delay,
     }
     with arguments_as_options(_OPTIONS):
         if wanted or turns is None:  # one of both is given

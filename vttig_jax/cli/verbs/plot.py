@@ -2,25 +2,28 @@
 
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import click
 
 from ...base.errors import UsageError
 from ...base.files.run_folder import write_files
 from ...runs.run import open_run
-from ..options import refuse_existing, verb
+from ..options import Argument, RunPath, refuse_existing, verb
 from ..output import Output
 
 NAMES = ("te", "map", "orders", "residual", "corner", "trace")
 
 
 @verb("plot", example="vttig plot run map --out map.svg")
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.argument("name", metavar="NAME", type=click.Choice(NAMES))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="File to write.")
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
-def command(output: Output, run_folder: Path, name: str, out: Path, overwrite: bool) -> None:
+def command(
+    output: Output,
+    *,
+    run_folder: RunPath,
+    name: Annotated[str, Argument("NAME"), click.Choice(NAMES)],
+    out: Annotated[Path, "File to write."],
+    overwrite: Annotated[bool, "Replace a file that exists."],
+) -> None:
     """Draw one picture of RUN: te, map, orders, residual, corner or trace.
 
     The end of the name of the file says whether it is a .png, .svg or .pdf. `corner` and `trace`

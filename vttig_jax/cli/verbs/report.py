@@ -1,11 +1,10 @@
 """`vttig report`: one page of a run, or of two side by side, to read, send and print."""
 
 from pathlib import Path
-
-import click
+from typing import Annotated
 
 from ... import report as reports
-from ..options import verb
+from ..options import Argument, RunPath, verb
 from ..output import Output
 
 
@@ -16,16 +15,15 @@ vttig report run
 vttig report before after --out adjustment.html
 """,
 )
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.argument("other", metavar="[RUN2]", required=False, type=click.Path(path_type=Path))
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="HTML file to write; report.html in the (second) run folder by default.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a report that exists.")
 def command(
-    output: Output, run_folder: Path, other: Path | None, out: Path | None, overwrite: bool
+    output: Output,
+    *,
+    run_folder: RunPath,
+    other: Annotated[Path | None, Argument("[RUN2]")],
+    out: Annotated[
+        Path | None, "HTML file to write; report.html in the (second) run folder by default."
+    ],
+    overwrite: Annotated[bool, "Replace a report that exists."],
 ) -> None:
     """Write the fit in RUN as one HTML page that says what it means.
 

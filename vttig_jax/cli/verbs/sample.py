@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -16,13 +16,21 @@ from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
 from ...posterior.until import Until
 from ...runs.fit_run import perform, resolve, save_fit
-from ...runs.options import options_of
+from ...runs.options import RunOptions
 from ...runs.posterior_run import banded_of, write_report
 from ...runs.run import open_run
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run
-from ..drive_options import GROUPS, NAMES, DriveOptions, drive_options, pair_option
-from ..fit_options import model_options
-from ..options import POSITIVE, arguments_as_options, exclude_each_other, given, log_options, verb
+from ..drive_options import GROUPS, Drive, PairFile
+from ..fit_options import OF_A_FIT, Settings
+from ..options import (
+    Argument,
+    Positive,
+    Reading,
+    arguments_as_options,
+    exclude_each_other,
+    given,
+    verb,
+)
 from ..output import Output, sampling_bar
 
 if TYPE_CHECKING:
@@ -45,65 +53,41 @@ vttig fit log.csv --pair pair.toml --out run && vttig sample run --steps 5000 --
         "The model": tuple(field.name for field in fields()),
     },
 )
-@click.argument("logs", metavar="[LOG]...", nargs=-1, type=click.Path(path_type=Path))
-@pair_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Run folder of fit, draws and pictures. Without LOG, or in its place, its fit is sampled.",
-)
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on with the draws that are in --out; where there are none, start.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace the fit and the draws that are in --out.")
-@click.option("--no-figures", is_flag=True, help="Leave the pictures out of the run folder.")
-@click.option(
-    "--seed", type=click.IntRange(0, 2**63 - 1), help="Of the sampler; 0, or that of the draws."
-)
-@click.option(
-    "--steps",
-    type=click.IntRange(40, 1_000_000_000),
-    help="Make this many steps in all.",
-)
-@click.option(
-    "--until",
-    type=POSITIVE,
-    help="Sample until there are this many effective draws of every coordinate (1000 by default)"
-    " and the ensembles agree (R-hat 1.01), 20 000 steps at most.",
-)
-@click.option("--ensembles", type=click.IntRange(4, 1000), help="Independent ones; 4 by default.")
-@click.option(
-    "--walkers",
-    type=click.IntRange(4, 1_000_000),
-    help="Of each ensemble, even and at least twice the coordinates; 32 or more by default.",
-)
-@click.option(
-    "--backlash-readings",
-    "readings",
-    type=click.Path(path_type=Path),
-    help="CSV of driving_deg,backlash_deg to check the fit against.",
-)
-@drive_options
-@log_options
-@model_options
 def command(
     output: Output,
-    logs: tuple[Path, ...],
-    pair: Path | None,
-    out: Path | None,
-    resume: bool,
-    overwrite: bool,
-    no_figures: bool,
-    seed: int | None,
-    steps: int | None,
-    until: float | None,
-    ensembles: int | None,
-    walkers: int | None,
-    readings: Path | None,
-    drive: DriveOptions,
-    **options: Any,
+    *,
+    logs: Annotated[tuple[Path, ...], Argument("[LOG]...")],
+    pair: PairFile,
+    out: Annotated[
+        Path | None,
+        "Run folder of fit, draws and pictures. Without LOG, or in its place, its fit is sampled.",
+    ],
+    resume: Annotated[bool, "Go on with the draws that are in --out; where there are none, start."],
+    overwrite: Annotated[bool, "Replace the fit and the draws that are in --out."],
+    no_figures: Annotated[bool, "Leave the pictures out of the run folder."],
+    seed: Annotated[
+        int | None, click.IntRange(0, 2**63 - 1), "Of the sampler; 0, or that of the draws."
+    ],
+    steps: Annotated[int | None, click.IntRange(40, 1_000_000_000), "Make this many steps in all."],
+    until: Annotated[
+        Positive | None,
+        "Sample until there are this many effective draws of every coordinate (1000 by default)"
+        " and the ensembles agree (R-hat 1.01), 20 000 steps at most.",
+    ],
+    ensembles: Annotated[int | None, click.IntRange(4, 1000), "Independent ones; 4 by default."],
+    walkers: Annotated[
+        int | None,
+        click.IntRange(4, 1_000_000),
+        "Of each ensemble, even and at least twice the coordinates; 32 or more by default.",
+    ],
+    readings: Annotated[
+        Path | None,
+        "--backlash-readings",
+        "CSV of driving_deg,backlash_deg to check the fit against.",
+    ],
+    drive: Drive,
+    reading: Reading,
+    settings: Settings,
 ) -> None:
     """Sample the posterior of the fit of LOG, or of the fit in a run folder.
 
@@ -122,26 +106,26 @@ def command(
 
     if logs:
         logs = with_standard_input(logs)
-        run = resolve(logs, pair, readings, options_of(options), drive.request)
+        run = resolve(logs, pair, readings, RunOptions(reading, settings), drive.request)
         if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
             return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
-        if asked := given([*options, *NAMES, "pair", "readings"]):
+        if asked := given({"readings", *OF_A_FIT}):
             raise UsageError(
                 f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is"
                 " sampled; give LOG too, or leave it out."
             )
         fit = open_run(out).fit
-    settings = settings_of(out / CHECKPOINT) if resume and (out / CHECKPOINT).exists() else {}
+    start = settings_of(out / CHECKPOINT) if resume and (out / CHECKPOINT).exists() else {}
     chosen = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
-    settings |= {name: value for name, value in chosen.items() if value is not None}
+    start |= {name: value for name, value in chosen.items() if value is not None}
     length = {"steps": steps, "until": None if until is None else Until(effective=until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
     with _interrupts_in_words(out):
         # The least number of walkers is known only after the fit.
         with sampling_bar(output) as follow, arguments_as_options():
-            posterior = sample(fit, **settings, **length, **files, progress=follow)
+            posterior = sample(fit, **start, **length, **files, progress=follow)
         _finish(output, out, posterior, figures=not no_figures)
 
 

@@ -5,16 +5,15 @@ import re
 import tomllib
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
-import numpy as np
 
 from ...base.errors import ScenarioError, UsageError
 from ...base.files.run_folder import RunFolder, write_files
 from ...base.logger import LOGGER
 from ...runs.map_table import csv_text
-from ..options import KeyValue, given, need, once, refuse_existing, verb
+from ..options import Argument, KeyValue, given, need, once, refuse_existing, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -62,37 +61,27 @@ vttig simulate run --set constant_backlash_deg=0.01
 vttig simulate --paper --out paper
 """,
 )
-@click.argument("scenario", metavar="[SCENARIO]", required=False, type=click.Path(path_type=Path))
-@click.option("--print-defaults", is_flag=True, help="Print a scenario of all keys, and stop.")
-@click.option(
-    "--set",
-    "settings",
-    type=KeyValue("key=value", _toml_value),
-    multiple=True,
-    help="Another value for a key of SCENARIO, such as motion.reversal_deg=720; repeatable.",
-)
-@click.option("--trace", type=click.Path(path_type=Path), help="CSV of the run to write.")
-@click.option(
-    "--every",
-    type=click.IntRange(min=1),
-    default=1,
-    help="With --trace: keep one period of the controller in this many; all by default.",
-)
-@click.option("--figure", type=click.Path(path_type=Path), help="PNG of the run to write.")
-@click.option("--paper", is_flag=True, help="Simulate the runs of the paper instead of SCENARIO.")
-@click.option("--out", type=click.Path(path_type=Path), help="With --paper: folder for its files.")
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
 def command(
     output: Output,
-    scenario: Path | None,
-    print_defaults: bool,
-    settings: tuple[tuple[str, Any], ...],
-    trace: Path | None,
-    every: int,
-    figure: Path | None,
-    paper: bool,
-    out: Path | None,
-    overwrite: bool,
+    *,
+    scenario: Annotated[Path | None, Argument("[SCENARIO]")],
+    print_defaults: Annotated[bool, "Print a scenario of all keys, and stop."],
+    settings: Annotated[
+        tuple[tuple[str, Any], ...],
+        "--set",
+        KeyValue("key=value", _toml_value),
+        "Another value for a key of SCENARIO, such as motion.reversal_deg=720; repeatable.",
+    ],
+    trace: Annotated[Path | None, "CSV of the run to write."],
+    every: Annotated[
+        int,
+        click.IntRange(min=1),
+        "With --trace: keep one period of the controller in this many; all by default.",
+    ] = 1,
+    figure: Annotated[Path | None, "PNG of the run to write."],
+    paper: Annotated[bool, "Simulate the runs of the paper instead of SCENARIO."],
+    out: Annotated[Path | None, "With --paper: folder for its files."],
+    overwrite: Annotated[bool, "Replace files that exist."],
 ) -> None:
     """Simulate the drive in SCENARIO (TOML) through its motion, usually one reversal.
 
@@ -128,9 +117,8 @@ def command(
         spec, thinned = _with_settings(spec, settings), every if trace else 0
         found, kept = _simulated(spec, folder, thinned, output, draws=figure is not None)
     if trace is not None:
-        columns = found.columns()
-        rows = np.stack(list(columns.values()), axis=1)[:: every // kept]
-        write_files({trace: csv_text(rows, tuple(columns))}, overwrite=overwrite)
+        rows = {name: values[:: every // kept] for name, values in found.columns().items()}
+        write_files({trace: csv_text(rows)}, overwrite=overwrite)
     if figure is not None:
         from ...plotting.save import png
         from ...plotting.simulation import plot_simulation

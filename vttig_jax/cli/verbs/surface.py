@@ -1,7 +1,7 @@
 """`vttig surface`: write a gear as a mesh, a CAD solid, the drawing of a section or a picture."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 import numpy as np
@@ -11,11 +11,11 @@ from ...base.files.run_folder import write_files
 from ...base.files.text_tables import key_values
 from ...pair.pair_file import load_pair_spec
 from ..drive_options import gears_of
-from ..options import POSITIVE, Finite, given, refuse_existing, verb
+from ..options import Argument, NotNegative, Positive, Real, given, refuse_existing, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...geometry.tooth import Shaft, Tooth
+    from ...geometry.tooth import Tooth
 
 _MESHES, _SOLIDS, _DRAWINGS = (".stl",), (".step", ".stp"), (".svg", ".dxf")
 _PICTURES = (".png",)
@@ -33,56 +33,36 @@ vttig surface pair.toml --gear driving --out section.svg --section-mm -10
 vttig surface pair.toml --gear driving --out tooth.png
 """,
 )
-@click.argument("pair", metavar="PAIR", type=click.Path(path_type=Path))
-@click.option(
-    "--gear",
-    type=click.Choice(["driving", "driven"]),
-    required=True,
-    help="Which gear of the pair.",
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="File to write: .stl a closed mesh; .step, .stp a solid with B-spline flanks;"
-    " .svg, .dxf a section; .png a picture of one tooth, which takes none of the options below but"
-    " --overwrite.",
-)
-@click.option(
-    "--teeth",
-    type=click.IntRange(min=1),
-    help="Only as many teeth, as a closed sector cut in the middle of its outer spaces.",
-)
-@click.option(
-    "--tolerance-um",
-    type=POSITIVE,
-    default=1.0,
-    show_default=True,
-    help="Largest distance of the true surface from what is written; it is measured.",
-)
-@click.option(
-    "--bore-mm",
-    type=Finite(min=0),
-    help="Diameter of the bore, 0 for none; by default 0.3 of the root diameter.",
-)
-@click.option(
-    "--section-mm",
-    type=Finite(),
-    default=0.0,
-    help="With .svg and .dxf: height of the section along the axis of the gear, whose teeth thin"
-    " towards +z; 0, the middle of the face, by default.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a file that exists.")
 def command(
     output: Output,
-    pair: Path,
-    gear: "Shaft",
-    out: Path,
-    teeth: int | None,
-    tolerance_um: float,
-    bore_mm: float | None,
-    section_mm: float,
-    overwrite: bool,
+    *,
+    pair: Annotated[Path, Argument("PAIR")],
+    gear: Annotated[Literal["driving", "driven"], "Which gear of the pair."],
+    out: Annotated[
+        Path,
+        "File to write: .stl a closed mesh; .step, .stp a solid with B-spline flanks;"
+        " .svg, .dxf a section; .png a picture of one tooth, which takes none of the options below"
+        " but --overwrite.",
+    ],
+    teeth: Annotated[
+        int | None,
+        click.IntRange(min=1),
+        "Only as many teeth, as a closed sector cut in the middle of its outer spaces.",
+    ],
+    tolerance_um: Annotated[
+        Positive,
+        {"show_default": True},
+        "Largest distance of the true surface from what is written; it is measured.",
+    ] = 1.0,
+    bore_mm: Annotated[
+        NotNegative | None, "Diameter of the bore, 0 for none; by default 0.3 of the root diameter."
+    ],
+    section_mm: Annotated[
+        Real,
+        "With .svg and .dxf: height of the section along the axis of the gear, whose teeth thin"
+        " towards +z; 0, the middle of the face, by default.",
+    ] = 0.0,
+    overwrite: Annotated[bool, "Replace a file that exists."],
 ) -> None:
     """Write a gear of the pair file PAIR as a mesh, a CAD solid, a section or a picture.
 

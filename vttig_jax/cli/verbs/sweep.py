@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
@@ -12,7 +12,7 @@ from ...base.files.run_folder import RunFolder
 from ...base.logger import LOGGER
 from ...base.threads import usable_cores
 from ..library_messages import adopt_loggers
-from ..options import exclude_each_other, need, verb
+from ..options import Argument, exclude_each_other, need, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -29,30 +29,22 @@ vttig sweep sweep.toml --out swept --resume
 vttig sweep sweep.toml --out swept --dask tcp://127.0.0.1:8786
 """,
 )
-@click.argument("scenario", metavar="SWEEP", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for sweep.parquet.")
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on with the sweep that is unfinished in --out; where there is none, start.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace the sweep in --out.")
-@click.option(
-    "--devices",
-    type=click.IntRange(min=1, max=4096),
-    help="Cores, or GPUs, to use; all by default.",
-)
-@click.option("--dask", metavar="ADDRESS", help="Scheduler of dask.distributed to send blocks to.")
-@click.option("--no-figures", is_flag=True, help="Leave the picture out of --out.")
 def command(
     output: Output,
-    scenario: Path,
-    out: Path | None,
-    resume: bool,
-    overwrite: bool,
-    devices: int | None,
-    dask: str | None,
-    no_figures: bool,
+    *,
+    scenario: Annotated[Path, Argument("SWEEP")],
+    out: Annotated[Path | None, "Folder for sweep.parquet."],
+    resume: Annotated[
+        bool, "Go on with the sweep that is unfinished in --out; where there is none, start."
+    ],
+    overwrite: Annotated[bool, "Replace the sweep in --out."],
+    devices: Annotated[
+        int | None, click.IntRange(min=1, max=4096), "Cores, or GPUs, to use; all by default."
+    ],
+    dask: Annotated[
+        str | None, {"metavar": "ADDRESS"}, "Scheduler of dask.distributed to send blocks to."
+    ],
+    no_figures: Annotated[bool, "Leave the picture out of --out."],
 ) -> None:
     """Simulate every case of SWEEP (TOML): a scenario with [sweep], whose axes are combined.
 

@@ -1,15 +1,13 @@
 """`vttig verify`: does the compensation of an axis work, by its own log."""
 
 from pathlib import Path
-from typing import Any
-
-import click
+from typing import Annotated, Any
 
 from ...base.errors import UsageError
 from ...runs.options import ReadingOptions
 from ...runs.run import Run
-from ..axis_options import AXIS, axis_options
-from ..options import STEP_DEG, log_options, verb
+from ..axis_options import AXIS, Axis
+from ..options import Argument, Reading, RunPath, StepDeg, verb
 from ..output import Output
 
 
@@ -21,18 +19,14 @@ vttig verify run before.csv after.csv --column command=joint.0.pos-cmd
 """,
     groups={"The axis": AXIS, "The log": ReadingOptions.__struct_fields__},
 )
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.argument("logs", metavar="LOG", nargs=-1, required=True, type=click.Path(path_type=Path))
-@axis_options
-@click.option("--step-deg", type=STEP_DEG, help="Distance of the positions of the table.")
-@log_options
 def command(
     output: Output,
-    run_folder: Path,
-    logs: tuple[Path, ...],
-    axis: dict[str, Any],
-    step_deg: float | None,
-    **reading: Any,
+    *,
+    run_folder: RunPath,
+    logs: Annotated[tuple[Path, ...], Argument("LOG", required=True)],
+    axis: Axis,
+    step_deg: Annotated[StepDeg | None, "Distance of the positions of the table."],
+    reading: Reading,
 ) -> None:
     """Say whether the error table of RUN works on its axis, by a LOG of it.
 
@@ -50,7 +44,7 @@ def command(
     from ...runs.verification import verify
 
     run = Run(run_folder)
-    found = verify(run, logs, AxisSetting(**axis), step_deg, ReadingOptions(**reading), run.drawn)
+    found = verify(run, logs, AxisSetting(**axis._asdict()), step_deg, reading, run.drawn)
     output.emit(found, _text(found))
 
 
