@@ -25,7 +25,7 @@ ANGLE_UNITS: Final = {
 }
 """Radians per unit, for every angle unit that can end a column name (counts need an encoder)."""
 
-LENGTH_UNITS: Final = {"mm": 1.0, "um": 1e-3}
+LENGTH_UNITS: Final = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
 """Millimetres in one of each unit of length, that of a linear axis or of an axial position."""
 
 

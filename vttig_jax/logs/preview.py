@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from jaxtyping import Real
 
-from ..base.errors import LogError, UsageError
+from ..base.errors import LogError, UsageError, VttigError
 from ..base.files.text_tables import key_values, text_table
 from ..base.shown_text import one_line, shown_name
 from ..base.units import ARCSEC, REV, per_turn, radians_of
@@ -38,6 +38,7 @@ from .readers.delimited import TextTable
 from .readers.open_table import open_table
 from .readers.table import Table
 from .readers.times import read_stamps, seconds_of_numbers
+from .recognition.answers import all_questions, command_of
 from .recognition.assign import Roles, Search
 from .recognition.candidates import EQUAL, Candidate, Question, is_copy
 from .recognition.request import (
@@ -50,7 +51,7 @@ from .recognition.request import (
     roles_of,
 )
 from .slope import likely_fraction, ratio_option, slope
-from .source import LEAST_RANGE, Source, check_time
+from .source import LEAST_RANGE, SKIP, Source, check_time
 
 _CURE = "a fit refuses such a column, unless --missing skip leaves out these rows"
 
@@ -86,9 +87,7 @@ _NO_RATIO = (
     "this log shows no ratio: with --ratio A:B (driving turns to driven turns), `vttig inspect`"
     " prints the command for a fit"
 )
-_ANSWER = (
-    "the command for a fit is printed here once options of `vttig inspect` answer these questions"
-)
+_ANSWER = "to fit it, complete this command (`vttig inspect` takes the same options)"
 
 
 _MOST_COLUMNS = 8
@@ -261,7 +260,7 @@ def preview_log(
     counted = {r.turns is None for r in reports if r.role in SHAFTS}
     both = {*SHAFTS} <= angles.keys() and len(counted) == 1
     ratio = slope(angles["driving"], angles["driven"]) if both else None
-    command, proposed = "", ()
+    command, proposed, questions = "", (), list[VttigError]()
     if spec is None:
         hints += map(str, found.guesses)
         if any(r.turns is None and r.unit == "counts" for r in reports if r.role in SHAFTS):
@@ -272,13 +271,16 @@ def preview_log(
             "this is a first look; --ratio A:B (or --pair PAIR.toml) adds flanks, speeds and the"
             " orders"
         )
-        hints += [f"a fit asks: {question.message}" for question in found.questions]
-        if not found.questions and ratio is not None and ratio[0] != 0:
+        questions, options = all_questions(path, found, request, reading)
+        asked = [one.message for one in questions if SKIP not in one.message]
+        hints += [f"a fit asks: {one}" for one in asked if one not in "".join(hints)]
+        if not questions and ratio is not None and ratio[0] != 0:
             command = fit_command(path, with_ratio(request, ratio), found.names, reading)
-        elif found.questions and not request.names_a_drive:
+        elif questions and not request.names_a_drive:
             proposed = proposals(search, request, path, reading)
         if not command and not proposed:
-            hints.append(_ANSWER if found.questions else _NO_RATIO)
+            asked = command_of(path, request, reading, options)
+            hints.append(f"{_ANSWER}: {asked}" if questions else _NO_RATIO)
     return Preview(
         source=str(path),
         sha256=table.digest,
@@ -289,7 +291,7 @@ def preview_log(
         notes=tuple(hints),
         others=tuple(others),
         fit_command=command,
-        questions=tuple(q for q in found.questions if isinstance(q, Question) and spec is None),
+        questions=tuple(one for one in questions if isinstance(one, Question)),
         proposals=proposed,
     )
 
@@ -470,10 +472,11 @@ def proposals(
             other = Search(search.table, trial.statement(named))
             other.__dict__["candidates"] = search.candidates  # their values are compared once
             complete = other.result()
-            if complete.questions:
+            questions, options = all_questions(path, complete, trial, named)
+            if len(options) < len(questions) or "NAME" in "".join(options):
                 continue
             drives = f"`{driving.name}` drives `{driven.name}`"
-            command = fit_command(path, trial, complete.names, reading)
+            command = " ".join([fit_command(path, trial, complete.names, reading), *options])
             commands.append(Proposal(f"{drives}: {in_words(trial.speed_ratio)}", command))
         if is_copy(*pair) and all(abs(abs(seen[0]) - 1) < EQUAL for seen, _ in known):
             copies += commands

@@ -11,6 +11,7 @@ from ..pair.schema import PairSpec
 from .encoder_log import EncoderLog
 from .readers.open_table import open_table
 from .readers.table import Table
+from .recognition.answers import all_questions, command_of, in_one
 from .recognition.assign import Roles, assign
 from .recognition.request import (
     DriveRequest,
@@ -174,6 +175,10 @@ def open_log(
         statement = Statement.of(drive, reading)
     table = open_table(path, statement.layout)
     roles = assign(table, statement)
-    for question in roles.questions:
-        raise question
+    if roles.questions:
+        questions, command = list(roles.questions), ""
+        if isinstance(drive, DriveRequest):
+            questions, options = all_questions(path, roles, drive, reading)
+            command = command_of(path, drive, reading, options) if options else ""
+        raise in_one(questions, command, str(path))
     return OpenLog(Path(path), table, roles, reading)

@@ -60,6 +60,9 @@ MOST_TURNS = 1000.0
 A larger number comes from a wrong unit, and the memory of a fit grows with the turns."""
 
 
+SKIP = 'or leave out such rows with --missing skip (`missing = "skip"` in [log])'
+"""Cure of a field without a number."""
+
 FEWEST_SAMPLES = 4
 PAUSE = 5.0
 """Least number of samples of a log; intervals longer than `PAUSE` median intervals are pauses
@@ -103,8 +106,7 @@ def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> 
     if not finite.all():
         row = int(np.argmin(finite))
         raise LogError(
-            f"{values[row]} is not a number; correct the reading, or leave out such rows with"
-            ' --missing skip (`missing = "skip"` in [log]).',
+            f"{values[row]} is not a number; correct the reading, {SKIP}.",
             where=source.at(role, row),
         )
     if values.dtype.kind == "f" and np.abs(values).max(initial=0.0) > LARGEST:

@@ -27,8 +27,9 @@ HIGHEST_ORDER = 1000
 """Highest harmonic order that a pair file may state (chosen)."""
 
 Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
+Length = Literal["mm", "um", "inch"]
 AngleUnit = Literal[
-    "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon", "mm", "um"
+    Length, "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon"
 ]
 TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d", "min", "h"]
 

@@ -25,7 +25,10 @@ from .column_names import BACKLASH, name_and_unit, read_name, words_of
 from .delimited import TextTable, find_table
 from .text import read_text
 
-UNITS = {"driving": ("deg", "rad", "rev"), "backlash": ("deg", "arcsec", "urad", "rad", "um", "mm")}
+UNITS = {
+    "driving": ("deg", "rad", "rev"),
+    "backlash": ("deg", "arcsec", "urad", "rad", "um", "mm", "inch"),
+}
 """Columns of a file of readings, and usual units with which their names may end."""
 
 MOST_DRIVING = 1e6 * REV

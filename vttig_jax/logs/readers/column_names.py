@@ -35,6 +35,9 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 
 TIME_UNITS |= {"min": 60.0, "h": 3600.0}
 """Seconds in one of each unit of time."""
 
+BARE = ("s", "ms", "us", "ns")
+"""Units of time that are a whole name of a column."""
+
 SPEED_UNITS = {"rpm": ANGLE_UNITS["rev"] / 60, "deg_per_s": ANGLE_UNITS["deg"], "rad_per_s": 1.0}
 """Angular speed in rad/s of one of each unit of speed."""
 
@@ -128,6 +131,8 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
             break
     if suffix and stem.lower().endswith("_per"):  # `_deg_per_s` is not a time in s
         stem, suffix = f"{stem}_{suffix}", None
+    if unit_spelt(name) in BARE:
+        suffix = unit_spelt(name)
     if suffix and inside and suffix != inside:
         raise LogError(f"the name has the units {suffix} and {inside}; keep one.", where=where)
     return stem, None if scale_of(stem) else suffix or inside
@@ -421,6 +426,8 @@ def read_name(name: str, where: str, units: Sequence[str] = ANGLES) -> NameReadi
     last = [part for part in _PARTS.split(stem) if part.strip()][-1:]
     words = words_of("".join(last))
     quantities = _found(words, QUANTITIES)
+    if unit in ANGLES and quantities in OTHER_UNITS:  # such as Hz [gon], a horizontal direction
+        quantities = ""
     role = _role(words) or _role(words_of(stem))
     if unit in TIME_UNITS and role in ("driving", "driven"):
         role = None

@@ -23,7 +23,8 @@ from jaxtyping import Real
 from ...base.errors import LogError
 from ...pair.schema import LogLayout
 from ..channel.channel import EXACT_FLOAT
-from .column_names import WAYS, bracket_of, fold, is_units_row, with_units
+from ..source import SKIP
+from .column_names import TIME_UNITS, WAYS, bracket_of, fold, is_units_row, unit_in, with_units
 from .table import MOST_COLUMNS, Table
 from .text import Lines
 from .times import looks_like_stamp
@@ -41,6 +42,7 @@ _SEXAGESIMAL = re.compile(
 )
 """Degrees, minutes and seconds of an angle, such as 12°30'05.2"."""
 
+_UNIT_BEHIND = re.compile(r"(?<=\d) +[^\W\d]+$")
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity|∞)", re.IGNORECASE)
 
 CURE = 'give --decimal "." or --decimal ","'
@@ -144,11 +146,11 @@ _COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
 _WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
 """Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
 
-NO_NUMBERS = frozenset(
-    ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "-", "--")
-)
+_GAPS = "- -- --- – — nan NaN NAN NA N/A n/a n.a. #N/A #NV null NULL None none"
+NO_NUMBERS = frozenset(("", *_GAPS.split()))
 """Fields without a number that the option `--missing skip` accepts."""
 
+_HEAD = 100  # first rows in which the first number of a column is searched (chosen)
 _APART = re.compile(r"\s{2,}")
 _LONGEST = 10_000  # most characters of the name of a column (chosen)
 _FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
@@ -203,11 +205,24 @@ class TextTable(Table):
         self.lines, self.header, self.delimiter, self.decimal = lines, header, delimiter, decimal
         self._nulls = NO_NUMBERS if missing else frozenset()
         self._parsed: dict[tuple[int, str], np.ndarray] = {}
-        self._first = next((fields for _, fields in self.rows()), [])
-        sexagesimal = map(_SEXAGESIMAL.fullmatch, self._first)
+        head = [fields for _, fields in islice(self.rows(), _HEAD)]
+        self._first = [  # as a column of numbers may begin with `-`
+            next((text for text in column if text not in NO_NUMBERS), column[0])
+            for column in [*zip_longest(*head, fillvalue="")][: len(names)]
+        ]
+        self._units = {  # of fields such as `0.5 sec`
+            k: found[0]
+            for k, text in enumerate(self._first)
+            if (found := _UNIT_BEHIND.search(text)) and unit_in(found[0]) in TIME_UNITS
+        }
+        self._first = [
+            text.removesuffix(self._units.get(k, "")) for k, text in enumerate(self._first)
+        ]
+        units = {k: "deg" for k, text in enumerate(self._first) if _SEXAGESIMAL.fullmatch(text)}
+        units |= {k: unit.strip() for k, unit in self._units.items()}
         self.names = tuple(
-            f"{name} [deg]" if angle and not bracket_of(name) else name
-            for name, angle in zip_longest(names, sexagesimal)
+            f"{name} [{units[k]}]" if k in units and not bracket_of(name) else name
+            for k, name in enumerate(names)
         )
         self._ways = {k for k, text in enumerate(self._first) if fold(text) in WAYS}
         self._leave_out_text_below()
@@ -300,7 +315,13 @@ class TextTable(Table):
         if len(self._last) < 2:
             return ()
         (row, line, fields), (_, line_above, above) = self._last[:2]
-        cut = any(_value_at(above, k) and not _value_at(fields, k) for k in indices)
+        gaps = self._nulls if row < len(self.lines) - 1 else ()
+        cut = any(
+            _value_at(above, k)
+            and not _value_at(fields, k)
+            and (fields[k] if k < len(fields) else "") not in gaps
+            for k in indices
+        )
         if row == len(self.lines) - 1:  # no line end follows
             both = map(self._content, (line, line_above))
             counts = [len(split(text, self.delimiter, trim=False)) for text in both]
@@ -499,8 +520,7 @@ class TextTable(Table):
         if index < len(fields) and fields[index]:
             return fields[index]
         raise LogError(
-            "the field is empty; write a value, or leave out such rows with --missing skip"
-            ' (`missing = "skip"` in [log]).',
+            f"the field is empty; write a value, {SKIP}.",
             where=f"{self.source}: line {number}, column `{self.names[index]}`",
         )
 
@@ -509,11 +529,12 @@ class TextTable(Table):
         ways = index in self._ways
         if self._nulls and not ways and (index >= len(fields) or fields[index] in self._nulls):
             return np.nan
-        text = self._field(number, fields, index)
+        text = self._field(number, fields, index).removesuffix(self._units.get(index, ""))
         value = WAYS.get(fold(text)) if ways else to_number(text, decimal)
         if value is None:
             comma = "," in text or decimal == ","
             cure = f'decimal is "{decimal}"; correct it or --decimal' if comma else "correct it"
+            cure += f", {SKIP}" * (text in NO_NUMBERS)
             raise LogError(
                 f"`{text}` is no number; {cure}.",
                 where=f"{self.source}: line {number}, column `{self.names[index]}`",

@@ -136,7 +136,7 @@ _SAID = {
     "step": "increment tinc xinc xincrement sampleinterval hresolution",
     "start": "start t0 xorg xorigin hoffset",
     "rate": "samplerate samplingrate",
-    "name": "tracename source",
+    "name": "tracename source channels",
     "unit": "vunit unit verticalunits",
     "axis": "hunit horizontalunits",
     "blocks": "blocknumber",
@@ -288,7 +288,8 @@ def read_waveforms(text: Lines, source: str) -> Found | None:
         return None
     last = next(line for line in reversed(lines) if line.strip())
     mark = next((mark for mark in ";\t," if mark in last), ",")
-    head = [split(line.lstrip("#%/ "), mark, trim=False) for line in lines]
+    comment = "#%/ " + ";" * (mark != ";")
+    head = [split(line.lstrip(comment), mark, trim=False) for line in lines]
     are_rows = [any(row) and all(looks_like_number(one) for one in row if one) for row in head]
     first, said = next((k for k, both in enumerate(pairwise(are_rows)) if all(both)), 0), {}
     named = _beside(head)
@@ -320,8 +321,11 @@ def _stated(head: Sequence[Sequence[str]]) -> dict[str, list[str]]:
     for fields, below in zip(head, [*head[1:], []], strict=True):
         for k, text in enumerate(fields):
             key, *value = re.split("[=:]", text, maxsplit=1)
-            said = _SAID_BY.get(re.sub(r"[\W_]", "", fold(key)))
+            said = _SAID_BY.get(re.sub(r"\(\d+/\d+\)|[\W_]", "", fold(key)))
             values = [one for one in value or (below[k : k + 1] if k else fields[1:]) if one]
+            if said == "name":  # as in `Channels (2/8): D0, D1`, and no number of channels
+                values += fields[1:] * bool(value)
+                values = [one.strip() for one in values if not looks_like_number(one)]
             if said and values:
                 found.setdefault(said, values)
     return found

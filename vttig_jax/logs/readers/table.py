@@ -175,7 +175,7 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     reading = np.stack([values[k] for k in passes])[np.arange(len(order)) // len(rising), order]
     ways = np.tile(np.repeat([1, -1], len(rising)), len(up))
     name = " ".join(word for word in words_of(stems[0]) if word not in WAYS) or "driven"
-    if abs(np.corrcoef(position[order], reading)[0, 1]) < 0.99:
+    if abs(np.corrcoef(position[order], reading)[0, 1]) < 0.99 and not _follows(position, reading):
         name = "transmission_error"
     name += f" [{units[0]}]" * (units[0] is not None)
     said = ", ".join(f"`{name}`" for name in names)
@@ -183,6 +183,17 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     arrays = (*(values[k][order] for k in kept), reading, ways)
     columns, told = (*(table.names[k] for k in kept), name, "direction"), (*table.notes, note)
     return Table(columns, arrays, table.source, digest=table.digest, notes=told)
+
+
+def _follows(position: Real[np.ndarray, " n"], reading: Real[np.ndarray, " m"]) -> bool:
+    """Return whether most steps of readings are alike, as those of angles modulo a turn are.
+
+    `reading` has the passes one after the other, each of the same length as `position`.
+    """
+    rising = np.diff(np.sort(position))
+    slope = np.diff(reading.reshape(-1, len(position))[::2]) / rising
+    usual = np.median(slope)
+    return bool(np.mean(np.abs(slope - usual) < 0.2 * np.abs(usual)) > 0.5)
 
 
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")
@@ -338,7 +349,7 @@ def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n
     threshold: so an edge is at one place in both directions, also of sines. An infinite value is
     beyond the range of the instrument, so that it has the level of its sign.
     """
-    known = values[np.isfinite(values)]
+    known = values[np.isfinite(values)].astype(np.float64)
     low, span = float(known.min(initial=np.inf)), float(np.ptp(known)) if known.size else 0.0
     if not 0 < span < np.inf:
         raise LogError(

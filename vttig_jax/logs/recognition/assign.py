@@ -38,10 +38,10 @@ from ..readers.column_names import (
 from ..readers.table import Table
 from ..readers.times import epoch_unit
 from ..slope import APART, MOST_ROWS, ratio_option, slope
+from ..source import SKIP, Source, refuse_values
 from .candidates import (
     EQUAL,
     MOST_LISTED,
-    UNIT_TOO,
     Candidate,
     Guess,
     Question,
@@ -172,7 +172,7 @@ class Search:
         if self.timed and "time" in self.roles:
             with self._asking():
                 self._find_time_unit()
-        for check in (self._check_names, self._check_units):
+        for check in (self._check_names, self._check_units, self._check_values):
             with self._asking():
                 check()
         text, ratio = self.statement.two_readings, self.statement.ratio
@@ -195,6 +195,9 @@ class Search:
             yield
         except VttigError as error:
             self.asked.append(error)
+
+    def _have_asked(self, *slugs: str) -> bool:
+        return any(getattr(one, "slug", "") in slugs for one in self.asked)
 
     def _take_stated(self) -> None:
         """Assign roles to the columns that the statement names."""
@@ -302,7 +305,7 @@ class Search:
             for one in named[1:]
         )
         if len(named) > 1 and not same:
-            raise self._with_units(self._several("time", named))
+            raise self._several("time", named)
         if len(named) > 1:
             self._take("time", named[0], "same-stamps", other=named[1].name)
         elif named:
@@ -314,8 +317,7 @@ class Search:
         else:
             growing = [one for one in candidates if one.rises]
             seen = f"; columns that only grow are {listed_facts(growing)}" if growing else ""
-            asked = self._ask("no-time", role="time", columns=growing, seen=seen)
-            raise self._with_units(asked)
+            raise self._ask("no-time", role="time", columns=growing, seen=seen)
 
     def _find_by_ratio(self, missing: list[str]) -> None:
         """Assign the missing shafts to the only columns that have the given ratio.
@@ -332,7 +334,7 @@ class Search:
             raise self._ask("driving-open", role="driving", columns=free, seen=seen)
         if ratio is None or (missing == ["driven"] and self.clocked):
             angles = [one for one in free if one.reading.is_angle]
-            raise self._with_units(self._shafts_open(missing, angles, given=False))
+            raise self._shafts_open(missing, angles, given=False)
         fixed = {role: self.candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
         turning = [one for one in free if one.turns and one.reading.is_angle]
         listed = [*turning, *(one for one in free if one.is_constant)]
@@ -347,7 +349,7 @@ class Search:
             raise self._shafts_open(missing, listed, given=True)
         signs, unknown = self.fitting_pairs(fixed, possible, ratio)
         if unknown and not signs:
-            raise self._no_unit(*unknown[0])
+            raise self._no_unit(unknown)
         if not signs:
             raise self._shafts_open(missing, listed, given=True, turning=(fixed, possible))
         pairs = list(signs)
@@ -407,12 +409,16 @@ class Search:
         of other quantities as left out. `given` is whether the ratio could decide; `turning` are
         known shafts and columns that do not have it.
         """
-        options = " ".join(f"--column {role}=NAME" for role in missing)
         still = [one for one in candidates if one.is_constant and one.reading.is_angle]
         moving = [one for one in candidates if not one.is_constant]
         moving.sort(key=lambda one: bool(one.reading.setpoint))
         moving.sort(key=lambda one: (not one.reading.is_angle, one.reading.unit is None))
         others = [one for one in self.free() if one.turns and one.reading.other]
+        levels = [one.name for one in moving + others if one.has_levels]
+        counted = list(zip(missing, levels[::2], levels[1::2], strict=False))
+        options = " ".join(f"--column {role}=NAME" for role in missing)
+        if len(counted) == len(missing):  # channels with two levels
+            options = " ".join(f"--quadrature {role}='{a},{b}'" for role, a, b in counted)
         lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
         if not given:
             why = "and without a ratio the motion says nothing"
@@ -442,9 +448,8 @@ class Search:
         if others and (given is False or not turning):
             shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
             seen += f"; left out, as their names say another quantity: {shown}"
-        levels = [one.name for one in moving + others if one.has_levels]
-        for role, a, b in zip(missing, levels[::2], levels[1::2], strict=False):
-            seen += f"; channels with two levels are counted with --quadrature {role}='{a},{b}'"
+        if len(levels) > 1:
+            seen += "; channels with two levels are counted with --quadrature ROLE='A,B'"
         for one in (one for one in moving if self.statement.counted and one.span):
             seen += f"; `{one.name}` jumps over {one.span:.3g}: --counts gives a turn"
         for one in others:
@@ -543,8 +548,8 @@ class Search:
         try:
             self.table.columns([one.index])
         except LogError as error:
-            if error.where == self.source:  # not a stamp, but the marks of all numbers
-                raise
+            if error.where == self.source or SKIP in error.message:
+                raise  # not a stamp, but the marks of all numbers, or a gap
             fault = error.message.split("; ")[0].rstrip(".")
             return ask("unreadable-time", error.where, role="time", columns=[one], fault=fault)
         raise AssertionError(f"column {one.name} holds numbers only")
@@ -612,7 +617,7 @@ class Search:
 
     def _check_units(self) -> None:
         """Set the unit "counts" if counts are stated; ask for missing units or counts."""
-        counted = False
+        counted, unnamed = False, list[tuple[str, Candidate]]()
         for role in (one for one in (*SHAFTS, "transmission_error") if one in self.roles):
             one = self.candidate(self.roles[role])
             unit = self._unit(one, role)
@@ -627,7 +632,7 @@ class Search:
             if role not in SHAFTS:
                 continue
             if unit is None:
-                raise self._no_unit(role, one)
+                unnamed.append((role, one))
             counted |= unit == "counts"
             if unit == "counts" and not self.statement.in_file and not self.statement.counted:
                 raise self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
@@ -635,6 +640,29 @@ class Search:
                 self._check_span(role, one)
         if self.statement.counted and not counted and not self.asked:
             raise ask("unused-counts", "")
+        if (
+            self.asked
+            and not self._have_asked("no-unit", "scaled-unit")
+            and not {*SHAFTS} & {*self.roles, *self.units}
+        ):
+            free = [one for one in self.free() if one.turns]
+            turning = [one for one in free if one.reading.is_angle or one.is_voltage]
+            if not self.statement.counted and not any(one.reading.unit for one in turning):
+                unnamed = [("", one) for one in turning]
+        if unnamed:
+            raise self._no_unit(unnamed)
+
+    def _check_values(self) -> None:
+        """Raise `LogError` for a field without a number in a column with a role."""
+        for role, index in self.roles.items() if not self._have_asked("unreadable-time") else ():
+            if index == ROW_INDEX or index in self.table.clocks or self.table.is_dated(index):
+                continue
+            values = self.candidates[index].values
+            if values is None:
+                (values,) = self.table.columns([index])
+            if not self.statement.layout.leaves_out_rows:
+                name = self.table.names[index]
+                refuse_values(role, values, Source(self.source, {role: name}, self.table.line_of))
 
     def _check_span(self, role: str, one: Candidate) -> None:
         """Raise `Question` for volts that jump over another span than --counts says."""
@@ -655,18 +683,24 @@ class Search:
         counted = self.statement.counted and role in SHAFTS
         return written or self.units.get(role) or ("counts" if counted else None)
 
-    def _no_unit(self, role: str, one: Candidate) -> Question:
-        in_file, scale = self.statement.in_file, scale_of(one.name)
-        where = f"{self.source}: column `{one.name}`" if in_file else self.source
-        told = {
-            (False, False): f"give --unit deg (or {role}=deg, rad, rev), or {_COUNTS}",
-            (False, True): f'end the name with _deg, _rad, … or write `{role} = "deg"` in [unit]',
-            (True, False): "give the unit of its numbers with --unit"
-            f" {role}=mdeg (or mrad, deg, rad, …)",
-            (True, True): f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]',
-        }[bool(scale), in_file]
+    def _no_unit(self, unnamed: Sequence[tuple[str, Candidate]]) -> Question:
+        """Return the question for roles and their columns without a unit; a role may be ""."""
+        in_file, columns = self.statement.in_file, list(dict.fromkeys(one for _, one in unnamed))
+        (role, one), roles = unnamed[0], {role for role, _ in unnamed}
+        scale = next(filter(None, (scale_of(one.name) for one in columns)), "")
+        if len(columns) > 1 and not scale:
+            role = role if len(roles) == 1 else ""
+        where = f"{self.source}: column `{one.name}`" if in_file and role else self.source
+        told = f"give --unit {role and f'{role}='}deg (or rad, rev), or {_COUNTS}"
+        if in_file:
+            told = "end the name with _deg, _rad, … or write"
+            told += f' `{role or "driving"} = "deg"` in [unit]'
+        if scale:
+            told = f"give the unit of its numbers with --unit {role}=mdeg (or mrad, deg, rad, …)"
+        if scale and in_file:
+            told = f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]'
         slug = "scaled-unit" if scale else "no-unit"
-        return ask(slug, where, role=role, columns=[one], options=[told], scale=scale)
+        return ask(slug, where, role=role, columns=columns, options=[told], scale=scale)
 
     def _no_lead(self, role: str, one: Candidate) -> Question:
         told = "give --lead-mm with its travel in mm in one turn of the shaft, or --radius-mm with"
@@ -674,14 +708,6 @@ class Search:
         if self.statement.in_file:
             told = "write its travel in mm in one turn, such as `lead_mm = 5`, in [log]"
         return self._ask("no-lead", role=role, columns=[one], options=[told])
-
-    def _with_units(self, asked: Question) -> Question:
-        """Return a question that also asks for the unit of the angles if no name states it."""
-        stated = self.statement.counted or set(SHAFTS) & set(self.units)
-        turning = [one for one in self.candidates if one.turns and one.reading.is_angle]
-        if not stated and not any(one.reading.unit for one in turning):
-            asked.message += UNIT_TOO
-        return asked
 
     def _columns(self) -> dict[str, Column]:
         """Return role → column with its unit.
@@ -848,7 +874,7 @@ class Search:
             sizes = {role: self.per_turn(one, role) for role, one in roles.items()}
             lacking = [role for role, size in sizes.items() if size is None]
             if lacking:
-                unknown.append((lacking[0], roles[lacking[0]]))
+                unknown += [(role, roles[role]) for role in lacking]
                 continue
             pair = roles["driving"], roles["driven"]
             both = self.turns(*pair, [sizes["driving"], sizes["driven"]])

@@ -23,6 +23,10 @@ EVEN = 1e-3
 """Time stamps are evenly spaced if each time step deviates from the median step by at most this
 fraction of it (chosen)."""
 
+USUAL = 0.9
+"""Least share of the steps of an even time that are one step and not several, as over a gap, where
+rows are lost (chosen)."""
+
 SHOWN = 3
 """Number of values of a column that an error message shows (chosen)."""
 
@@ -158,7 +162,8 @@ class Candidate:
         """Whether the values are evenly spaced, with the tolerance `EVEN`."""
         steps = self.steps
         usual = float(np.median(steps))
-        return bool(np.abs(steps - usual).max() <= EVEN * abs(usual))
+        off = np.abs(steps - usual * np.rint(steps / usual)) > EVEN * abs(usual)
+        return not off.any() and bool(np.mean(steps < 1.5 * usual) > USUAL)
 
     @property
     def first(self) -> str:
@@ -266,8 +271,6 @@ def have_slope(
     return 1 if value > 0 else -1
 
 
-_UNIT_OR_COUNTS = "give --unit deg (or rad, rev), or --counts A,B with the counts per revolution of"
-
 QUESTIONS = {
     "several-columns": "{count} columns can be {role}: {facts}; choose one with {options}.",
     "only-a-setpoint": "the only column for {role} is `{a}`, and `{setpoint}` says a setpoint"
@@ -297,8 +300,8 @@ QUESTIONS = {
     " {one} if {turns}.",
     "opposite-directions": "`{a}` and `{b}` have the given ratio, but the readings of one"
     " grow while those of the other fall: one encoder counts backwards; {options}.",
-    "no-unit": "the column {facts} for {role} names no unit, and degrees, radians and counts look"
-    " the same; {options}.",
+    "no-unit": "no name states the unit of {facts}, and degrees, radians and counts look the same;"
+    " {options}.",
     "scaled-unit": "the name of the column {facts} for {role} holds a scale, `{scale}`: {options},"
     " or convert the column.",
     "no-counts": "the column `{a}` of {role} is in counts, and no log says how many make a"
@@ -322,9 +325,6 @@ QUESTIONS = {
     " seconds; give --unit time=d or --unit time=s.",
 }
 """Slug of a question → its sentence, which names the options that decide."""
-
-UNIT_TOO = f" No name states the unit of the angles either: {_UNIT_OR_COUNTS} both encoders."
-"""What a question adds if the units of the shafts are open too."""
 
 GUESSES = {
     "by-name": "column `{name}`, by its name",
