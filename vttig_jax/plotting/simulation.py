@@ -1,5 +1,7 @@
 """Picture of a simulated run: the whole run, and enlarged views of its braking and turning."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.artist import Artist
@@ -38,7 +40,7 @@ _OBSERVED, _COMMAND, _CLOSED = "0.65", COLOURS[1], COLOURS[4]
 Span = tuple[float, float]
 Handles = dict[str, Artist]
 Mark = tuple[float, str, ColorType]
-Lines = dict[str, tuple[str, ColorType, float]]
+Lines = Mapping[str, tuple[str, ColorType, float]]
 
 
 Rows = dict[str, Float[np.ndarray, " _"]]
@@ -207,19 +209,19 @@ def _draw_row(
     return handles
 
 
-_ERROR = {
+_ERROR: Lines = {
     "flank B": ("upper", FLANK_COLOURS["B"], 1.0),
     "flank A": ("lower", FLANK_COLOURS["A"], 1.0),
     "transmission error": ("error", MODEL_COLOUR, 1.0),
     "measured by encoders": ("measured", _OBSERVED, 0.8),
 }
-_SHIFT = {
+_SHIFT: Lines = {
     "closes the gap": ("closed", _CLOSED, 1.0),
     "commanded": ("command", _COMMAND, 1.2),
     "reached": ("reached", MODEL_COLOUR, 1.2),
 }
-_OUTPUT = {"driven shaft less i φ₁ of the reference": ("output", MODEL_COLOUR, 1.2)}
-_SPEED = {
+_OUTPUT: Lines = {"driven shaft less i φ₁ of the reference": ("output", MODEL_COLOUR, 1.2)}
+_SPEED: Lines = {
     "reference": ("speed", MODEL_COLOUR, 1.0),
     "observer's estimate": ("observed", _OBSERVED, 0.8),
 }
