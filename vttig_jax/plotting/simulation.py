@@ -1,7 +1,5 @@
 """Picture of a simulated run: the whole run, and enlarged views of its braking and turning."""
 
-from collections.abc import Mapping
-
 import numpy as np
 from jaxtyping import Float
 from matplotlib.artist import Artist
@@ -40,7 +38,7 @@ _OBSERVED, _COMMAND, _CLOSED = "0.65", COLOURS[1], COLOURS[4]
 Span = tuple[float, float]
 Handles = dict[str, Artist]
 Mark = tuple[float, str, ColorType]
-Lines = Mapping[str, tuple[str, ColorType, float]]
+Lines = dict[str, tuple[str, ColorType, float]]
 
 
 Rows = dict[str, Float[np.ndarray, " _"]]
