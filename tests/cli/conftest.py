@@ -7,7 +7,7 @@ import jsonschema
 import pytest
 import tomli_w
 
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 from vttig_jax.cli.main import main
 from vttig_jax.cli.verbs.demo import log_csv
 from vttig_jax.pair.gear_pair import spec_of

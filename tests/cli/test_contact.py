@@ -159,7 +159,7 @@ def test_bad_calls_end_in_one_sentence(vttig, tmp_path):
         (DRIVE, (), 3, "a drive without gears has no teeth to touch"),
         (CONTRACT, ("--axial-mm", "30"), 2, "--axial-mm must leave the faces some overlap"),
         (CONTRACT, ("--step-deg", "400"), 2, "--step-deg"),
-        (CONTRACT, ("--step-deg", "1e-6"), 2, "more than 200000 angles"),
+        (CONTRACT, ("--step-deg", "1e-6"), 2, "more than 200000 rows"),
         (CONTRACT, ("--centre-distance-mm", "140"), 3, "--centre-distance-mm: 140 mm is too far"),
         (CONTRACT, ("--centre-distance-mm", "117"), 3, "lets the base circles overlap"),
         (CONTRACT, ("--deviation-urad", "1e6"), 2, "--deviation-urad"),

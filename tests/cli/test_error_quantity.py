@@ -12,8 +12,8 @@ import jsonschema
 import numpy as np
 import pytest
 
+from tests.schemas import load_schema
 from vttig_jax import open_run
-from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.cli.main import main
 
 GAP_ARCSEC = 90.0

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 from vttig_jax.report.words import meanings
 
 

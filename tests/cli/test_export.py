@@ -8,8 +8,8 @@ import pytest
 from tests.cli.drive import write_drive, write_pair
 from tests.control import headers
 from tests.control.headers import called, compiled, needs_cc
+from tests.schemas import load_schema
 from vttig_jax import open_run
-from vttig_jax.base.files.json_io import load_schema
 
 COUNTS = 90_000
 RADIUS_MM = 80.0

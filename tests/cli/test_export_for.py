@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.cli.test_error_quantity import GAP_ARCSEC, error_arcsec, fitted, worm_arcsec
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 from vttig_jax.control.compensation.table_formats import read_linuxcnc
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.cli.drive import DELAY_S, FIRST_ARCSEC, TORQUE_ARCSEC, write_drive, write_pair
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 from vttig_jax.cli.verbs.fit import command
 from vttig_jax.identify.fit_settings import fields
 from vttig_jax.identify.identification import fit

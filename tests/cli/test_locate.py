@@ -173,7 +173,7 @@ def fitted_drive(vttig, folder, *, start_deg=0.0, layout=""):
     rows = np.stack([table[name] for name in names], axis=1)
     rows[:, names.index("driving_deg")] += start_deg
     rows[:, names.index("driven_deg")] += start_deg
-    log.write_text(csv_text(rows, names))
+    log.write_text(csv_text(dict(zip(names, rows.T, strict=True))))
     pair = write_pair(folder / "pair.toml")
     pair.write_text(pair.read_text().replace("[log]", f"[log]\n{layout}"))
     run = folder / "run"

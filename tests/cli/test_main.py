@@ -12,8 +12,8 @@ import click
 import jsonschema
 import pytest
 
+from tests.schemas import load_schema
 from vttig_jax.base.errors import InputError, LogError, NoAnswerError, UsageError
-from vttig_jax.base.files.json_io import load_schema
 from vttig_jax.base.files.run_folder import RunFolder
 from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.cli.drive import write_drive, write_pair
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 
 
 def rows_of(path):

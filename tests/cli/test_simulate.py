@@ -274,7 +274,7 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch):
         ("", 2, "SCENARIO is missing; --print-defaults prints one"),
         ("none.toml", 3, "none.toml: no such file"),
         ("gears", 3, "gears: this folder holds neither run.toml"),
-        ("S --print-defaults --json", 2, "leave out --json, SCENARIO"),
+        ("S --print-defaults --json", 2, "no --json and no SCENARIO"),
         ("S --set reversal_deg=9", 2, "did you mean `motion.reversal_deg`?"),
         ("S --set motion.reversal_deg=20", 2, "--set motion.reversal_deg: 20 lies inside"),
         ("S --set motion.speed_rpm=6e4", 2, "with --set: motion.reversal_deg: 720 lies inside"),

@@ -141,7 +141,7 @@ def test_bad_calls_end_in_one_sentence(vttig, tmp_path):
         ("gear", [], "choose a name that ends with one"),
         ("gear.stl", ["--section-mm", "0"], "a .stl file takes no --section-mm"),
         ("tooth.png", ["--teeth", "1"], "a .png file takes no --teeth; leave it out"),
-        ("tooth.png", ["--bore-mm", "9", "--section-mm", "0"], "no --section-mm and no --bore-mm"),
+        ("tooth.png", ["--bore-mm", "9", "--section-mm", "0"], "no --bore-mm and no --section-mm"),
         ("tooth.png", ["--tolerance-um", "2"], "takes no --tolerance-um"),
         ("gear.svg", ["--section-mm", "11"], "face ends at ±10 mm"),
         ("gear.stl", ["--teeth", "46"], "has 45 teeth"),

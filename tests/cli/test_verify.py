@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.cli.test_error_quantity import error_arcsec, fitted
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 
 SPEED_DEG_S, RATE_HZ = 180.0, 50.0
 

@@ -40,7 +40,7 @@ import jsonschema
 import numpy as np
 
 import vttig_jax
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.cli.main import main
 

@@ -13,7 +13,7 @@ import pytest
 
 import vttig_jax
 from tests.oracles.flank_formulas import exact
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 from vttig_jax.cli.main import main
 from vttig_jax.control import parse_scenario_spec
 from vttig_jax.control.scenario.scenario import EccentricityTable

@@ -9,7 +9,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from vttig_jax.base.files.json_io import load_schema
+from tests.schemas import load_schema
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog

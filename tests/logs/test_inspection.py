@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
-from vttig_jax.base.files.json_io import dumps, load_schema
+from tests.schemas import load_schema
+from vttig_jax.base.files.json_io import dumps
 from vttig_jax.cli.main import main
 from vttig_jax.logs.checks.sampling import (
     SpeedPlateau,

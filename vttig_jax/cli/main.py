@@ -121,9 +121,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.modules["jax"].config.update("jax_enable_x64", True)
     _tolerate_encodings()
     if instruction := os.environ.get(COMPLETION):
-        from .completion import answer
+        from click.shell_completion import shell_complete
 
-        return answer(vttig, "vttig", COMPLETION, instruction)
+        return shell_complete(vttig, {}, "vttig", COMPLETION, instruction)
     # Imports make many objects and no cycles; with the threshold of Python, 700 new objects, the
     # search for unused cycles takes an eighth of their time.
     gc.set_threshold(_OBJECTS, *gc.get_threshold()[1:])

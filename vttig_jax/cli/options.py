@@ -12,11 +12,10 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 import click
 from click.core import ParameterSource
 
-from ..base.errors import UsageError
+from ..base.errors import InputError, UsageError
 from ..base.files.limits import most_memory
 from ..logs.readers.column_names import ROLES
 from ..logs.recognition.request import ReadingOptions, roles_of
-from .completion import columns_of_log
 from .output import Narrator, Output
 from .program_cache import kept_programs
 
@@ -246,10 +245,60 @@ def need(name: str, *needing: str) -> None:
         raise UsageError(f"{' and '.join(asked)} without --{name}; give it too, or leave it out.")
 
 
+def takes_no(what: str, *names: str) -> None:
+    """Raise `UsageError` if the user gave some of the parameters `names`, which `what` ignores."""
+    if wrong := given(names):
+        raise UsageError(f"{what} takes no {' and no '.join(wrong)}; leave it out.")
+
+
+MOST_ROWS = 200_000
+"""Rows of a table over the driving angle that are written unless more are asked for (chosen)."""
+
+
+def require_rows(turns: float, step_deg: float, most: int = MOST_ROWS) -> None:
+    """Raise `UsageError` for a table over the driving angle that has too many rows."""
+    if turns * 360.0 / step_deg > most:
+        least = math.ceil(turns * 360 / most * 100) / 100
+        raise UsageError(
+            f"{turns:g} turns in steps of {step_deg:g}° are more than {most} rows; give --step-deg"
+            f" {least:g} or more, or ask for fewer turns."
+        )
+
+
+def refuse_out(
+    path: Path, *endings: str, overwrite: bool, option: str = "--out", cure: str = ""
+) -> None:
+    """Raise `UsageError`, before any work, for a file that could not be written after it.
+
+    `endings` are those of names that the option takes, and `cure` what to do about another one.
+    """
+    if path.is_dir():
+        raise UsageError(f"{option} is a folder; name a file in it.", where=str(path))
+    if path.suffix.lower() not in endings:
+        *others, last = endings
+        known = f"{', '.join(others)} or {last}" if others else last
+        cure = cure or f"choose a name that ends with {'one' if others else last}"
+        raise UsageError(f"{option} writes {known}; {cure}.", where=str(path))
+    refuse_existing(path, overwrite=overwrite)
+
+
 def refuse_existing(path: Path, *, overwrite: bool) -> None:
     """Raise `UsageError`, before any work, for a file that would be replaced unasked."""
     if path.exists() and not overwrite:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(path))
+
+
+def refuse_results(out: Path | None, cures: Mapping[str, str]) -> None:
+    """Raise `UsageError`, before any work, for a result that `out` holds: its name → what to do."""
+    if out is None:
+        return
+    if out.exists() and not out.is_dir():
+        raise InputError("a file is in the way; choose another name.", where=str(out))
+    for name, cure in cures.items():
+        if (out / name).exists():
+            raise UsageError(
+                f"already exists; {cure}, or choose another folder.", where=str(out / name)
+            )
 
 
 @contextmanager
@@ -336,7 +385,7 @@ class _OfReading(NamedTuple):
     columns: Annotated[
         tuple[str, ...],
         "--column",
-        {"metavar": "ROLE=NAME", "callback": _checked, "shell_complete": columns_of_log},
+        {"metavar": "ROLE=NAME", "callback": _checked},
         f"Name the column of a role ({', '.join(ROLES)}); may be repeated. #1 is the"
         " first column of a text file, #row the number 0, 1, 2, … of the row, and 0.5*(a+b)"
         " is computed from two columns.",

@@ -207,19 +207,19 @@ def _draw_row(
     return handles
 
 
-_ERROR = {
+_ERROR: Lines = {
     "flank B": ("upper", FLANK_COLOURS["B"], 1.0),
     "flank A": ("lower", FLANK_COLOURS["A"], 1.0),
     "transmission error": ("error", MODEL_COLOUR, 1.0),
     "measured by encoders": ("measured", _OBSERVED, 0.8),
 }
-_SHIFT = {
+_SHIFT: Lines = {
     "closes the gap": ("closed", _CLOSED, 1.0),
     "commanded": ("command", _COMMAND, 1.2),
     "reached": ("reached", MODEL_COLOUR, 1.2),
 }
-_OUTPUT = {"driven shaft less i φ₁ of the reference": ("output", MODEL_COLOUR, 1.2)}
-_SPEED = {
+_OUTPUT: Lines = {"driven shaft less i φ₁ of the reference": ("output", MODEL_COLOUR, 1.2)}
+_SPEED: Lines = {
     "reference": ("speed", MODEL_COLOUR, 1.0),
     "observer's estimate": ("observed", _OBSERVED, 0.8),
 }

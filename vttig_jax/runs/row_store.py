@@ -183,26 +183,18 @@ class SweepFolder:
             (self.path / PARTS).mkdir(exist_ok=True)
             for file in (self.path / PARTS).glob(".*.tmp"):
                 file.unlink(missing_ok=True)
-        damaged = [number for number in sorted(self.done) if not self._is_whole(number)]
-        for number in damaged:
-            with os_errors_as_input_errors(self.path):
-                self._part(number).unlink(missing_ok=True)
+        damaged = 0
+        for number in self.done:
+            try:
+                self._read(number)
+            except InputError:  # it has removed the part
+                damaged += 1
         if damaged:
-            parts = (
-                "1 damaged part is" if len(damaged) == 1 else f"{len(damaged)} damaged parts are"
-            )
+            parts = "1 damaged part is" if damaged == 1 else f"{damaged} damaged parts are"
             LOGGER.warning("%s: %s computed again", self.path, parts)
 
     def _part(self, number: int) -> Path:
         return self.path / PARTS / f"{number:08d}.parquet"
-
-    def _is_whole(self, number: int) -> bool:
-        """Return whether the file of a block can be read."""
-        try:
-            pq.read_table(self._part(number))
-        except (OSError, pa.ArrowException):
-            return False
-        return True
 
     def _read(self, number: int) -> Any:
         try:

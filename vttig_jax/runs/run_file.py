@@ -2,7 +2,7 @@
 
 import os
 import tomllib
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
@@ -128,22 +128,16 @@ def read_run(path: Path) -> RunRecord:
         raise InputError(f"its options are damaged: {error}.", where=str(path)) from None
     except UsageError as error:
         raise InputError(f"its options are damaged: {error.message}", where=str(path)) from None
-    places = tuple(_place(log, path) for log in logs)
-    record = RunRecord(
-        places,
+    return RunRecord(
+        tuple(_place(log, path) for log in logs),
         spec,
         options,
         digests,
+        readings=None if readings is None else _place(str(readings), path),
+        readings_sha256=str(table["data"].get("readings_sha256", "")),
         flank_model=str(table["data"].get("flank_model", "")),
         digest=str(table.get("run", "")),
         versions={str(k): str(v) for k, v in dict(table.get("versions", {})).items()},
-    )
-    if readings is None:
-        return record
-    return replace(
-        record,
-        readings=_place(str(readings), path),
-        readings_sha256=str(table["data"].get("readings_sha256", "")),
     )
 
 

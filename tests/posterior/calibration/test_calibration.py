@@ -9,7 +9,8 @@ import pytest
 from scipy.stats import binom
 
 import vttig_jax
-from vttig_jax.base.files.json_io import dumps, load_schema
+from tests.schemas import load_schema
+from vttig_jax.base.files.json_io import dumps
 from vttig_jax.identify import read_fit
 from vttig_jax.posterior import calibrate, coverage
 from vttig_jax.posterior.calibration import calibrate as room

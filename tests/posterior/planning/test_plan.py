@@ -9,7 +9,8 @@ import pytest
 from scipy.linalg import solve, toeplitz
 
 from benchmarks.cramer_rao import cramer_rao
-from vttig_jax.base.files.json_io import dumps, load_schema
+from tests.schemas import load_schema
+from vttig_jax.base.files.json_io import dumps
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.pair.gear_pair import Gear, GearPair
 from vttig_jax.pair.schema import HarmonicOrders

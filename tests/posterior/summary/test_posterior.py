@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from tests.posterior.made import quick_posterior
+from tests.schemas import load_schema
 from vttig_jax.base.angles import difference_deg
-from vttig_jax.base.files.json_io import dumps, load_schema
+from vttig_jax.base.files.json_io import dumps
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.model.parameter import Parameter, undetermined
 from vttig_jax.pair.gear_pair import Drive

@@ -1,4 +1,4 @@
-"""Output of strict JSON, and the JSON Schemas of the output. Imports neither numpy nor jax.
+"""Strict JSON. Imports neither numpy nor jax.
 
 Every object that the program writes has a key `schema` with a name and a version number, such as
 `vttig.error/1`. Its JSON Schema (draft 2020-12) is `vttig_jax/schemas/vttig.error-1.json`. New keys
@@ -9,7 +9,6 @@ import dataclasses
 import json
 import math
 import re
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -48,25 +47,6 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-
-
-def schema_names() -> list[str]:
-    """Return the names of all schemas of the package, for example `vttig.error/1`."""
-    stems = (entry.name.removesuffix(".json") for entry in _folder().iterdir())
-    return sorted("/".join(stem.rsplit("-", 1)) for stem in stems if stem.startswith("vttig."))
-
-
-def load_schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema of `name`, for example `vttig.error/1`."""
-    if name not in schema_names():
-        raise ValueError(
-            f"Argument `name` must be one of {', '.join(schema_names())}, but it is {name!r}."
-        )
-    return json.loads((_folder() / f"{name.replace('/', '-')}.json").read_text("utf-8"))
-
-
-def _folder() -> Any:
-    return files("vttig_jax") / "schemas"
 
 
 def _plain(value: Any, place: str) -> Any:

@@ -17,7 +17,6 @@ from typing import Any, Union, get_args, get_origin
 
 import msgspec
 from msgspec import NODEFAULT, Meta, Struct
-from msgspec.inspect import Metadata, NoneType, UnionType
 
 from ..errors import InputError
 from .limits import read_regular
@@ -143,7 +142,7 @@ def _message_and_key(error: str, value: Any, kind: Any) -> tuple[str, str]:
     parts = re.findall(r"[^.\[\]]+", dotted)
     if unknown := re.match(r"Object contains unknown field `(.*)`", text, re.DOTALL):
         name = unknown[1]
-        known = [field.encode_name for field in getattr(_description_at(kind, parts), "fields", ())]
+        known = [one.name for one in _keys_at(kind, parts)]
         hint = did_you_mean(name, known, f"known keys here: {', '.join(known)}.")
         return f"unknown key `{name}`; {hint}", f"{dotted}.{name}" if dotted else name
     for part in parts:
@@ -153,10 +152,12 @@ def _message_and_key(error: str, value: Any, kind: Any) -> tuple[str, str]:
             break
     ending = f", but it is {_SHORT.repr(value)}"
     if text.startswith("Invalid enum value"):
-        values = _description_at(kind, parts).values
-        text = "Expected " + " or ".join(repr(choice) for choice in values)
+        words = sorted((word for one in _kinds_at(kind, parts) for word in get_args(one)), key=str)
+        text = "Expected " + " or ".join(map(repr, words))
     elif missing := re.match(r"Object missing required field `(.*)`", text):
-        ending = _example(_description_at(kind, parts), missing[1]) or ending
+        for one in _keys_at(kind, parts):
+            if one.name == missing[1] and one.examples:
+                ending = f"; write for example {one.name} = {json.dumps(one.examples[0])}"
     return f"{_readable(text)}{ending}.", dotted
 
 
@@ -169,32 +170,22 @@ def _readable(text: str) -> str:
     return re.sub(r" \| (\w+)", lambda kind: f" or {name(kind[1], kind[1])}", text)
 
 
-def _example(kind: Any, name: str) -> str:
-    """Return an example for a missing key, or "" if its description has none."""
-    field = next(field for field in kind.fields if field.encode_name == name)
-    schema = field.type.extra_json_schema if isinstance(field.type, Metadata) else None
-    examples = (schema or {}).get("examples")
-    return f"; write for example {name} = {json.dumps(examples[0])}" if examples else ""
-
-
-def _description_at(kind: Any, parts: list[str]) -> Any:
-    """Return the type description by `msgspec` of the entry with the dotted key `parts`."""
-    description = _without_metadata(msgspec.inspect.type_info(kind))
+def _kinds_at(kind: Any, parts: list[str]) -> list[Any]:
+    """Return the types that are allowed for the entry with the dotted key `parts`."""
+    kinds = list(_types(kind))
     for part in parts:
-        fields = {field.encode_name: field.type for field in getattr(description, "fields", ())}
-        item_type = getattr(description, "item_type", None)
-        description = _without_metadata(fields.get(part, item_type))
-    return description
+        fields = {one.name: one.types for struct in _structs(kinds) for one in keys(struct)}
+        lists = [get_args(one)[0] for one in kinds if get_origin(one) in (list, tuple)]
+        kinds = list(fields.get(part, [own for item in lists for own in _types(item)]))
+    return kinds
 
 
-def _without_metadata(kind: Any) -> Any:
-    """Return a type description of `msgspec` without metadata and, if optional, without None."""
-    while isinstance(kind, Metadata | UnionType):
-        if isinstance(kind, Metadata):
-            kind = kind.type
-        else:
-            kind = next(member for member in kind.types if not isinstance(member, NoneType))
-    return kind
+def _keys_at(kind: Any, parts: list[str]) -> "list[Key]":
+    return [one for struct in _structs(_kinds_at(kind, parts)) for one in keys(struct)]
+
+
+def _structs(kinds: Iterable[Any]) -> list[type[Struct]]:
+    return [one for one in kinds if isinstance(one, type) and issubclass(one, Struct)]
 
 
 def key(meaning: str, unit: str = "", **bounds: Any) -> Meta:
@@ -240,8 +231,7 @@ def keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
     """Yield the keys of one table in the order of its struct; `above` is its dotted name."""
     for field in msgspec.structs.fields(struct):
         meta = next(_metas(field.type), Meta())
-        classes = [member for member in _types(field.type) if isinstance(member, type)]
-        tables = [one for one in classes if issubclass(one, Struct)]
+        tables = _structs(_types(field.type))
         yield Key(
             name=f"{above}.{field.encode_name}" if above else field.encode_name,
             kind=field.type,

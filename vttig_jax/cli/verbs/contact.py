@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from ...base.angles import angles_over_turns_deg
-from ...base.errors import PairError, UsageError
+from ...base.errors import PairError
 from ...base.files.json_io import dumps
 from ...base.files.run_folder import RunFolder
 from ...base.files.text_tables import key_values
@@ -16,7 +16,16 @@ from ...base.units import DEG
 from ...pair.pair_file import load_pair_spec
 from ...runs.map_table import csv_text
 from ..drive_options import gears_of
-from ..options import Argument, Finite, Positive, Real, StepDeg, arguments_as_options, verb
+from ..options import (
+    Argument,
+    Finite,
+    Positive,
+    Real,
+    StepDeg,
+    arguments_as_options,
+    require_rows,
+    verb,
+)
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -26,7 +35,6 @@ if TYPE_CHECKING:
     from ...pair.gear_pair import GearPair
 
 
-_MOST_ROWS = 200_000
 _RECORD = "contact.json"
 _FIGURE, _DEVIATIONS = "figures/contact_{}.png", "figures/deviations.png"
 
@@ -93,11 +101,7 @@ def command(
 
     gears = gears_of(load_pair_spec(pair), pair, "no teeth to touch")
     turns = float(gears.hunting_turns) if span_rev is None else span_rev
-    if turns * 360.0 / step_deg > _MOST_ROWS:
-        raise UsageError(
-            f"{turns:g} turns in steps of {step_deg:g}° are more than {_MOST_ROWS} angles; ask for"
-            " a longer --step-deg or fewer turns (--span-rev)."
-        )
+    require_rows(turns, step_deg)
     mounted = Eccentricities() if rig is None else fitted_rig(rig, pair)
     apparent = None if rig is None else float(mounted.constant_backlash_deg)
     measured = tilt = None

@@ -20,9 +20,8 @@ from ...runs.fit_run import write_fit
 from ...runs.options import RunOptions
 from ...runs.posterior_run import banded_of, write_report
 from ...runs.run_file import CHECKPOINT, RunRecord
-from ..options import verb
+from ..options import refuse_results, verb
 from ..output import Output, sampling_bar
-from .sample import refuse_existing
 
 if TYPE_CHECKING:
     from ...identify.result import Fit
@@ -61,7 +60,10 @@ def command(
     from ...posterior.sampler import sample
     from ...rig.paper import paper_rig
 
-    refuse_existing(out, overwrite=overwrite, resumes=False)
+    if not overwrite:
+        refuse_results(
+            out, dict.fromkeys((CHECKPOINT, "fit.json"), "add --overwrite to replace it")
+        )
     with output.progress(2, "simulate") as bar:
         rig = paper_rig(seed)
         log = rig.log(seed)

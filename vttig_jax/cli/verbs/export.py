@@ -1,6 +1,5 @@
 """`vttig export`: backlash or transmission error for a controller, as CSV, JSON or a C header."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
@@ -26,10 +25,12 @@ from ..options import (
     StepDeg,
     given,
     refuse_existing,
+    refuse_out,
+    require_rows,
+    takes_no,
     verb,
 )
 from ..output import Output
-from .map import MOST_ROWS
 
 if TYPE_CHECKING:
     from ...identify.result import Fit
@@ -172,7 +173,8 @@ def command(
         posterior = opened.drawn if quantity == "error" else None
         if quantity != "error":
             _maps(opened, constant_backlash_deg, quantity)
-        turns = _whole_period(opened.pair.hunting_turns, step)
+        turns = float(opened.pair.hunting_turns)
+        require_rows(turns, step)
         how: Any = {"constant_backlash_deg": constant_backlash_deg, "posterior": posterior}
         found = run_table(fit, quantity, step, turns, out=out, **how)
         record, shown, text = found.record, found.text, csv_text(found.columns)
@@ -272,22 +274,19 @@ def _check_options(
     kind = f"a {suffix} file" if control is None else f"--for {control}"
     if control is not None and quantity != "error":
         raise UsageError(f"{kind} writes the error; leave out --quantity {quantity}.")
-    if kind not in _OPTIONS:
-        raise UsageError(
-            "--out writes .csv, .json or .h; choose a name that ends with one.", where=str(out)
-        )
-    if control is None and quantity == "error":
-        if suffix == ".h":
+    if control is None:
+        refuse_out(out, ".csv", ".json", ".h", overwrite=overwrite)
+        takes_no("without --for this export", *_PLACE)
+        if quantity == "error" and suffix == ".h":
             raise UsageError(
                 "this C header contains the backlash and the shift; write the transmission error to"
                 " .csv or .json, or the error table of an axis with --for c.",
                 where=str(out),
             )
-        kind = "--quantity error"
+        kind = "--quantity error" if quantity == "error" else kind
+    refuse_existing(out, overwrite=overwrite)
     others = {option for options in _OPTIONS.values() for option in options}
-    if wrong := given(sorted(others.difference(_OPTIONS[kind]))):
-        only = ", which need --for," * bool(given(_PLACE) and control is None)
-        raise UsageError(f"{kind} takes no {' and no '.join(wrong)}{only}; leave it out.")
+    takes_no(kind, *others.difference(_OPTIONS[kind]))
     if given({"servo_period_ms"}) and not given({"acceleration_deg_s2"}):
         raise UsageError("--servo-period-ms needs --acceleration-deg-s2; give both.")
     if len(given({"gap", "constant_backlash_deg"})) == 2:
@@ -295,7 +294,6 @@ def _check_options(
             "--gap is that of the draws, which have a constant backlash of their own; leave out"
             " --constant-backlash-deg."
         )
-    refuse_existing(out, overwrite=overwrite)
 
 
 def _maps(
@@ -333,17 +331,3 @@ def _require_delay(fit: "Fit") -> None:
         " delay between the channels looks the same; fit again with --delay (such as 0.5ms) if you"
         " know the delay or --delay-within if you know its limit, or give --constant-backlash-deg."
     )
-
-
-def _whole_period(hunting_turns: int, step_deg: float) -> float:
-    """Return the driving turns of the hunting period.
-
-    **Raises** `UsageError` for a step that gives too many rows.
-    """
-    if hunting_turns * 360.0 / step_deg > MOST_ROWS:
-        least = math.ceil(hunting_turns * 360 / MOST_ROWS * 100) / 100
-        raise UsageError(
-            f"a hunting period of {hunting_turns} turns in steps of {step_deg:g}° is more than"
-            f" {MOST_ROWS} rows; give --step-deg {least:g} or more."
-        )
-    return float(hunting_turns)

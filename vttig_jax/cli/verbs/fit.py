@@ -14,12 +14,11 @@ from ...logs.readers.open_table import with_standard_input
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, readings_alone, resolve, save_fit
 from ...runs.options import RunOptions
-from ...runs.run_file import RunRecord, read_run, require_same_data
+from ...runs.run_file import CHECKPOINT, RunRecord, read_run, require_same_data
 from ..drive_options import GROUPS, Drive, PairFile
 from ..fit_options import OF_A_FIT, Settings
-from ..options import Argument, Reading, given, need, verb
+from ..options import Argument, Reading, given, need, refuse_results, verb
 from ..output import Output
-from .sample import refuse_existing
 
 if TYPE_CHECKING:
     from ...identify.result import Fit
@@ -91,8 +90,10 @@ def command(
         length = _as_length(found.backlash_deg, found.std_deg, reading.lead_mm)
         output.emit(found.to_json(), "\n\n".join([str(found), *length]))
         return
-    if not drive.explain_columns:
-        refuse_existing(out, overwrite=overwrite, resumes=False)
+    if not (drive.explain_columns or overwrite):
+        refuse_results(
+            out, dict.fromkeys((CHECKPOINT, "fit.json"), "add --overwrite to replace it")
+        )
     if run_path is None:
         logs = with_standard_input(logs)
         run = resolve(logs, pair, readings, options, drive.request)

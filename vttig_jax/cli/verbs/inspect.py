@@ -10,9 +10,9 @@ from ...base.errors import InputError, UsageError
 from ...logs.readers.column_names import ROLES
 from ...logs.readers.open_table import with_standard_input
 from ..drive_options import GROUPS, Drive, PairFile
-from ..options import Argument, Reading, given, need, verb
+from ..options import Argument, Reading, given, need, refuse_out, takes_no, verb
 from ..output import Output
-from .plot import check_picture, write_picture
+from .plot import PICTURES, write_picture
 
 if TYPE_CHECKING:
     from ...logs.inspection import Inspection
@@ -60,8 +60,7 @@ def command(
 
     (log,) = with_standard_input([log])
     if control is not None:
-        if wrong := given([*(n for names in GROUPS.values() for n in names), "picture"]):
-            raise UsageError(f"--for reads no log and takes no {' and no '.join(wrong)}.")
+        takes_no("--for", "picture", *(name for names in GROUPS.values() for name in names))
         output.emit(*_comp_file(log))
         return
     need("picture", "overwrite")
@@ -78,7 +77,7 @@ def command(
     from ...runs.stated_drive import stated_spec
 
     if picture is not None:
-        check_picture(picture, overwrite=overwrite)
+        refuse_out(picture, *PICTURES, overwrite=overwrite, option="--picture")
     spec, opened = stated_spec((log,), pair, request, reading)
     guesses = [guess for one in opened for guess in one.roles.guesses]
     if drive.only_explains(output, (log,), (spec, guesses, reading)):

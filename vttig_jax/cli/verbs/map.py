@@ -9,10 +9,20 @@ from ...base.files.json_io import dumps, read_json
 from ...base.logger import LOGGER
 from ...runs.map_table import QuantityName, csv_text, resolution, run_table
 from ...runs.run import Run
-from ..options import Argument, ConstantBacklash, Finite, Positive, StepDeg, given, verb
+from ..options import (
+    MOST_ROWS,
+    Argument,
+    ConstantBacklash,
+    Finite,
+    Positive,
+    StepDeg,
+    given,
+    require_rows,
+    takes_no,
+    verb,
+)
 from ..output import Output
 
-MOST_ROWS = 200_000
 _MOST_ASKED = 20_000_000
 _NO_NOISE = "These values do not contain the noise of the fit: draws of `vttig sample` add bands"
 _NO_BAND = (
@@ -68,8 +78,8 @@ def command(
     With --quantity error, the CSV file contains the transmission error of each measured flank, also
     of a log of one direction, and the report its peak-to-peak value and rms.
     """
-    if quantity == "error" and (wrong := given({"closing_mm", "constant_backlash_deg"})):
-        raise UsageError(f"--quantity error takes no {wrong[0]}; leave it out.")
+    if quantity == "error":
+        takes_no("--quantity error", "closing_mm", "constant_backlash_deg")
     stored = read_json(run_folder / "fit.json")  # before the work; `Run` says if it is damaged
     flanks = stored.get("flanks") if isinstance(stored, dict) else None
     if quantity != "error" and constant_backlash_deg is None and flanks in (["A"], ["B"]):
@@ -139,11 +149,7 @@ def _without_draws(option: str, folder: Path, constant: float | None) -> UsageEr
 def _span(hunting_turns: int, step_deg: float, span_rev: float | None) -> float:
     limit = MOST_ROWS * step_deg / 360.0
     if span_rev is not None:
-        if span_rev * 360.0 / step_deg > _MOST_ASKED:
-            raise UsageError(
-                f"--span-rev {span_rev:g} in steps of {step_deg:g}° are more than {_MOST_ASKED}"
-                " rows; ask for a shorter span or a longer step."
-            )
+        require_rows(span_rev, step_deg, _MOST_ASKED)
         return span_rev
     if hunting_turns > limit:
         LOGGER.warning(

@@ -6,12 +6,12 @@ from typing import Annotated, Any
 
 import click
 
-from ...base.errors import UsageError
 from ...base.files.run_folder import write_files
 from ...runs.run import open_run
-from ..options import Argument, RunPath, refuse_existing, verb
+from ..options import Argument, RunPath, refuse_out, verb
 from ..output import Output
 
+PICTURES = (".png", ".svg", ".pdf")
 NAMES = ("te", "map", "orders", "residual", "corner", "trace")
 
 
@@ -31,7 +31,7 @@ def command(
     """
     import vttig_jax
 
-    check_picture(out, overwrite=overwrite)
+    refuse_out(out, *PICTURES, overwrite=overwrite)
     run = open_run(run_folder)
     run.refuse_own([out])
     if name == "map":
@@ -40,13 +40,6 @@ def command(
         figure = vttig_jax.plot(run.posterior if name in NAMES[-2:] else run.fit, name)
     write_picture(figure, out, overwrite=overwrite)
     output.emit({"schema": "vttig.plot/1", "picture": str(out), "name": name}, f"picture: {out}")
-
-
-def check_picture(out: Path, *, overwrite: bool) -> None:
-    """Raise `UsageError` for a file without the name of a picture, and for one that exists."""
-    refuse_existing(out, overwrite=overwrite)
-    if out.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise UsageError("a picture is a .png, .svg or .pdf file; name one.", where=str(out))
 
 
 def write_picture(figure: Any, out: Path, *, overwrite: bool) -> None:

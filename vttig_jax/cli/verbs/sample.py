@@ -29,6 +29,7 @@ from ..options import (
     arguments_as_options,
     exclude_each_other,
     given,
+    refuse_results,
     verb,
 )
 from ..output import Output, sampling_bar
@@ -100,8 +101,11 @@ def command(
     logs, out = _logs_and_folder(logs, out)
     exclude_each_other("resume", "overwrite")
     exclude_each_other("steps", "until")
-    if not drive.explain_columns:
-        refuse_existing(out, resume=resume, overwrite=overwrite, fits=bool(logs))
+    if not (drive.explain_columns or resume or overwrite):
+        sampled = "sample it without LOG and --pair, add --overwrite to replace it"
+        fitted = {"fit.json": sampled} if logs else {}
+        draws = {CHECKPOINT: "add --resume to go on with it, --overwrite to replace it"}
+        refuse_results(out, draws | fitted)
     from ...posterior.sampler import sample, settings_of
 
     if logs:
@@ -177,35 +181,6 @@ def _interrupts_in_words(out: Path) -> Iterator[None]:
                 f" {shlex.quote(str(out))} --resume`.",
             )
         raise
-
-
-def refuse_existing(
-    out: Path | None,
-    *,
-    overwrite: bool,
-    resume: bool = False,
-    fits: bool = True,
-    resumes: bool = True,
-) -> None:
-    """Raise `UsageError`, before the work, if results in the folder `out` would be replaced.
-
-    Results are draws and, if the command makes a fit (`fits`), a fit. `resumes`: whether the
-    command has the option --resume. `resume`: whether it is given.
-    """
-    if out is None or resume or overwrite:
-        return
-    if out.exists() and not out.is_dir():
-        raise InputError("a file is in the way; choose another name.", where=str(out))
-    go_on = "add --resume to go on with it, --overwrite to replace it"
-    cures = {CHECKPOINT: go_on if resumes else "add --overwrite to replace it"}
-    if fits:
-        sample = "sample it without LOG and --pair, add --overwrite to replace it"
-        cures["fit.json"] = sample if resumes else cures[CHECKPOINT]
-    for name, cure in cures.items():
-        if (out / name).exists():
-            raise UsageError(
-                f"already exists; {cure}, or choose another folder.", where=str(out / name)
-            )
 
 
 def _fit_of(record: RunRecord, out: Path, *, resume: bool, overwrite: bool, figures: bool) -> "Fit":

@@ -13,7 +13,7 @@ from ...base.errors import ScenarioError, UsageError
 from ...base.files.run_folder import RunFolder, write_files
 from ...base.logger import LOGGER
 from ...runs.map_table import csv_text
-from ..options import Argument, KeyValue, given, need, once, refuse_existing, verb
+from ..options import Argument, KeyValue, need, once, refuse_out, takes_no, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -104,7 +104,10 @@ def command(
         return
     if scenario is None:
         raise UsageError("SCENARIO is missing; --print-defaults prints one to start from.")
-    _check_files(trace, figure, overwrite=overwrite)
+    need("trace", "every")
+    for option, path, ending in (("--trace", trace, ".csv"), ("--figure", figure, ".png")):
+        if path is not None:
+            refuse_out(path, ending, overwrite=overwrite, option=option)
     from ...runs.simulations import file_named, specified
 
     spec, folder = specified(scenario, sweep=False)
@@ -131,12 +134,8 @@ def command(
 def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
     from ...runs.paper_runs import CONTROLLERS, TABLE, simulate_paper
 
-    others = given(("scenario", "print_defaults", "settings", "trace", "every", "figure"))
-    if others or (overwrite and out is None):
-        raise UsageError(
-            "--paper simulates the runs of the paper and goes with --out, --overwrite and --json;"
-            f" leave out {', '.join(others) or '--overwrite'}."
-        )
+    takes_no("--paper", "scenario", "print_defaults", "settings", "trace", "every", "figure")
+    need("out", "overwrite")
     kept = RunFolder(out, overwrite=overwrite, results=(TABLE,)) if out else nullcontext()
     names: list[str] = []
     with kept as folder, output.progress(5 * len(CONTROLLERS), "simulate") as bar:
@@ -150,13 +149,8 @@ def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
 
 
 def _print_defaults() -> None:
-    others = given(
-        ("scenario", "settings", "trace", "every", "figure", "out", "overwrite", "as_json")
-    )
-    if others:
-        raise UsageError(
-            f"--print-defaults prints TOML and does nothing else; leave out {', '.join(others)}."
-        )
+    names = ("scenario", "settings", "trace", "every", "figure", "out", "overwrite", "as_json")
+    takes_no("--print-defaults", *names)
     from ...control.scenario.spec import default_toml
     from ..output import print_text
 
@@ -218,19 +212,3 @@ def _stride(periods: float, every: int, draws: bool) -> int:
         )
     # The stride divides `every`, so that one run serves CSV file and picture.
     return math.gcd(every, math.ceil(periods / _MOST_SHOWN)) if draws else every
-
-
-def _check_files(trace: Path | None, figure: Path | None, *, overwrite: bool) -> None:
-    """Raise `UsageError` before the run for files that could not be written after it."""
-    need("trace", "every")
-    for option, path, suffix in (("--trace", trace, ".csv"), ("--figure", figure, ".png")):
-        if path is None:
-            continue
-        if path.is_dir():
-            raise UsageError(f"{option} is a folder; name a file in it.", where=str(path))
-        if path.suffix.lower() != suffix:
-            raise UsageError(
-                f"{option} writes {suffix[1:].upper()}; choose a name that ends with {suffix}.",
-                where=str(path),
-            )
-        refuse_existing(path, overwrite=overwrite)

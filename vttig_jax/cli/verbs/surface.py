@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import click
 import numpy as np
 
-from ...base.errors import PairError, UsageError
+from ...base.errors import PairError
 from ...base.files.run_folder import write_files
 from ...base.files.text_tables import key_values
 from ...pair.pair_file import load_pair_spec
 from ..drive_options import gears_of
-from ..options import Argument, NotNegative, Positive, Real, given, refuse_existing, verb
+from ..options import Argument, NotNegative, Positive, Real, refuse_out, takes_no, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -72,7 +72,13 @@ def command(
     shows a tooth at both ends and in the middle, and how thick it is between them.
     """
     suffix = out.suffix.lower()
-    _check_out(out, suffix, overwrite)
+    cure = ""
+    if suffix in (".ply", ".obj"):
+        cure = f"write .stl and convert it: trimesh.load('gear.stl').export('gear{suffix}')"
+    refuse_out(out, *_MESHES, *_SOLIDS, *_DRAWINGS, *_PICTURES, overwrite=overwrite, cure=cure)
+    ignored = () if suffix in _DRAWINGS else ("section_mm",)
+    ignored += ("teeth", "tolerance_um", "bore_mm") if suffix in _PICTURES else ()
+    takes_no(f"a {suffix} file", *ignored)
     from ...geometry.tooth import tooth_of
 
     spec = load_pair_spec(pair)
@@ -100,23 +106,6 @@ def command(
         "notes": list(notes),
     }
     output.emit(record, _text(record, name))
-
-
-def _check_out(out: Path, suffix: str, overwrite: bool) -> None:
-    """Raise `UsageError`, before anything is computed, for a file that could not be written."""
-    known = (*_MESHES, *_SOLIDS, *_DRAWINGS, *_PICTURES)
-    if suffix not in known:
-        cure = "choose a name that ends with one"
-        if suffix in (".ply", ".obj"):
-            cure = f"write .stl and convert it: trimesh.load('gear.stl').export('gear{suffix}')"
-        raise UsageError(
-            f"--out writes {', '.join(known[:-1])} or {known[-1]}; {cure}.", where=str(out)
-        )
-    refused = given([] if suffix in _DRAWINGS else ["section_mm"])
-    refused += given(["teeth", "tolerance_um", "bore_mm"] if suffix in _PICTURES else [])
-    if refused:
-        raise UsageError(f"a {suffix} file takes no {' and no '.join(refused)}; leave it out.")
-    refuse_existing(out, overwrite=overwrite)
 
 
 def _built(

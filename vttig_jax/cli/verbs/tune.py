@@ -7,15 +7,7 @@ import tomli_w
 
 from ...base.errors import UsageError
 from ...base.files.run_folder import write_files
-from ..options import (
-    Argument,
-    KeyValue,
-    NotNegative,
-    arguments_as_options,
-    need,
-    refuse_existing,
-    verb,
-)
+from ..options import Argument, KeyValue, NotNegative, arguments_as_options, need, refuse_out, verb
 from ..output import Output
 from .sweep import prepare
 
@@ -70,7 +62,14 @@ def command(
     it minimises the lost motion over the gap that the motor makes up for
     (map.constant_backlash_deg).
     """
-    _check_out(scenario, out, overwrite=overwrite)
+    need("out", "overwrite")
+    if out is not None:
+        refuse_out(out, ".toml", overwrite=overwrite)
+        if out.resolve().parent != scenario.resolve().parent:
+            raise UsageError(
+                "the paths in SWEEP are relative to its folder; name an --out in that folder.",
+                where=str(out),
+            )
     keys = [key for key, _ in free] or None
     limits = {key: ends for key, ends in free if ends is not None}
     prepare(None)
@@ -90,18 +89,3 @@ def command(
     if out is not None:
         write_files({out: tomli_w.dumps(spec_table(found.spec))}, overwrite=overwrite)
     output.emit(found.to_json(), found if out is None else f"{found}\nwritten to {out}")
-
-
-def _check_out(scenario: Path, out: Path | None, *, overwrite: bool) -> None:
-    """Raise `UsageError`, before the search, for a file that could not be written after it."""
-    need("out", "overwrite")
-    if out is None:
-        return
-    if out.suffix.lower() != ".toml":
-        raise UsageError("--out writes TOML; choose a name that ends with .toml.", where=str(out))
-    if out.resolve().parent != scenario.resolve().parent:
-        raise UsageError(
-            "the paths in SWEEP are relative to its folder; name an --out in that folder.",
-            where=str(out),
-        )
-    refuse_existing(out, overwrite=overwrite)
