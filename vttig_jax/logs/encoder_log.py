@@ -30,7 +30,7 @@ from ..base.shown_text import name_of_file
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ..pair.schema import Encoder, PairSpec, as_fraction
 from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck, together
-from .channel.speed import Speed, is_at_standstill, smooth_speed, steps_of
+from .channel.speed import Speed, is_at_standstill, looks_like_speed, smooth_speed, steps_of
 from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped
 from .readers.column_names import (
     ACCELERATION_UNITS,
@@ -321,6 +321,12 @@ class EncoderLog:
             steps = steps_of(driving.reading, REV / abs(driving.radians_per_unit))
             if is_at_standstill(steps, time, clock="time" in place.columns):
                 driving, driven = together(driving, driven, float(statement.ratio))
+            elif looks_like_speed(driving.reading) and looks_like_speed(driven.reading):
+                names = "` and `".join(place.columns.get(role, role) for role in SHAFTS)
+                notes.append(
+                    f"`{names}` rest at 0 and at readings of both signs, as speeds do and angles"
+                    " seldom: if tachometers gave them, integrate both columns first"
+                )
         error = values.get("transmission_error")
         if driven is None and layout.driven_scale != 1:
             raise LogError(
@@ -513,7 +519,7 @@ def at_common_times(table: Table, roles: Roles) -> tuple["OneClock", Source]:
     if rate is None:
         stamps = np.asarray(values["time"], np.float64)
     else:
-        stamps = (arrays[ROW_INDEX] if numbers is None else numbers) / rate
+        stamps = (arrays[ROW_INDEX] if numbers is None else numbers[:size]) / rate
     del arrays
     table.close()
     return OneClock(stamps, values, notes), place

@@ -63,14 +63,14 @@ class Inspection(TextResult):
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as an object of the schema `vttig.inspect/1`."""
-        motion = [
-            {"start": m.start, "stop": m.stop, "kind": m.kind, "speed_rpm": 60 * m.speed / REV}
-            for m in self.segments.motion
-        ]
-        segments = [
-            {"start": s.start, "stop": s.stop, "flank": s.flank, "speed_rpm": 60 * s.speed / REV}
-            for s in self.segments.segments
-        ]
+
+        def stretches(found: Sequence[Any], what: str) -> list[dict[str, Any]]:
+            told = ((one, {what: getattr(one, what)}) for one in found)
+            return [
+                {"start": one.start, "stop": one.stop, **kind, "speed_rpm": 60 * one.speed / REV}
+                for one, kind in told
+            ]
+
         ratio = self.ratio
         return {
             "schema": "vttig.inspect/1",
@@ -85,8 +85,8 @@ class Inspection(TextResult):
             "sampling": asdict(self.sampling),
             "ratio": {"given": str(ratio.given)}
             | {name: getattr(ratio, name) for name in ("seen", "std", "verdict", "sentence")},
-            "motion": motion,
-            "segments": segments,
+            "motion": stretches(self.segments.motion, "kind"),
+            "segments": stretches(self.segments.segments, "flank"),
             "plateaus": [asdict(plateau) for plateau in self.plateaus],
             "commensurate": [asdict(finding) for finding in self.commensurate],
             "aliased": [asdict(finding) for finding in self.aliased],

@@ -1,13 +1,10 @@
-"""Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it.
-
-Columns with rows without a number (empty cells, NaN, infinite) are named with the first such row.
-"""
+"""Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from itertools import combinations, groupby
+from itertools import combinations
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -34,11 +31,9 @@ from .readers.column_names import (
     name_and_unit,
     units_of,
 )
-from .readers.delimited import TextTable
 from .readers.open_table import open_table
-from .readers.table import Table
 from .readers.times import read_stamps, seconds_of_numbers
-from .recognition.answers import all_questions, command_of
+from .recognition.answers import all_questions
 from .recognition.assign import Roles, Search
 from .recognition.candidates import EQUAL, Candidate, Question, is_copy
 from .recognition.request import (
@@ -51,42 +46,15 @@ from .recognition.request import (
     roles_of,
 )
 from .slope import likely_fraction, ratio_option, slope
-from .source import LEAST_RANGE, SKIP, Source, check_time
-
-_CURE = "a fit refuses such a column, unless --missing skip leaves out these rows"
-
-
-def missing_notes(table: Table, arrays: Mapping[int, Real[np.ndarray, " _"]]) -> list[str]:
-    """Return notes on the columns of a table in which rows hold no number.
-
-    `arrays` is index → values of the columns that are read. Of other columns of a text the empty
-    cells are counted.
-    """
-    what = "empty cells", "NaN or infinite"
-    held: dict[int, np.ndarray] = {k: np.isfinite(values) for k, values in arrays.items()}
-    others = [k for k in range(table.own) if k not in arrays]
-    if isinstance(table, TextTable) and others:
-        rows = [row for _, row in table.rows()]
-        held |= {k: np.array([k < len(row) and row[k] != "" for row in rows]) for k in others}
-    return [
-        f"column `{table.names[k]}`: {np.count_nonzero(~own)} of {len(own)} rows"
-        f" {'holds' if np.count_nonzero(~own) == 1 else 'hold'} no number ({what[k in arrays]}),"
-        f" row {np.argmin(own) + 1} first; {_CURE}"
-        for k, own in held.items()
-        if not own.all()
-    ]
-
+from .source import LEAST_RANGE, Source, check_time
 
 MOST_COLUMNS = 30
-"""A table of more columns than this shows the columns of one matrix in one row (chosen)."""
+"""Largest number of columns in the table of a preview; those of a matrix go first (chosen)."""
 
 MOST_PROPOSED = 4
 """Largest number of proposed commands in the text of a preview (chosen)."""
 
-_NO_RATIO = (
-    "this log shows no ratio: with --ratio A:B (driving turns to driven turns), `vttig inspect`"
-    " prints the command for a fit"
-)
+_NO_RATIO = "no ratio is seen: `vttig inspect` with --ratio A:B prints the command for a fit"
 _ANSWER = "to fit it, complete this command (`vttig inspect` takes the same options)"
 
 
@@ -175,7 +143,13 @@ class Preview:
             near = likely_fraction(abs(ratio), std)
             whole = "" if near is None else f" ({near if ratio > 0 else -near})"
             rows.append(("ratio seen", f"{ratio:.6g} ± {std:.1g}, driven over driving{whole}"))
-        parts = [shown_name(self.source), column_table(_grouped(self.columns)), key_values(rows)]
+        shown = self.columns
+        if len(shown) > MOST_COLUMNS:
+            shown = [c for c in shown if c.role or matrix_name(c.name) == c.name][:MOST_COLUMNS]
+        parts = [shown_name(self.source), column_table(shown), key_values(rows)]
+        if len(shown) < len(self.columns):
+            names = [one.name for one in self.columns if one not in shown]
+            parts.append(f"{len(names)} more columns: {listed(names)}")
         lengths = sorted({length for _, length in self.others}, reverse=True)
         outside = [
             f"arrays of {length} values are no part of this record of {self.rows}: "
@@ -226,7 +200,6 @@ def preview_log(
     source = Source(table.source, {r: names[k] for k, r in roles.items()}, table.line_of)
     shown = [_report(names[k], roles.get(k), a, found) for k, a in arrays.items()]
     hints = [*table.notes, *table.left_out(range(len(table.names))), *unread]
-    hints += missing_notes(table, arrays) if statement.layout.missing is None else ()
     for role, name in source.columns.items():
         if search.roles[role] not in arrays:
             how = "differs in length" if name in dict(others) else "is not read"
@@ -272,15 +245,15 @@ def preview_log(
             " orders"
         )
         questions, options = all_questions(path, found, request, reading)
-        asked = [one.message for one in questions if SKIP not in one.message]
-        hints += [f"a fit asks: {one}" for one in asked if one not in "".join(hints)]
+        asked = [one for one in questions if one.message not in "".join(hints)]
+        hints += [f"a fit asks: {str(one).removeprefix(f'{table.source}: ')}" for one in asked]
         if not questions and ratio is not None and ratio[0] != 0:
             command = fit_command(path, with_ratio(request, ratio), found.names, reading)
         elif questions and not request.names_a_drive:
             proposed = proposals(search, request, path, reading)
         if not command and not proposed:
-            asked = command_of(path, request, reading, options)
-            hints.append(f"{_ANSWER}: {asked}" if questions else _NO_RATIO)
+            told = fit_command(path, request, roles_of(reading.columns), reading, options)
+            hints.append(f"{_ANSWER}: {told}" if questions else _NO_RATIO)
     return Preview(
         source=str(path),
         sha256=table.digest,
@@ -382,22 +355,6 @@ def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
     return Counter(map(len, arrays.values())).most_common(1)[0][0]
 
 
-def _grouped(columns: Sequence[ColumnReport]) -> list[ColumnReport]:
-    """Return the columns; if there are many, join the columns of one matrix that have no role."""
-    if len(columns) <= MOST_COLUMNS:
-        return list(columns)
-    shown = []
-    for (role, _), group in groupby(columns, lambda c: (c.role, matrix_name(c.name))):
-        members = list(group)
-        if role is not None or len(members) == 1 or len({c.unit for c in members}) > 1:
-            shown += members
-            continue
-        low, high = min(c.low for c in members), max(c.high for c in members)
-        name = listed([c.name for c in members])
-        shown.append(ColumnReport(None, name, members[0].unit, low, high))
-    return shown
-
-
 def _report(
     name: str, role: str | None, values: Real[np.ndarray, " n"], found: Roles
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
@@ -457,7 +414,11 @@ def proposals(
     copies: list[Proposal] = []
     for pair in _pairs(search):
         slopes = [(search.slope(*order), order) for order in (pair, pair[::-1])]
-        known = [(seen, order) for seen, order in slopes if seen is not None and _fit(*order)]
+        known = [
+            (seen, order)
+            for seen, order in slopes
+            if seen and order[0].reading.role != "driven" and order[1].reading.role != "driving"
+        ]
         commands: list[Proposal] = []
         for seen, (driving, driven) in sorted(known, key=lambda one: abs(one[0][0])):
             chosen = {"driving": driving, "driven": driven}
@@ -476,7 +437,7 @@ def proposals(
             if len(options) < len(questions) or "NAME" in "".join(options):
                 continue
             drives = f"`{driving.name}` drives `{driven.name}`"
-            command = " ".join([fit_command(path, trial, complete.names, reading), *options])
+            command = fit_command(path, trial, complete.names, reading, options)
             commands.append(Proposal(f"{drives}: {in_words(trial.speed_ratio)}", command))
         if is_copy(*pair) and all(abs(abs(seen[0]) - 1) < EQUAL for seen, _ in known):
             copies += commands
@@ -486,11 +447,6 @@ def proposals(
         found.append(((unnamed, share), commands))
     ordered = [one for _, own in sorted(found, key=lambda one: one[0]) for one in own]
     return tuple(ordered or copies)
-
-
-def _fit(driving: Candidate, driven: Candidate) -> bool:
-    """Return whether the names of two columns allow these roles."""
-    return driving.reading.role != "driven" and driven.reading.role != "driving"
 
 
 def _pairs(search: Search) -> list[tuple[Candidate, Candidate]]:

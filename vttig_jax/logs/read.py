@@ -11,7 +11,7 @@ from ..pair.schema import PairSpec
 from .encoder_log import EncoderLog
 from .readers.open_table import open_table
 from .readers.table import Table
-from .recognition.answers import all_questions, command_of, in_one
+from .recognition.answers import all_questions, in_one
 from .recognition.assign import Roles, assign
 from .recognition.request import (
     DriveRequest,
@@ -19,6 +19,8 @@ from .recognition.request import (
     Statement,
     TwoShafts,
     counts_of,
+    fit_command,
+    roles_of,
     units_of_options,
 )
 
@@ -179,6 +181,8 @@ def open_log(
         questions, command = list(roles.questions), ""
         if isinstance(drive, DriveRequest):
             questions, options = all_questions(path, roles, drive, reading)
-            command = command_of(path, drive, reading, options) if options else ""
+            if options:
+                columns = roles_of(reading.columns)
+                command = fit_command(path, drive, columns, reading, options)
         raise in_one(questions, command, str(path))
     return OpenLog(Path(path), table, roles, reading)

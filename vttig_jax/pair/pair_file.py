@@ -43,10 +43,8 @@ def check_geometry(spec: PairSpec) -> None:
                 " both flanks or one for each.",
                 where=f"{shaft}.helix_angle_deg",
             )
-    for keys in (
-        ("module_mm", "normal_module_mm", "diametral_pitch"),
-        ("pressure_angle_deg", "normal_pressure_angle_deg"),
-    ):
+    modules = "module_mm", "normal_module_mm", "diametral_pitch"
+    for keys in (modules, ("pressure_angle_deg", "normal_pressure_angle_deg")):
         given = [key for key in keys if getattr(pair, key) is not None]
         if len(given) != 1:
             first, second = (given or keys)[:2]

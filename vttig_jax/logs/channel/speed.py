@@ -179,6 +179,25 @@ def usual_step(step: Float[np.ndarray, " m"]) -> float:
     return float(ordered[np.searchsorted(travel, 0.5 * travel[-1])]) if len(travel) else 0.0
 
 
+_LEVEL = 0.02
+"""Width of a level as a share of the largest reading; a level is held if more of all readings are
+there (chosen)."""
+
+
+def looks_like_speed(values: Real[np.ndarray, " n"]) -> bool:
+    """Return whether readings rest at 0 and at equal values of both signs, as those of a speed do.
+
+    An angle seldom does, because its zero is arbitrary and a shaft that is measured moves.
+    """
+    bins = np.rint(values / (_LEVEL * np.abs(values).max(initial=1e-300))).astype(np.int64)
+    levels, counts = np.unique(bins, return_counts=True)
+    held = counts > _LEVEL * len(bins)
+    top = int(levels[held].max(initial=0))
+    if top < 2 or np.sum(counts[held]) < 0.6 * len(bins):
+        return False
+    return all(np.abs(levels[held] - level).min() <= 1 for level in (0, top, -top))
+
+
 def is_at_standstill(
     signed: Float[np.ndarray, " m"], time: Float[np.ndarray, " n"], *, clock: bool
 ) -> bool:

@@ -14,8 +14,10 @@ error may also come from a delay or a drift; the likelihoods of the three are co
 
 import itertools
 import math
+import tomllib
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -36,6 +38,9 @@ from ..slope import (
     ratio_option,
     slope,
 )
+
+_TEXTS = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+"""Kind of a text (difference, cure, why) → verdict or cause → text, with words in braces."""
 
 Cause = Literal["ratio", "delay", "drift", "open"]
 """Best explanation; "open" if none is clearly better than the others."""
@@ -246,41 +251,31 @@ class SeenRatio:
             fits = f"{self.better} fits, so write that if these are the teeth: {self._option}."
             biases = "which biases gap, delay and orders"
             return f"{seen}, {given} given{self._astray}, {biases}; {fits}"
-        log_has = f"the log's is {self._difference(self.seen)}"
+        log_has = f"the log's is {self._said('difference', self.verdict)}"
         return f"{seen}, but {given} is given{self._astray}; {log_has}; {self._cure}."
 
-    def _difference(self, seen: float) -> str:
-        """Text on the relation of the ratio in the log to the given ratio."""
-        return {
-            "swapped": "the inverse: driving and driven are swapped, or driving turns to driven"
-            " turns were meant",
-            "sign": "the negative: one encoder counts backwards",
-            "swapped_sign": "the negative inverse: driving and driven are swapped, and one"
-            " encoder counts backwards",
-            "differs": f"about {_fraction_or_number(seen, self.std or 0.0)}",
-        }[self.verdict]
+    def _said(self, kind: str, slug: str) -> str:
+        """Return a text of `_TEXTS` with the numbers of this ratio."""
+        (turns, inverse), teeth = self._inverse, f"{self.given.denominator}:{self.given.numerator}"
+        decimal = decimal_option(abs(self.seen or 1.0), self.std or 0.0)
+        return _TEXTS[kind][slug].format(
+            near=_fraction_or_number(self.seen or 0.0, self.std or 0.0),
+            turns=turns,
+            inverse=inverse,
+            scale=1 / self.given,
+            lead=self.lead,
+            option=self._option,
+            teeth=teeth,
+            decimal=decimal,
+            said="is" if self.cause == "ratio" else "may be",
+        )
 
     @property
     def _cure(self) -> str:
         """Advice to the user on options or entries of the pair file to change."""
         far = abs(float(self.given) - 1) > 2 * TOLERANCE
-        if far and self.verdict == "differs" and abs((self.seen or 0.0) - 1) < TOLERANCE:
-            return (
-                "the driving column seems to be divided by the ratio already: give --driving-scale"
-                f' {1 / self.given}, or write driving_scale = "{1 / self.given}" under [log] of the'
-                " pair file"
-            )
-        exchanged = "exchange them with --column driving=NAME --column driven=NAME or in [log]"
-        turns, inverse = self._inverse
-        return {
-            "swapped": f"{exchanged}, or give --ratio {turns} (in the pair file {inverse})",
-            "sign": "give --invert driven, or driving if that encoder counts against the axis, or"
-            " take it away if it is given (`sign = -1` for the encoder in a pair file)",
-            "swapped_sign": f"{exchanged}, and give --invert driven (in the pair file `sign = -1`)",
-            "differs": f"correct {self.lead}the teeth or the ratio ({self._option} is that of the"
-            " log; --teeth, or [drive] ratio in a pair file), or the counts and units (--counts,"
-            " --unit, or counts_per_rev and scale of the pair file)",
-        }[self.verdict]
+        divided = far and abs((self.seen or 0.0) - 1) < TOLERANCE and self.verdict == "differs"
+        return self._said("cure", "divided" if divided else self.verdict)
 
     @property
     def _inverse(self) -> tuple[str, str]:
@@ -310,36 +305,9 @@ class SeenRatio:
     @property
     def _why(self) -> str:
         """Text on what explains a ratio of the log that is a little off, and what to do."""
-        if self.cause == "delay":
-            return (
-                ". A delay between the channels explains this better than another ratio, and the"
-                " fit removes a delay: keep the ratio"
-            )
-        biases = ", which biases gap, delay and orders"
-        if self.cause == "drift":
-            return (
-                f"{biases}. A drift in time explains this better than another ratio, for example of"
-                " an encoder or of a coupling: keep the ratio, since every fit has a drift"
-            )
-        cure = f"--ratio {decimal_option(abs(self.seen or 1.0), self.std or 0.0)}, that of the log"
-        if max(self.given.numerator, self.given.denominator) > MOST_TEETH:
-            said = "is" if self.cause == "ratio" else "may be"
-            return (
-                f"{biases}. The given ratio {said} slightly wrong: give {cure}. A slow drift, a"
-                " slip or a twist looks the same"
-            )
-        teeth = f"Shafts coupled {self.given.denominator}:{self.given.numerator} by teeth keep"
-        if self.cause == "ratio":
-            return (
-                f"{biases}. {teeth} their ratio, but this log is explained better by another ratio"
-                " than by a delay or a drift: another drive, wrong counts per turn, lost counts, or"
-                f" a belt or a coupling that slips. If it is another ratio, give {cure}"
-            )
-        return (
-            f"{biases}. {teeth} their ratio, and this log does not tell what it is: an encoder or"
-            " its clock may drift, a coupling may slip or twist, a belt may creep. If it is another"
-            f" ratio, give {cure}"
-        )
+        rounded = max(self.given.numerator, self.given.denominator) > MOST_TEETH
+        known = self.cause in ("delay", "drift") or not rounded
+        return self._said("why", self.cause if known else "rounded")
 
 
 def _fraction_or_number(value: float, std: float) -> str:

@@ -124,13 +124,12 @@ def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
                 break
         else:
             groups.append([segment])
-    return tuple(_plateau(group) for group in groups)
-
-
-def _plateau(group: Sequence[Segment]) -> SpeedPlateau:
-    sizes = [s.stop - s.start for s in group]
-    speed = float(np.average([s.speed for s in group], weights=sizes))
-    return SpeedPlateau(60 * speed / REV, group[0].flank, len(group), sum(sizes))
+    found = []
+    for group in groups:
+        sizes = [s.stop - s.start for s in group]
+        rpm = 60 * float(np.average([s.speed for s in group], weights=sizes)) / REV
+        found.append(SpeedPlateau(rpm, group[0].flank, len(group), sum(sizes)))
+    return tuple(found)
 
 
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:

@@ -401,8 +401,14 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
     size = np.diff([*edges, len(rows)])
     medians = _medians(residual, edges, size)
     means = np.add.reduceat(effects, edges, axis=0) / size[:, None]
+    # Least size in rad of the driven shaft: half the scatter of the residual, a multiple of the
+    # rounding error, and one count. The step of readings in degrees is their travel per sample.
+    limits = [0.5 * float(np.median(np.abs(residual))) / 0.6745, _DIGITS * log.rounding]
+    for channel, ratio in ((log.driving, abs(float(log.ratio))), (log.driven, 1.0)):
+        if channel is not None and channel.unit == "counts":
+            limits.append(ratio * channel.resolution)
     found = []
-    for step in find_steps(medians, means, _least_step(log, residual), rival=means[:, 0]):
+    for step in find_steps(medians, means, max(limits), rival=means[:, 0]):
         row = _first_row_after(rows, residual, edges, step, effects @ step.coefficients)
         found.append(Slip(float(log.time[row]), row, step.size / DEG, step.std / DEG))
     return tuple(found)
@@ -468,20 +474,6 @@ def _groups(segments: list[Segment]) -> list[int]:
         if not alike:
             representatives.append(segment)
     return numbers
-
-
-def _least_step(log: EncoderLog, residual: Float[np.ndarray, " m"]) -> float:
-    """Return the least size of a slip in rad of the driven shaft.
-
-    It is the largest of half the scatter of the residual, one encoder count, and a multiple of the
-    rounding error, which matters in a log without noise. The step of readings in degrees is not
-    used, because for steady motion it is the travel per sample.
-    """
-    limits = [0.5 * float(np.median(np.abs(residual))) / 0.6745, _DIGITS * log.rounding]
-    for channel, ratio in ((log.driving, abs(float(log.ratio))), (log.driven, 1.0)):
-        if channel is not None and channel.unit == "counts":
-            limits.append(ratio * channel.resolution)
-    return max(limits)
 
 
 def _huber_residual(

@@ -159,7 +159,8 @@ class _Search:
         frequencies = np.zeros(0)
         while len(frequencies) < most:
             residual = self.plain.after(frequencies)
-            if self._is_rounding(residual):
+            rounding = _ROUNDING * float(self.rows.value @ self.rows.value)
+            if float(residual @ residual) <= rounding:
                 break
             taps = noise_filter(self.rows, residual)
             parts = [self.plain]
@@ -259,10 +260,6 @@ class _Search:
     def _alarm(self, score: float) -> float:
         cycles = self.spectrum.cycles
         return false_alarm_probability(score, self.rows.turns, float(np.ptp(cycles)))
-
-    def _is_rounding(self, residual: Float[np.ndarray, " n"]) -> bool:
-        value = self.rows.value
-        return float(residual @ residual) <= _ROUNDING * float(value @ value)
 
     def _lines(
         self,

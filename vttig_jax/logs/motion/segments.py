@@ -258,7 +258,8 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
         ragged = len(moving)
         fast = np.zeros(len(log), bool)
         for start, stop in moving:
-            fast[start:stop] = _is_fast(np.abs(speed.value[start:stop]))
+            run = np.abs(speed.value[start:stop])
+            fast[start:stop] = run > RAGGED * run.max()
         segments = segments_of(fast)
     notes = []
     if ragged and log.torque is None:
@@ -318,28 +319,17 @@ def _certain(
     ragged = 0
     for start, stop in moving:
         run = np.abs(speed.value[start:stop])
-        plateaus = levels(run, _travel(angle, start, stop))
+        around = slice(max(start - 1, 0), stop + 1)
+        travel = np.abs(np.gradient(angle[around])[start - around.start :][: stop - start])
+        plateaus = levels(run, np.maximum(travel, 1e-3 * travel.mean()))
         for level in plateaus:
             unsteady = 3.0 * speed.quantum / (speed.window * log.interval_s * level)
             for a, b in steady(run, level, max(TOLERANCE, unsteady), speed.window):
                 certain[start + a : start + b] = True
         if not plateaus:
             ragged += 1
-            certain[start:stop] = _is_fast(run)
+            certain[start:stop] = run > RAGGED * run.max()
     return certain, ragged
-
-
-def _is_fast(speed: Float[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
-    """Return which speeds of a run exceed `RAGGED` times its top speed."""
-    return speed > RAGGED * speed.max()
-
-
-def _travel(angle: Float[np.ndarray, " n"], start: int, stop: int) -> Float[np.ndarray, " m"]:
-    """Return the travel at each sample of a run, rad, but at least 0.001 of its mean."""
-    around = slice(max(start - 1, 0), stop + 1)
-    travel = np.gradient(angle[around])[start - around.start :][: stop - start]
-    np.abs(travel, out=travel)
-    return np.maximum(travel, 1e-3 * travel.mean(), out=travel)
 
 
 def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, " n"]:

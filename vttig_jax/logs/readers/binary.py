@@ -179,14 +179,11 @@ def silent(*loggers: str) -> Iterator[None]:
     `loggers` are the names of the loggers of the libraries.
     """
     # Modules of a library may have separate loggers with separate levels and handlers.
-    names = [
-        name
-        for name in (*loggers, *logging.root.manager.loggerDict)
-        if name.split(".")[0] in loggers
-    ]
+    known = (*loggers, *logging.root.manager.loggerDict)
+    names = (name for name in known if name.split(".")[0] in loggers)
     levels = {name: logging.getLogger(name).level for name in names}
     hook = sys.unraisablehook
-    for name in names:
+    for name in levels:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         sys.unraisablehook = lambda _: None  # destructors of half-open files print errors
@@ -247,11 +244,8 @@ def _check_header(head: bytes, size: int, where: str) -> None:
     """
     file = io.BytesIO(head)
     version = np.lib.format.read_magic(file)
-    read = (
-        np.lib.format.read_array_header_1_0
-        if version == (1, 0)
-        else np.lib.format.read_array_header_2_0
-    )
+    form = np.lib.format
+    read = form.read_array_header_1_0 if version == (1, 0) else form.read_array_header_2_0
     shape, _, dtype = read(file)
     if dtype.hasobject:
         raise LogError(

@@ -35,9 +35,6 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "100ns": 1e-7, "d": 
 TIME_UNITS |= {"min": 60.0, "h": 3600.0}
 """Seconds in one of each unit of time."""
 
-BARE = ("s", "ms", "us", "ns")
-"""Units of time that are a whole name of a column."""
-
 SPEED_UNITS = {"rpm": ANGLE_UNITS["rev"] / 60, "deg_per_s": ANGLE_UNITS["deg"], "rad_per_s": 1.0}
 """Angular speed in rad/s of one of each unit of speed."""
 
@@ -131,7 +128,7 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
             break
     if suffix and stem.lower().endswith("_per"):  # `_deg_per_s` is not a time in s
         stem, suffix = f"{stem}_{suffix}", None
-    if unit_spelt(name) in BARE:
+    if unit_spelt(name) in ("s", "ms", "us", "ns"):  # a unit of time is the whole name
         suffix = unit_spelt(name)
     if suffix and inside and suffix != inside:
         raise LogError(f"the name has the units {suffix} and {inside}; keep one.", where=where)
@@ -169,11 +166,6 @@ def unit_of(role: str, name: str, stated: str | None, where: str) -> str:
         return written or "mm"
     if role in ("direction", "torque"):
         return ""
-    if role in _SUFFIXES:
-        if written is None:
-            message = f"this column has no unit; end the name with {_SUFFIXES[role]}."
-            raise LogError(message, where=where)
-        return written
     if stated is not None and written is not None and stated != written:
         raise LogError(
             f"the name has the unit {written}, but [unit] {role} has {stated}; correct one.",
@@ -181,11 +173,9 @@ def unit_of(role: str, name: str, stated: str | None, where: str) -> str:
         )
     unit = written or stated
     if unit is None:
-        raise LogError(
-            "this column has no unit; end the name with _deg, _arcsec, …, or state the unit"
-            f" (--unit {role}=UNIT, `{role}` in [unit]).",
-            where=where,
-        )
+        cure = f"_deg, _arcsec, …, or state the unit (--unit {role}=UNIT, `{role}` in [unit])"
+        cure = _SUFFIXES.get(role, cure)
+        raise LogError(f"this column has no unit; end the name with {cure}.", where=where)
     if unit not in units_of(role):
         raise LogError(
             f"{unit} is no unit of a {role.replace('_', ' ')}; use one of"

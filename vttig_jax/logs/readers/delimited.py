@@ -150,7 +150,6 @@ _GAPS = "- -- --- – — nan NaN NAN NA N/A n/a n.a. #N/A #NV null NULL None no
 NO_NUMBERS = frozenset(("", *_GAPS.split()))
 """Fields without a number that the option `--missing skip` accepts."""
 
-_HEAD = 100  # first rows in which the first number of a column is searched (chosen)
 _APART = re.compile(r"\s{2,}")
 _LONGEST = 10_000  # most characters of the name of a column (chosen)
 _FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
@@ -205,24 +204,22 @@ class TextTable(Table):
         self.lines, self.header, self.delimiter, self.decimal = lines, header, delimiter, decimal
         self._nulls = NO_NUMBERS if missing else frozenset()
         self._parsed: dict[tuple[int, str], np.ndarray] = {}
-        head = [fields for _, fields in islice(self.rows(), _HEAD)]
+        head = [fields for _, fields in islice(self.rows(), PREAMBLE)]
         self._first = [  # as a column of numbers may begin with `-`
             next((text for text in column if text not in NO_NUMBERS), column[0])
             for column in [*zip_longest(*head, fillvalue="")][: len(names)]
         ]
-        self._units = {  # of fields such as `0.5 sec`
-            k: found[0]
-            for k, text in enumerate(self._first)
-            if (found := _UNIT_BEHIND.search(text)) and unit_in(found[0]) in TIME_UNITS
-        }
-        self._first = [
-            text.removesuffix(self._units.get(k, "")) for k, text in enumerate(self._first)
+        behind = [_UNIT_BEHIND.search(text) for text in self._first]  # such as `0.5 sec`
+        kinds = [one[0] if one and unit_in(one[0]) in TIME_UNITS else "" for one in behind]
+        self._first = list(map(str.removesuffix, self._first, kinds))
+        self._units = dict(enumerate(kinds))
+        kinds = [
+            "deg" if _SEXAGESIMAL.fullmatch(text) else kind.strip()
+            for text, kind in zip(self._first, kinds, strict=True)
         ]
-        units = {k: "deg" for k, text in enumerate(self._first) if _SEXAGESIMAL.fullmatch(text)}
-        units |= {k: unit.strip() for k, unit in self._units.items()}
         self.names = tuple(
-            f"{name} [{units[k]}]" if k in units and not bracket_of(name) else name
-            for k, name in enumerate(names)
+            f"{name} [{kind}]" if kind and not bracket_of(name) else name
+            for name, kind in zip_longest(names, kinds)
         )
         self._ways = {k for k, text in enumerate(self._first) if fold(text) in WAYS}
         self._leave_out_text_below()
@@ -316,12 +313,8 @@ class TextTable(Table):
             return ()
         (row, line, fields), (_, line_above, above) = self._last[:2]
         gaps = self._nulls if row < len(self.lines) - 1 else ()
-        cut = any(
-            _value_at(above, k)
-            and not _value_at(fields, k)
-            and (fields[k] if k < len(fields) else "") not in gaps
-            for k in indices
-        )
+        lacking = [k for k in indices if _value_at(above, k) and not _value_at(fields, k)]
+        cut = any("".join(fields[k : k + 1]) not in gaps for k in lacking)
         if row == len(self.lines) - 1:  # no line end follows
             both = map(self._content, (line, line_above))
             counts = [len(split(text, self.delimiter, trim=False)) for text in both]

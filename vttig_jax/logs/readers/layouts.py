@@ -18,9 +18,11 @@ numbers with as many fields. Its columns are named `2/motor` for column `motor` 
 """
 
 import re
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Real
@@ -132,15 +134,7 @@ START, END_OF_HEADER = "LabVIEW Measurement", "***End_of_Header***"
 _KEYS = ("Channels", "Samples", "X0", "Delta_X")
 """Keys of a segment header; the file header has none of them."""
 
-_SAID = {
-    "step": "increment tinc xinc xincrement sampleinterval hresolution",
-    "start": "start t0 xorg xorigin hoffset",
-    "rate": "samplerate samplingrate",
-    "name": "tracename source channels",
-    "unit": "vunit unit verticalunits",
-    "axis": "hunit horizontalunits",
-    "blocks": "blocknumber",
-}
+_SAID = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 """What the header of an oscilloscope says → its keys, in small letters without blanks."""
 
 _SAID_BY = {key: said for said, keys in _SAID.items() for key in keys.split()}
@@ -324,7 +318,7 @@ def _stated(head: Sequence[Sequence[str]]) -> dict[str, list[str]]:
             said = _SAID_BY.get(re.sub(r"\(\d+/\d+\)|[\W_]", "", fold(key)))
             values = [one for one in value or (below[k : k + 1] if k else fields[1:]) if one]
             if said == "name":  # as in `Channels (2/8): D0, D1`, and no number of channels
-                values += fields[1:] * bool(value)
+                values += fields[1:] if value else []
                 values = [one.strip() for one in values if not looks_like_number(one)]
             if said and values:
                 found.setdefault(said, values)

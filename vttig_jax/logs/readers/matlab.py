@@ -72,7 +72,9 @@ def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
     kept = [unpacker.decompress(packed, PART)]
     size = len(kept[0])
     budget.take(size)
-    plain = _holds_numbers(kept[0], order)
+    # All tags of an array of real numbers are near its start, behind those of array and flags.
+    flags = struct.unpack_from(f"{order}I", kept[0], 16)[0]
+    plain = FIRST_NUMERIC_CLASS <= flags & 0xFF <= LAST_NUMERIC_CLASS and not flags & COMPLEX
     while not unpacker.eof:
         part = unpacker.decompress(unpacker.unconsumed_tail, PART)
         if not part and not unpacker.eof:
@@ -86,15 +88,6 @@ def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
     if kind != MATRIX:
         raise ValueError(f"type {kind} in a compressed element")
     _check_matrix(content, start, stop, order, budget)
-
-
-def _holds_numbers(head: bytes, order: str) -> bool:
-    """Return whether an element with the start `head` is an array of real numbers.
-
-    All tags of such an array are near its start.
-    """
-    flags = struct.unpack_from(f"{order}I", head, 16)[0]  # after the tags of array and flags
-    return FIRST_NUMERIC_CLASS <= flags & 0xFF <= LAST_NUMERIC_CLASS and not flags & COMPLEX
 
 
 def _check_matrix(data: bytes, start: int, stop: int, order: str, budget: MemoryBudget) -> None:

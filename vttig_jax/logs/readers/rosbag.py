@@ -203,11 +203,12 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             for connection, recorded_ns, raw in reader.messages():
                 message = reader.deserialize(raw, connection.msgtype)
-                stamp_ns = _header_ns(message) or recorded_ns
+                stamp = getattr(getattr(message, "header", None), "stamp", None)
+                stamp_ns = stamp and int(stamp.sec) * 10**9 + int(stamp.nanosec)
                 for name, value in _numbers(connection.topic.strip("/"), message, 0):
                     stamps, values = series.setdefault(name, ([], []))
                     budget.take(_SAMPLE)
-                    stamps.append(stamp_ns)
+                    stamps.append(stamp_ns or recorded_ns)
                     values.append(value)
     if not series:
         return
@@ -216,14 +217,6 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
         if len(values) > 1:
             seconds = (np.array(stamps, np.int64) - first) / 1e9
             yield ClockedColumn(name, np.array(values), seconds)
-
-
-def _header_ns(message: Any) -> int:
-    """Return the stamp in the header of a message in ns since 1970, or 0 without a stamp."""
-    stamp = getattr(getattr(message, "header", None), "stamp", None)
-    if stamp is None:
-        return 0
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def _numbers(path: str, message: Any, depth: int) -> Iterator[tuple[str, float]]:

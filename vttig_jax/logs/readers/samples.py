@@ -32,7 +32,7 @@ from ...base.units import DEG
 from ..source import Source
 from .binary import ClockedColumn, table_of
 from .column_names import SHAFT_UNITS, WAYS, fold, name_and_unit
-from .delimited import is_value, looks_like_number, split, to_number
+from .delimited import TextTable, is_value, looks_like_number, split, to_number
 from .layouts import SPARE, WHOLE, Found, Row, content, cut_at, numbers
 from .table import MOST_COLUMNS, Table
 from .text import Lines, printable
@@ -324,32 +324,20 @@ def read_halsampler(text: Lines, source: str) -> Found | None:
     first = next((line for line in text if line.strip() not in ("", OVERRUN)), "").split()
     if not 0 < len(first) <= MOST_COLUMNS or not all(map(looks_like_number, first)):
         return None
-    lines, rows = list(text), list[Row]()
-    gaps: list[int] = []
-    for number, line in enumerate(lines, 1):
-        fields = line.split()
-        if fields == [OVERRUN]:
-            gaps.append(len(rows))
-        elif fields:
-            if rows and len(fields) != len(rows[0][1]):
-                if not any(rest.strip() for rest in lines[number:]):
-                    break  # the last line is cut off
-                raise LogError(
-                    f"this row has {len(fields)} fields, but the first one has {len(rows[0][1])};"
-                    " correct it or remove the line.",
-                    where=f"{source}: line {number}",
-                )
-            rows.append((number, fields))
-    names = tuple(f"#{k + 1}" for k in range(len(rows[0][1])))
-    arrays = tuple(
-        numbers([(number, row[k]) for number, row in rows], ".", source, f"column {name}")
-        for k, name in enumerate(names)
+    gaps, kept, size = [], list[str](), 0
+    for line in text:
+        gaps += [size] * (line.strip() == OVERRUN)
+        kept.append("" if line.strip() == OVERRUN else line)
+        size += bool(kept[-1].strip())
+    names = tuple(f"#{k + 1}" for k in range(len(first)))
+    table = TextTable(names, Lines("\n".join(kept)), -1, None, decimal=".", source=source)
+    inner = [gap for gap in gaps if 0 < gap < size]
+    table.sample_numbers, counted = _sample_numbers(
+        table.own_columns([0], keep_last=True)[0], inner
     )
-    inner = [gap for gap in gaps if 0 < gap < len(rows)]
-    counts, counted = _sample_numbers(arrays[0], inner)
     how = "as the sample numbers say" if counted else f"each taken as {LOST} samples"
     note = f"halsampler: {len(inner)} gaps where samples were lost, {how}"
-    return Table(names, arrays, source, sample_numbers=counts), (note,)
+    return table, (note,)
 
 
 def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, bool]:
@@ -360,13 +348,13 @@ def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, boo
     steps = np.diff(first)
     inside = np.delete(steps, [gap - 1 for gap in gaps])
     wraps = np.unique(inside[inside != 1])
-    counted = first.dtype.kind == "i" and np.all(inside[inside != 1] < 0) and len(wraps) <= 1
+    counted = not np.any(first % 1) and np.all(inside[inside != 1] < 0) and len(wraps) <= 1
     if counted and np.mean(inside == 1) > 0.9:
         modulus = 1 - int(wraps[0]) if len(wraps) else 0
         if modulus:
             steps = np.mod(steps, modulus)
         if np.all(steps > 0):
-            return np.concatenate([[0], np.cumsum(steps)]), True
+            return np.concatenate([[0], np.cumsum(steps)]).astype(np.int64), True
     numbers = np.arange(len(first))
     for gap in gaps:
         numbers[gap:] += LOST
@@ -381,10 +369,6 @@ HEADER = "Frame,Time,mount,"
 
 FEWEST_ROWS = 8
 """Least number of rows of a session that is used (chosen)."""
-
-APART = 1.2
-"""A note reports the calibrated guide rate if it differs from the reported guide rate by at least
-this factor (chosen)."""
 
 _FIRST = re.compile(r".*PHD2? .*[Ll]og version|Guiding Begins at|Calibration Begins at")
 _BEGIN = re.compile(r"Guiding Begins at\s*(.*)")
@@ -535,8 +519,7 @@ class Session:
         speed, calibrated = self.facts.get("speed"), self._calibrated
         if speed is not None:
             text += f", guide rate {speed:.4g}″/s as the mount reports"
-            if calibrated and not 1 / APART < calibrated / speed < APART:
-                text += f" (the calibration measured {calibrated:.4g}″/s)"
+            text += f" (the calibration measured {calibrated:.4g}″/s)" * bool(calibrated)
         elif calibrated is not None:
             text += f", guide rate {calibrated:.4g}″/s from xRate"
         return text

@@ -150,7 +150,7 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     """Return a table of passes up and down side by side as one of one reading a row.
 
     The rows of a pass up are in the order of rising positions and those of a pass down in that of
-    falling ones. Readings that do not follow the positions (with a correlation of 0.99) are errors.
+    falling ones. Readings that do not follow the positions are errors.
     A table with a time, or of which one of these columns is `requested`, stays as it is.
     """
     marks = [[*words_of(name), *name.split()] for name in table.names]  # also `Run 1 +`
@@ -175,7 +175,10 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     reading = np.stack([values[k] for k in passes])[np.arange(len(order)) // len(rising), order]
     ways = np.tile(np.repeat([1, -1], len(rising)), len(up))
     name = " ".join(word for word in words_of(stems[0]) if word not in WAYS) or "driven"
-    if abs(np.corrcoef(position[order], reading)[0, 1]) < 0.99 and not _follows(position, reading):
+    # Most steps of angles are alike, also of those modulo a turn, and steps of errors are not.
+    slope = np.diff(reading.reshape(-1, len(position))[::2]) / np.diff(position[rising])
+    usual = np.median(slope)
+    if np.mean(np.abs(slope - usual) < 0.2 * np.abs(usual)) < 0.5:
         name = "transmission_error"
     name += f" [{units[0]}]" * (units[0] is not None)
     said = ", ".join(f"`{name}`" for name in names)
@@ -183,17 +186,6 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     arrays = (*(values[k][order] for k in kept), reading, ways)
     columns, told = (*(table.names[k] for k in kept), name, "direction"), (*table.notes, note)
     return Table(columns, arrays, table.source, digest=table.digest, notes=told)
-
-
-def _follows(position: Real[np.ndarray, " n"], reading: Real[np.ndarray, " m"]) -> bool:
-    """Return whether most steps of readings are alike, as those of angles modulo a turn are.
-
-    `reading` has the passes one after the other, each of the same length as `position`.
-    """
-    rising = np.diff(np.sort(position))
-    slope = np.diff(reading.reshape(-1, len(position))[::2]) / rising
-    usual = np.median(slope)
-    return bool(np.mean(np.abs(slope - usual) < 0.2 * np.abs(usual)) > 0.5)
 
 
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")
@@ -317,8 +309,12 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
     edges = [int(np.count_nonzero(np.diff(one))) for one in (a, b)]
     steps, name = edges[0] > 2 * edges[1], f"quadrature({first},{second})"
     counts = _steps(a, b) if steps else _quadrature(a, b, f"{table.source}: `{name}`")
-    time = None if steps else _times_of_edges(table)
-    if time is not None:  # the shaft stands between two counts at its own edges, at known times
+    # Logic analysers export a row for each change of a level; their time is what always rises.
+    others = () if steps else table.own_numeric().values()
+    times = [one for one in others if np.all(one[1:] > one[:-1])]
+    changes = [one[1:] != one[:-1] for one in others if set(one.tolist()) <= {0, 1}]
+    if len(times) == 1 and np.all(np.any(changes, axis=0)):
+        time = times[0]  # the shaft stands between two counts at its own edges
         own = np.flatnonzero(np.diff(counts)) + 1
         counts = np.interp(time, time[own], 0.5 * (counts[own - 1] + counts[own]))
     how = f"the rising edges of `{pair[0]}` in the direction of `{pair[1]}`"
@@ -329,17 +325,6 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
         return counts[: len(columns[indices[0]])]  # an incomplete last row may be left out
 
     return Computed(f"{name} [counts]", tuple(indices), value), note
-
-
-def _times_of_edges(table: Table) -> np.ndarray | None:
-    """Return the times of the rows if each was written when a level changed, else None.
-
-    Logic analysers export such rows. Their time is the only column that always rises.
-    """
-    columns = table.own_numeric().values()
-    times = [one for one in columns if np.all(one[1:] > one[:-1])]
-    changes = [one[1:] != one[:-1] for one in columns if set(one.tolist()) <= {0, 1}]
-    return times[0] if len(times) == 1 and np.all(np.any(changes, axis=0)) else None
 
 
 def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n"]:

@@ -209,11 +209,11 @@ def read_text(path: str | Path, encoding: str | None) -> tuple["Lines", str, tup
     data = read_bytes(path, ENDINGS)
     digest = hashlib.sha256(data).hexdigest()
     where = str(path)
-    data = unpacked(data, where)
-    if encoding is None:
-        data = _without_garbage(data)
+    raw = unpacked(data, where)
+    data = raw if encoding else _without_garbage(raw)
+    serial = data is not raw or _SERIAL.search(data, 0, _TOP)
     codec = encoding or next((name for bom, name in BOMS if data.startswith(bom)), None)
-    if codec is None and data.isascii() and is_plain(data) and not _SERIAL.search(data, 0, _TOP):
+    if codec is None and not serial and data.isascii() and is_plain(data):
         return Lines(data), digest, ()
     notes: tuple[str, ...] = ()
     if codec is None and b"\0" in data[:65536]:
@@ -247,8 +247,7 @@ def read_text(path: str | Path, encoding: str | None) -> tuple["Lines", str, tup
     except (LookupError, ValueError):  # a null character in the name, a codec that always fails
         cure = f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252."
         raise LogError(cure, where="log.encoding") from None
-    serial = _SERIAL.search(data, 0, _TOP)
-    del data  # before a changed copy of the text takes memory too
+    del data, raw  # before a changed copy of the text takes memory too
     text = printable(text.removeprefix("\ufeff"))
     if serial:
         text, told = _without_boot_text(text)
@@ -258,8 +257,8 @@ def read_text(path: str | Path, encoding: str | None) -> tuple["Lines", str, tup
 
 _TOP = 8192  # bytes of the beginning, in which boot text is searched (chosen)
 _JUNK = re.compile(rb"[^\t\n\r -~]")
-_SERIAL = re.compile(rb"^\?+[^\n]*$|^[\d:.,]+ -> |^rst:0x|^ets \w+ +\d|^ESP-ROM:", re.MULTILINE)
-"""Lines of garbage, a stamp of the Arduino IDE, and lines that an ESP writes as it starts."""
+_SERIAL = re.compile(rb"^[\d:.,]+ -> |^rst:0x|^ets \w+ +\d|^ESP-ROM:", re.MULTILINE)
+"""A stamp of the Arduino IDE, and lines that an ESP writes as it starts."""
 
 _ARROW = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> ?", re.MULTILINE)
 _AMOUNT = re.compile(r"[-+]?(?:\d[\d.]*|\.\d+)(?:[eE][-+]?\d+)?")
@@ -273,8 +272,8 @@ def _without_garbage(data: bytes) -> bytes:
     found = list(_JUNK.finditer(data, 0, _TOP))
     end = found[-1].end() if found else 0
     texts = (data[:end].decode(codec, "replace") for codec in ("utf-8", "cp1252"))
-    known = any("\ufffd" not in printable(text) for text in texts)
-    if known or len(data) < 2 * end or _utf16_without_mark(data) or data[end:].translate(None, _PLAIN):
+    known = any("\ufffd" not in printable(text) for text in texts) or _utf16_without_mark(data)
+    if known or len(data) < 2 * end or data[end:].translate(None, _PLAIN):
         return data
     return _JUNK.sub(b"?", data[:end]) + data[end:]
 
@@ -286,18 +285,17 @@ def _without_boot_text(text: str) -> tuple[str, tuple[str, ...]]:
     many delimiters. A stamp before `->` becomes the first column.
     """
     shapes = [_AMOUNT.sub("0", _ARROW.sub("", line)) for line in text[: 16 * _TOP].split("\n")]
-    usual = Counter(filter(None, shapes)).most_common(1)[0][0]
+    usual = (Counter(filter(None, shapes)).most_common(1) or [("", 0)])[0][0]
     first = shapes.index(usual)
     mark = next((mark for mark in ";\t," if mark in usual), " ")
-    header = next((k for k in range(first - 1, -1, -1) if shapes[k].strip()), -1)
-    if header >= 0 and (shapes[header].count(mark) != usual.count(mark) or ":" in usual):
-        header = -1
-    lines = text.split("\n", first)
-    names = _ARROW.sub(f"time{mark}", lines[header]).lstrip("?") if header >= 0 else ""
+    header = next((k for k in range(first - 1, -1, -1) if shapes[k].strip()), 0)
+    named = first and ":" not in usual and shapes[header].count(mark) == usual.count(mark)
+    *above, rows = text.split("\n", first)
+    names = _ARROW.sub(f"time{mark}", above[header]).lstrip("?") if named else ""
     above = [names if k == header else "" for k in range(first)]
-    note = f"lines of a controller that starts, above the table, left out: {first - (header >= 0)}"
-    rows = _ARROW.sub("\\1 " if ":" in usual else f"\\1{mark}", lines[-1])
-    return "\n".join([*above, rows]), (note,) * (first > (header >= 0))
+    note = f"lines of a controller that starts, above the table, left out: {first - bool(named)}"
+    rows = _ARROW.sub("\\1 " if ":" in usual else f"\\1{mark}", rows)
+    return "\n".join([*above, rows]), (note,) * (first > bool(named))
 
 
 def is_plain(data: bytes) -> bool:

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date
+from decimal import Decimal
 
 import numpy as np
 from jaxtyping import Float, Real
@@ -208,6 +209,7 @@ FAR = 2**31
 """If stamps exceed this number, the first stamp is subtracted, because float64 has too few digits
 (chosen)."""
 
+_DECIMAL = re.compile(r"[+-]?\d+(?:[.,]\d*)?")
 _LONGEST = 40  # most characters of a stamp (chosen); nanoseconds since 1970 have 20
 
 FINE_ENOUGH = 0.1
@@ -238,21 +240,16 @@ def seconds_of_numbers(values: Real[np.ndarray, " n"], unit: str) -> Float[np.nd
 
 
 def exact_numbers(fields: Sequence[str]) -> Float[np.ndarray, " n"] | None:
-    """Return decimal stamps minus the first stamp, subtracted as integers without loss of digits.
+    """Return decimal stamps minus the first stamp, subtracted without loss of digits.
 
     The result is None unless all fields are plain decimal numbers of at most 40 characters.
     """
     if any(len(field) > _LONGEST for field in fields):
         return None
-    parts = [field.replace(",", ".").partition(".") for field in fields]
-    if not all(
-        whole.lstrip("+-").isdecimal() and (not part or part.isdecimal())
-        for whole, _, part in parts
-    ):
+    if not all(map(_DECIMAL.fullmatch, fields)):
         return None
-    digits = max((len(part) for _, _, part in parts), default=0)
-    scaled = [int(whole + part.ljust(digits, "0")) for whole, _, part in parts]
-    return np.array([value - scaled[0] for value in scaled], np.float64) / 10.0**digits
+    values = [Decimal(field.replace(",", ".")) for field in fields]
+    return np.array([float(value - values[0]) for value in values])
 
 
 def check_days(fields: Sequence[str], seconds: Float[np.ndarray, " n"], where: str) -> None:

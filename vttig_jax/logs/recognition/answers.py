@@ -9,14 +9,12 @@ from ...base.errors import VttigError
 from ..readers.open_table import open_table
 from .assign import Roles, assign
 from .candidates import Question
-from .request import SHAFTS, DriveRequest, ReadingOptions, fit_command, roles_of
-
-Answer = tuple[str, DriveRequest, ReadingOptions]
+from .request import SHAFTS, DriveRequest, ReadingOptions
 
 
 def answer_to(
     question: VttigError, request: DriveRequest, reading: ReadingOptions
-) -> Answer | None:
+) -> tuple[str, DriveRequest, ReadingOptions] | None:
     """Return the option that answers a question, and the statements with an assumed answer.
 
     It is None if no option with one placeholder does, such as `--sample-rate HZ`.
@@ -26,34 +24,32 @@ def answer_to(
         skipping = msgspec.structs.replace(reading, missing="skip")
         return ("--missing skip", request, skipping) if skips else None
     slug, role, columns = question.slug, question.role, question.columns
+    units, changes = {}, {}
     match slug:
         case "no-time":
-            return "--sample-rate HZ", request, msgspec.structs.replace(reading, sample_rate=1.0)
-        case "no-time-unit" | "days-or-seconds":
-            units = request.units | {"time": "s"}
-            return "--unit time=UNIT", replace(request, units=units), reading
-        case "no-unit" | "scaled-unit":
-            units = request.units | dict.fromkeys([role] if role else SHAFTS, "deg")
-            return f"--unit {role and f'{role}='}UNIT", replace(request, units=units), reading
-        case "no-counts":
-            return "--counts A,B", replace(request, counts=(1000, 1000)), reading
+            option, changes = "--sample-rate HZ", {"sample_rate": 1.0}
         case "no-lead":
-            return "--lead-mm MM", request, msgspec.structs.replace(reading, lead_mm=1.0)
+            option, changes = "--lead-mm MM", {"lead_mm": 1.0}
+        case "no-time-unit" | "days-or-seconds":
+            option, units = "--unit time=UNIT", {"time": "s"}
+        case "no-unit" | "scaled-unit":
+            option = f"--unit {role and f'{role}='}UNIT"
+            units = dict.fromkeys([role] if role else SHAFTS, "deg")
+        case "no-counts":
+            option, request = "--counts A,B", replace(request, counts=(1000, 1000))
         case "opposite-directions":
-            return "--invert driven", request.with_driven_inverted(), reading
-        case "ratio-of-two-readings":
-            turns = request.speed_ratio
-            stated = replace(request, ratio=f"{turns.denominator}:{turns.numerator}")
-            return "--ratio A:B", stated, reading
-        case "several-columns" | "several-pairs":
+            option, request = "--invert driven", request.with_driven_inverted()
+        case "several-columns" | "several-pairs" | "only-a-setpoint":
             roles = (role,) if role else SHAFTS
-            named = tuple(f"{one}={name}" for one, name in zip(roles, columns, strict=False))
-            told = " ".join(f"--column {one}=NAME" for one in roles)
-            columns = (*reading.columns, *named)
-            return told, request, msgspec.structs.replace(reading, columns=columns)
+            named = (f"{one}={name}" for one, name in zip(roles, columns, strict=False))
+            option = " ".join(f"--column {one}=NAME" for one in roles)
+            changes = {"columns": (*reading.columns, *named)}
         case "shafts-open":
-            return question.options[0].rpartition(", or ")[2], request, reading
-    return None
+            option = question.options[0].rpartition(", or ")[2]
+        case _:
+            return None
+    request = replace(request, units={**request.units, **units})
+    return option, request, msgspec.structs.replace(reading, **changes)
 
 
 def all_questions(
@@ -72,7 +68,8 @@ def all_questions(
             key = getattr(question, "slug", ""), getattr(question, "role", "")
             answer = answer_to(question, request, reading)
             # An assumption may lead to what no option answers, and to a ratio that no columns have.
-            follows = answer is None or (key[0] == "shafts-open" and "UNIT" in "".join(options))
+            follows = answer is None and key[0] != "ratio-of-two-readings"
+            follows |= key[0] == "shafts-open" and "UNIT" in "".join(options)
             if key in asked or (before and follows):
                 continue
             asked[key] = question
@@ -90,26 +87,12 @@ def all_questions(
 
 def in_one(questions: list[VttigError], command: str, where: str) -> VttigError:
     """Return one error for all questions; its class, place and slug are those of the first one."""
-    questions = list({str(one): one for one in questions}.values())
-    first, reasons = questions[0], [one.message.removesuffix(".") for one in questions]
+    first = questions[0]
+    said = (str(one).removeprefix(f"{where}: ").removesuffix(".") for one in questions)
+    reasons = list(dict.fromkeys(said))
     if len(reasons) > 1:
-        places = [one.where.removeprefix(where).removeprefix(": ") for one in questions]
-        reasons = [
-            f"({number}) {place}{place and ': '}{reason}"
-            for number, (place, reason) in enumerate(zip(places, reasons, strict=True), 1)
-        ]
-        reasons[0] = f"{len(reasons)} things are in the way: {reasons[0]}"
-        first.where = where
-    first.message = "; ".join([*reasons, *[f"in one command: {command}"] * bool(command)]) + "."
+        numbered = "; ".join(f"({k}) {reason}" for k, reason in enumerate(reasons, 1))
+        first.where, first.message = where, f"{len(reasons)} things are in the way: {numbered}."
+    if command:
+        first.message = f"{first.message.removesuffix('.')}; in one command: {command}."
     return first
-
-
-def command_of(
-    path: str | Path, request: DriveRequest, reading: ReadingOptions, options: list[str]
-) -> str:
-    """Return the command of a fit with the options that a log asks for; "" if there are none."""
-    if not request.names_a_drive or "--ratio A:B" in options:
-        request = replace(request, ratio="A:B", teeth=None)
-    options = [one for one in options if one != "--ratio A:B"]
-    command = fit_command(path, request, roles_of(reading.columns), reading)
-    return " ".join([command, *options])

@@ -37,10 +37,11 @@ from ..readers.column_names import (
 )
 from ..readers.table import Table
 from ..readers.times import epoch_unit
-from ..slope import APART, MOST_ROWS, ratio_option, slope
+from ..slope import APART, MOST_ROWS, TOLERANCE, ratio_option, slope
 from ..source import SKIP, Source, refuse_values
 from .candidates import (
     EQUAL,
+    HINTS,
     MOST_LISTED,
     Candidate,
     Guess,
@@ -281,8 +282,8 @@ class Search:
         if not named and role == "driven" and "driving" in self.roles:
             sides = [one for one in possible if one.reading.output_side and one.turns]
             return sides[0] if len(sides) == 1 and not sides[0].reading.setpoint else None
-        if named and (setpoint := named[0].reading.setpoint):
-            raise self._ask("only-a-setpoint", role=role, columns=named, setpoint=setpoint)
+        if named and named[0].reading.setpoint:
+            raise self._only_a_setpoint(role, named)
         return named[0] if named else None
 
     def _find_time(self) -> None:
@@ -372,15 +373,23 @@ class Search:
             raise self._ask(
                 "opposite-directions",
                 columns=pairs[0],
-                options=["give --invert driven (or --invert driving)"]
-                if not self.statement.in_file
-                else ["set `sign = -1` for the encoder that does in the pair file"],
+                options=[self._hint("invert")],
             )
         if self.statement.two_readings:
             raise self._two_readings("ratio-of-two-readings", ratio)
+        driven, rest = pairs[0][1], [one for one in turning if one not in pairs[0]]
+        if "driven" in missing and driven.reading.setpoint and rest:
+            raise self._only_a_setpoint("driven", [driven, *rest])
         for role, one in zip(SHAFTS, pairs[0], strict=True):
             if role in missing:
                 self._take(role, one, "by-name" if one.reading.output_side else "by-ratio")
+
+    def _only_a_setpoint(self, role: str, columns: Sequence[Candidate]) -> Question:
+        """Return the question for a planned angle; other columns may be the errors from it."""
+        words = {"setpoint": columns[0].reading.setpoint, "error": ""}
+        for one in columns[1:]:
+            words["error"] += self._hint("error", name=one.name)
+        return self._ask("only-a-setpoint", role=role, columns=columns, **words)
 
     def _two_readings(self, slug: str, ratio: Fraction) -> Question:
         text = self.statement.two_readings
@@ -434,28 +443,19 @@ class Search:
             seen = self._seen_ratio(*turning) + seen
         if len(moving) == 1 and len(missing) == 2:
             alone = moving[0].name
-            seen += (
-                f"; this file holds the one channel `{alone}`, and each log needs both shafts: if"
-                " the other one is in a file of its own, as oscilloscopes save them, paste it"
-                " beside this one as another column"
-                if "time" in self.roles and len(self.table.names) == 2
-                else "; if the number of the row is the reading of the other encoder, as in a table"
-                f" of calibration, give --column driving='{alone}' --column driven={ROW}"
-            )
-        if still:
-            shown = ", ".join(f"`{one.name}` (always {one.first})" for one in still[:MOST_LISTED])
-            seen += f"; left out, as they do not change: {shown}"
-        if others and (given is False or not turning):
-            shown = ", ".join(f"`{one.name}` ({one.reading.other})" for one in others[:MOST_LISTED])
-            seen += f"; left out, as their names say another quantity: {shown}"
+            timed = "time" in self.roles and len(self.table.names) == 2
+            seen += self._hint("one-channel" if timed else "row-number", alone=alone, row=ROW)
+        left = [one.facts for one in still]
+        if not given or not turning:  # their names say another quantity
+            left += [f"`{one.name}` ({one.reading.other})" for one in others]
+        seen += f"; left out: {', '.join(left[:MOST_LISTED])}" * bool(left)
         if len(levels) > 1:
             seen += "; channels with two levels are counted with --quadrature ROLE='A,B'"
         for one in (one for one in moving if self.statement.counted and one.span):
             seen += f"; `{one.name}` jumps over {one.span:.3g}: --counts gives a turn"
         for one in others:
             if one.reading.unit in ANGLE_UNITS and "driven" in missing and self.roles:
-                seen += f"; if `{one.name}` is the error of the driven shaft, give"
-                seen += f" --column transmission_error='{one.name}'"
+                seen += self._hint("error", name=one.name)
         seen += "; a linear axis needs --lead-mm, its travel in mm in one turn" * bool(lengths)
         return self._ask(
             "shafts-open",
@@ -485,6 +485,9 @@ class Search:
                 found = self.slope(first, second)
             if found and not (abs(abs(found[0]) - 1) < EQUAL and is_copy(first, second)):
                 option = f"--ratio {ratio_option(abs(found[0]), found[1])}"
+                given = self.statement.ratio
+                if given and given != 1 and abs(abs(found[0]) - 1) < TOLERANCE:
+                    option += f" (or --driving-scale {1 / given}, for turns of the driven shaft)"
                 lengths = [one.reading.unit in LENGTH_UNITS for one in (first, second)]
                 if sum(lengths) == 1 and self.statement.ratio is not None:
                     share = abs(found[0]) / float(self.statement.ratio)
@@ -691,23 +694,17 @@ class Search:
         if len(columns) > 1 and not scale:
             role = role if len(roles) == 1 else ""
         where = f"{self.source}: column `{one.name}`" if in_file and role else self.source
-        told = f"give --unit {role and f'{role}='}deg (or rad, rev), or {_COUNTS}"
-        if in_file:
-            told = "end the name with _deg, _rad, … or write"
-            told += f' `{role or "driving"} = "deg"` in [unit]'
-        if scale:
-            told = f"give the unit of its numbers with --unit {role}=mdeg (or mrad, deg, rad, …)"
-        if scale and in_file:
-            told = f'write the unit of its numbers, such as `{role} = "mdeg"`, in [unit]'
-        slug = "scaled-unit" if scale else "no-unit"
+        slug, words = "scaled-unit" if scale else "no-unit", {"role": role or "driving"}
+        told = self._hint(slug, option=role and f"{role}=", counts=_COUNTS, **words)
         return ask(slug, where, role=role, columns=columns, options=[told], scale=scale)
 
     def _no_lead(self, role: str, one: Candidate) -> Question:
-        told = "give --lead-mm with its travel in mm in one turn of the shaft, or --radius-mm with"
-        told += " the radius of a dial gauge"
-        if self.statement.in_file:
-            told = "write its travel in mm in one turn, such as `lead_mm = 5`, in [log]"
-        return self._ask("no-lead", role=role, columns=[one], options=[told])
+        return self._ask("no-lead", role=role, columns=[one], options=[self._hint("no-lead")])
+
+    def _hint(self, slug: str, **words: str) -> str:
+        """Return a text of `HINTS`, that for a pair file if it states the drive."""
+        in_file = HINTS.get(f"{slug}-in-file") if self.statement.in_file else None
+        return (in_file or HINTS[slug]).format(**words)
 
     def _columns(self) -> dict[str, Column]:
         """Return role → column with its unit.

@@ -4,9 +4,11 @@ Questions to the user and notes on what was recognised are records; their senten
 catalogues `QUESTIONS` and `GUESSES`.
 """
 
+import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,19 +25,11 @@ EVEN = 1e-3
 """Time stamps are evenly spaced if each time step deviates from the median step by at most this
 fraction of it (chosen)."""
 
-USUAL = 0.9
-"""Least share of the steps of an even time that are one step and not several, as over a gap, where
-rows are lost (chosen)."""
-
 SHOWN = 3
 """Number of values of a column that an error message shows (chosen)."""
 
 HEAD = 1000
 """Number of first rows that mostly tell that a column does not count the rows (chosen)."""
-
-JUMP = 5.0
-"""A step from row to row is a jump if it exceeds the 90 % quantile of all steps by this factor, as
-where an angle wraps. Jumps are not used for a slope (chosen)."""
 
 MOST_LISTED = 8
 """Largest number of columns that an error message lists (chosen)."""
@@ -163,12 +157,7 @@ class Candidate:
         steps = self.steps
         usual = float(np.median(steps))
         off = np.abs(steps - usual * np.rint(steps / usual)) > EVEN * abs(usual)
-        return not off.any() and bool(np.mean(steps < 1.5 * usual) > USUAL)
-
-    @property
-    def first(self) -> str:
-        """The first value as text."""
-        return "" if self.values is None else f"{self.values[0]:.6g}"
+        return not off.any() and bool(np.mean(steps < 1.5 * usual) > 0.9)
 
     @property
     def facts(self) -> str:
@@ -184,32 +173,16 @@ class Candidate:
 
 
 def listed_facts(candidates: Sequence[Candidate]) -> str:
-    """Return a list of columns with first values, ranges and slopes as text for an error message.
+    """Return a list of columns with first values and ranges as text for an error message.
 
-    The slope is that of a regression over the first column that can be a shaft angle and does not
-    only grow. For a column that only grows, the median step from row to row is listed instead.
+    For a column that only grows, the median step from row to row is listed too.
     """
-    over = next((one for one in candidates if one.turns and not one.rises), None)
-    shown = "; ".join(one.facts + _slope_in_words(one, over) for one in candidates[:MOST_LISTED])
+    shown = "; ".join(
+        one.facts + (f", {float(np.median(one.steps)):.6g} from row to row" if one.rises else "")
+        for one in candidates[:MOST_LISTED]
+    )
     more = len(candidates) - MOST_LISTED
     return shown + (f" and {more} more" if more > 0 else "")
-
-
-def _slope_in_words(one: Candidate, over: Candidate | None) -> str:
-    """Return the slope of a column as text that begins with a comma, or "" without a slope.
-
-    `one` is the column, and `over` the column over which its slope is taken (the abscissa).
-    """
-    if one.rises:
-        return f", {float(np.median(one.steps)):.6g} from row to row"
-    if over is None or one is over or not one.turns or one.rows != over.rows:
-        return ""
-    steps = np.array([over.steps, one.steps], np.float64)
-    size = np.abs(steps)
-    steps[:, np.any(size > JUMP * np.quantile(size, 0.9, axis=1, keepdims=True), axis=0)] = 0.0
-    path = np.cumsum(steps, axis=1)
-    x, y = path - path.mean(axis=1, keepdims=True)
-    return f", slope {float(x @ y / (x @ x)):.5g} over `{over.name}`" if x @ x > 0 else ""
 
 
 def is_copy(one: Candidate, other: Candidate) -> bool:
@@ -271,71 +244,15 @@ def have_slope(
     return 1 if value > 0 else -1
 
 
-QUESTIONS = {
-    "several-columns": "{count} columns can be {role}: {facts}; choose one with {options}.",
-    "only-a-setpoint": "the only column for {role} is `{a}`, and `{setpoint}` says a setpoint"
-    " or a computed angle, which no encoder measured; name the measured column with --column"
-    " {role}=NAME, or this one with --column {role}='{a}'.",
-    "shafts-open": "no column name says {roles}, {why}; give {options}{seen}.",
-    "driving-open": "no column name says driving; give --column driving=NAME, or, where a clock"
-    " turns the driving shaft, --driving-rpm RPM (--driving-rpm sidereal for the worm of a"
-    " telescope mount){seen}.",
-    "several-pairs": "{number} pairs of columns have the given ratio: {pairs}; the columns are"
-    " {facts}; choose with, for example, --column driving='{first}' --column driven='{second}'.",
-    "named-speed": "the name `{a}` says {role}, but its values are the speed of `{b}`; name"
-    " the angles with --column driving=NAME --column driven=NAME, such as --column"
-    " {role}='{b}'.",
-    "twin-columns": "`{a}` and `{b}` hold nearly the same angle, as a setpoint and a"
-    " measured angle do; name the measured one with --column {role}='{b}' or --column"
-    " {role}='{a}'.",
-    "names-against-ratio": "the names say that `{a}` drives `{b}`, but these columns do not turn"
-    " as given ({turns}), and `{c}` and `{d}` do; if those are the measured angles, give --column"
-    " driving='{c}' --column driven='{d}', otherwise correct the ratio or name the columns with"
-    " --column driving=NAME --column driven=NAME.",
-    "ratio-of-two-readings": "--ratio {text} has two readings, and no column name tells the shafts"
-    " apart: write --ratio {one} if {turns}, or --ratio {other_ratio} if {inverse}; or name both"
-    " columns with --column driving=NAME --column driven=NAME.",
-    "bare-ratio": "--ratio {text} may be meant as {other_ratio} or as {one}, and a curve of the"
-    " transmission error does not show which: write --ratio {other_ratio} if {inverse}, or --ratio"
-    " {one} if {turns}.",
-    "opposite-directions": "`{a}` and `{b}` have the given ratio, but the readings of one"
-    " grow while those of the other fall: one encoder counts backwards; {options}.",
-    "no-unit": "no name states the unit of {facts}, and degrees, radians and counts look the same;"
-    " {options}.",
-    "scaled-unit": "the name of the column {facts} for {role} holds a scale, `{scale}`: {options},"
-    " or convert the column.",
-    "no-counts": "the column `{a}` of {role} is in counts, and no log says how many make a"
-    " turn; give {options}.",
-    "no-lead": "the column {facts} for {role} is a length; {options}.",
-    "wrong-span": "the column `{a}` of {role} jumps over {span:.3g}, which is a turn, and --counts"
-    " says {counts}; give {options}.",
-    "unused-counts": "--counts is given, but no column is in counts; leave it out.",
-    "no-time": "no column is certainly the time; give --column time=NAME, or --sample-rate"
-    " HZ (1 for readings at standstill){seen}.",
-    "two-clocks": "`{b}` has the stamps `{a}` and `{d}` has `{c}`, and the clocks run apart, so"
-    " that no row holds one instant; interpolate one channel at the stamps of the other, or write"
-    " both as a long table of time, channel and value, which is brought onto one clock.",
-    "no-time-unit": "the time stamps are whole numbers without a unit, {facts}, and seconds and"
-    " milliseconds look the same; give --unit time=s, ms, us or ns, or --sample-rate HZ where they"
-    " count samples or servo cycles.",
-    "unreadable-time": "the stamps of the time column `{a}` must be numbers, or dates such as"
-    " 2026-11-30T12:00:00.25, and here {fault}; remove this line if it is no row of the table,"
-    " name another column with --column time=NAME, or give --sample-rate HZ.",
-    "days-or-seconds": "the time stamps, {facts}, may be days, as Excel and MATLAB count them, or"
-    " seconds; give --unit time=d or --unit time=s.",
-}
+_SENTENCES = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+
+QUESTIONS = _SENTENCES["questions"]
 """Slug of a question → its sentence, which names the options that decide."""
 
-GUESSES = {
-    "by-name": "column `{name}`, by its name",
-    "by-words": "column `{name}`, which says one in every row",
-    "by-ratio": "column `{name}`, the only one that has the given ratio",
-    "same-stamps": "column `{name}`, the same stamps as `{other}`",
-    "only-dates": "column `{name}`, the only one of dates or times",
-    "grows-evenly": "column `{name}`, the only one that grows evenly",
-    "epoch": "in {unit}, from the size of its stamps, {since}",
-    "seconds": "column `{name}` in seconds, as its name states no unit",
-}
+HINTS = _SENTENCES["hints"]
+"""Slug → option that decides, or what a question on the shafts adds."""
+
+GUESSES = _SENTENCES["guesses"]
 """Slug of a note → what was recognised, and the reason."""
 
 

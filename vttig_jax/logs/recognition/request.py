@@ -390,10 +390,12 @@ def fit_command(
     request: DriveRequest,
     columns: Mapping[str, str],
     reading: ReadingOptions = ReadingOptions(),
+    asked: Sequence[str] = (),
 ) -> str:
     """Return a command that the user can copy and that names every column.
 
-    `path` is the log, and `columns` is role → name of its column.
+    `path` is the log, `columns` is role → name of its column, and `asked` are options at the end,
+    with capitals in place of what only the user knows.
 
     **Example**
     ```python
@@ -408,7 +410,7 @@ def fit_command(
     rate = None if reading.sample_rate is None else f"{reading.sample_rate:.12g}"
     lead = None if reading.lead_mm is None else f"{reading.lead_mm:.12g}"
     options: list[tuple[str, Any]] = [
-        ("--ratio", request.ratio),
+        ("--ratio", request.ratio if request.names_a_drive else "A:B"),
         ("--teeth", request.teeth),
         ("--counts", request.counts and ",".join(map(str, request.counts))),
         *(("--unit", f"{role}={unit}") for role, unit in request.units.items()),
@@ -426,7 +428,7 @@ def fit_command(
         ("--lead-mm", lead),
     ]
     words = [word for option in options if option[1] is not None for word in option]
-    return shlex.join(["vttig", "fit", log, *map(str, words)])
+    return " ".join([shlex.join(["vttig", "fit", log, *map(str, words)]), *asked])
 
 
 MOST_TURNS = 10_000
