@@ -38,9 +38,9 @@ from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel
 from ..kinematics.harmonic import OrderModel
 from ..model.columns import Assumptions, ColumnName, embedding
 from ..model.mixed_fit import MixedFit, design_of
-from ..model.parameter import Parameter, undetermined
+from ..model.parameter import Parameter
 from ..model.parameters import Quantities
-from ..model.rows import RowName, Rows, S, Shafts
+from ..model.rows import Extra, RowName, Rows, S, Shafts
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import Flank, HarmonicOrders
 from .fit_settings import FitSettings
@@ -61,7 +61,7 @@ _RANK, _SETTLED, _MOST_FITS, _MOST_STEPS = 1e-6, 0.1, 12, 200
 
 
 @dataclass(frozen=True, eq=False)
-class GivenModel:
+class GivenModel(Extra):
     """Flank model of the user with the values of its parameters in one pass over the logs.
 
     **Arguments**
@@ -478,14 +478,14 @@ def given_parameters(
             unit = one.unit
             if isinstance(pair, GearPair) and name.endswith("_amplitude_arcsec"):
                 name, unit = name.replace("amplitude_arcsec", "eccentricity_mm"), "mm"
-            one = undetermined(name, unit, GIVEN_INSTEAD)
+            one = Parameter(name, unit, reason=GIVEN_INSTEAD)
         elif name in ("gap_over_angles_covered", "backlash_plus_delay_deg"):
             one = told.scalar(name.removesuffix("_deg"), "deg", DEG, label=name)
         found[name] = one
     reasons = dict(given.open_reasons)
     for name in given.names:
         if name in reasons:
-            found[name] = undetermined(name, "as given", reasons[name])
+            found[name] = Parameter(name, "as given", reason=reasons[name])
         else:
             found[name] = told.scalar(name, "as given")
     return found

@@ -16,6 +16,7 @@ from .density import normal as normal
 from .density import solved as solved
 from .functionals import Estimate as Estimate
 from .functionals import Posterior as Posterior
+from .functionals import Readings as Readings
 from .gears import ENCODERS as ENCODERS
 from .gears import GEARS as GEARS
 from .gears import Relation as Relation

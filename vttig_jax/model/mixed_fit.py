@@ -161,13 +161,6 @@ class Design:
             for one, rows in zip(shafts, found, strict=True)
         )
 
-    def measured(self, rows: Sequence[Rows], delay_s: float) -> "Design":
-        """Return the design with the priors that the readings of these rows call for.
-
-        Their size u is measured after the delay is taken off, since a delay is no error of gears.
-        """
-        return self.sized(usual_error(rows), delay_s)
-
     def sized(self, usual: float, delay_s: float) -> "Design":
         """Return the design with the priors of readings of the size u = `usual`, rad."""
         shape = replace(self.shape, usual=usual)
@@ -280,7 +273,8 @@ def mixed_fit(
                 f"no run of this log has {LAGS + 2} rows of {design.row_s:.2g} s; record longer"
                 " runs."
             )
-        design = design.measured(rows, delay_s)
+        # after the delay is taken off, since a delay is no error of gears
+        design = design.sized(usual_error(rows), delay_s)
         if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
             weights, share, noise = outlying(rows, design.columns, certain=not first)

@@ -11,12 +11,12 @@ from .density import FIRST, weights
 from .functionals import Posterior
 from .mixed_fit import MixedFit
 from .problem import problem_of
-from .rows import SHAFTS, RowName, Rows, S, Shafts, Start, Wave
+from .rows import SHAFTS, Extra, RowName, Rows, S, Shafts, Start, Wave
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
-    """Derivatives of logs by their start angles, as `Extra` columns.
+class Turns(Extra):
+    """Derivatives of logs by their start angles, whose columns belong to the model.
 
     The harmonic C cos ψ + S sin ψ with ψ = n₁(φ₁ + a₁) + n₂(φ₂ + a₂) has the derivatives
     n (S cos ψ − C sin ψ) by a₁ and a₂. Only harmonics that a log shares count.
@@ -43,16 +43,6 @@ class Turns:
                 for wave in fit.waves
             }
         )
-
-    @property
-    def told(self) -> tuple[str, ...]:
-        """No names: the columns of the starts belong to the model."""
-        return ()
-
-    @property
-    def highest_order(self) -> float:
-        """No order beyond those of the model."""
-        return 0.0
 
     def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
