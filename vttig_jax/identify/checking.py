@@ -15,9 +15,8 @@ from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..logs.motion.segments import Segment, Segments
 from ..model.columns import DELAY, GAP
-from ..model.components import NEEDED, likelihood_ratio
 from ..model.density import LAGS, whitening
-from ..model.mixed_fit import MixedFit, residuals
+from ..model.mixed_fit import NEEDED, MixedFit, likelihood_ratio, residuals
 from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
@@ -101,16 +100,10 @@ def covered_gap(core: MixedFit, told: Parameter | None) -> CoveredGap:
         reason = "one direction: one flank alone shows no gap"
         return CoveredGap(reason=reason if one else "no driving angle was covered on both flanks")
     covered = float(len(core.scope.covered))
-    if (
-        told.std is None
-        or told.high95 is None
-        or told.low95 is None
-        or told.high95 - told.low95 > 360
-    ):
+    if told.low95 is None or told.high95 is None or told.high95 - told.low95 > 360:
         return CoveredGap(reason=OPEN, covered_deg=covered)
-    return CoveredGap(
-        told.value, told.std, told.low95, told.high95, determined=True, covered_deg=covered
-    )
+    interval = told.value, told.std, told.low95, told.high95
+    return CoveredGap(*interval, determined=True, covered_deg=covered)
 
 
 def gap_by_speed(core: MixedFit, needed: bool) -> tuple[GapAtSpeed, ...]:

@@ -11,17 +11,7 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    NamedTuple,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 import msgspec
 from msgspec import Meta, Struct
@@ -206,15 +196,11 @@ class Field(NamedTuple):
 @cache
 def fields() -> tuple[Field, ...]:
     """List the settings in the order of their declaration."""
-    hints = get_type_hints(FitSettings, include_extras=True)
-    defaults = dict(
-        zip(FitSettings.__struct_fields__, FitSettings.__struct_defaults__, strict=True)
-    )
-    return tuple(
-        Field(name, hint, defaults[name], hint.__metadata__[-1].description, **extra)
-        for name, hint in hints.items()
-        for extra in [hint.__metadata__[-1].extra]
-    )
+    found = []
+    for field in msgspec.structs.fields(FitSettings):
+        shown = field.type.__metadata__[-1]
+        found.append(Field(field.name, field.type, field.default, shown.description, **shown.extra))
+    return tuple(found)
 
 
 def from_keywords(settings: FitSettings | None, changes: dict[str, Any]) -> FitSettings:

@@ -263,13 +263,12 @@ def _require_shape(given: GivenModel) -> None:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class _Misfit:
+class _Misfit(eqx.Module):
     """Readings of rows less their projection on all other columns, whose basis is `columns`."""
 
-    angles: tuple[np.ndarray, ...]
-    readings: Float[np.ndarray, " rows"]
-    columns: Float[np.ndarray, "rows q"]
+    angles: tuple[Any, ...]
+    readings: Float[Numbers, " rows"]
+    columns: Float[Numbers, "rows q"]
 
     def slopes(self, given: GivenModel) -> tuple[Float[np.ndarray, "rows p"], np.ndarray]:
         """Return the derivatives beside the other columns, and their whole lengths."""
@@ -367,9 +366,7 @@ def _minimised(
     model: Any,
     start: Float[Numbers, " p"],
     scale: Float[Numbers, " p"],
-    angles: tuple[Any, ...],
-    readings: Float[Numbers, " rows"],
-    columns: Float[Numbers, "rows q"],
+    misfit: _Misfit,
 ) -> Float[Numbers, " p"]:
     """Return the parameters of the smallest misfit by Levenberg and Marquardt."""
 
@@ -377,10 +374,10 @@ def _minimised(
         own = start + scale * scaled
         error = [
             error_of(model, own, jnp.asarray(angle), flank)
-            for angle, flank in zip(angles, S, strict=True)
+            for angle, flank in zip(misfit.angles, S, strict=True)
         ]
-        rest = readings - jnp.concatenate(error)
-        return rest - columns @ (columns.T @ rest)
+        rest = misfit.readings - jnp.concatenate(error)
+        return rest - misfit.columns @ (misfit.columns.T @ rest)
 
     found = optx.least_squares(
         left,
@@ -399,8 +396,7 @@ def _least_squares(given: GivenModel, misfit: _Misfit) -> Float[np.ndarray, " p"
     told = size > _RANK * whole
     unit = float(np.std(misfit.readings)) or 1.0
     scale = np.where(told, unit / np.where(told, size, 1.0), 0.0)
-    rows = misfit.angles, misfit.readings, misfit.columns
-    found = np.asarray(_minimised(given.tree, given.values, scale, *rows))
+    found = np.asarray(_minimised(given.tree, given.values, scale, misfit))
     return found if np.all(np.isfinite(found)) else given.values
 
 

@@ -21,14 +21,7 @@ from ..model.columns import DELAY, RATIO, Assumptions
 from ..model.lines import found_lines, refined, short_lines
 from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
 from ..model.parameter import Parameter
-from ..model.parameters import (
-    LEFT_OUT,
-    SIGNIFICANT,
-    TOLD,
-    Quantities,
-    parameters_of,
-    quantities_of,
-)
+from ..model.parameters import LEFT_OUT, SIGNIFICANT, TOLD, Quantities, parameters_of, quantities_of
 from ..model.rows import Run, Shafts
 from ..model.runs import shafts_of
 from ..model.starts import Turns, start_of

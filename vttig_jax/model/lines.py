@@ -117,9 +117,7 @@ class Shifts(Extra):
         for cycles, (sine, cosine), free in zip(self.cycles, self.waves, self.alone, strict=True):
             if not free:
                 continue
-            cos, sin = (
-                rows.table[:, rows.names[RowName("line", cycles, part)]] for part in ("cos", "sin")
-            )
+            cos, sin = (rows.column(RowName("line", cycles, part)) for part in ("cos", "sin"))
             own.append(angle * (sine * cos - cosine * sin))
         names = [RowName("given", name) for name in self.told]
         return rows.with_columns(dict(zip(names, own, strict=True)))
@@ -157,11 +155,8 @@ def refined(
         moved = cycles.copy()
         for place, step in steps.items():
             moved[place] += step.value
-        own = [
-            index[ColumnName(RowName("line", cycles, part), 0)]
-            for cycles in shifts.cycles
-            for part in ("sin", "cos")
-        ]
+        rows = [RowName("line", cycle, part) for cycle in shifts.cycles for part in ("sin", "cos")]
+        own = [index[ColumnName(row, 0)] for row in rows]
         waves = posterior.moved[own].reshape(-1, 2)
         settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
         if settled or number == _MOST_FITS:

@@ -18,15 +18,11 @@ from scipy.ndimage import uniform_filter1d
 
 from ..base.units import DEG, REV
 from ..logs.channel.speed import cubic_noise, smooth_speed
-from ..logs.encoder_log import EncoderLog
 from ..pair.schema import Flank
 from .density import LAGS
 
 KNOTS, PARTS, BENDS = 14, 8, 5
 """Ramps of the drift, parts of the log with a delay of their own, and bends of the gap in speed."""
-
-_TORQUE_S = 0.1
-"""Time over which torque is averaged: its noise would make the coefficient too small."""
 
 _PIECE = 1 << 14
 
@@ -143,37 +139,9 @@ class Shafts:
     still: bool = False
     rounding: float = 0.0
 
-    @classmethod
-    def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":
-        """Return the shafts of a log; spikes of both channels are interpolated."""
-        driving = log.driving.steady_angle(log.time)
-        ratio = float(log.ratio)
-        error = log.transmission_error
-        if driving is not log.driving_angle:
-            error = error + ratio * (log.driving_angle - driving)
-        if log.driven is not None:
-            error = error + (log.driven.steady_angle(log.time) - log.driven_angle)
-        slope, level = np.polyfit(driving, error, 1)
-        torque = log.torque
-        if torque is not None:
-            window = max(1, round(_TORQUE_S / log.interval_s))
-            torque = uniform_filter1d(torque, window, mode="nearest")
-        speed = log.smooth_speed(driving).value
-        found = cls(
-            time=log.time,
-            driving=driving,
-            error=error,
-            speed=speed,
-            steady=speed,
-            ratio=ratio,
-            interval_s=log.interval_s,
-            runs=merged(runs),
-            ramps=tuple(sorted(ramps)),
-            nominal=(ratio + float(slope), float(level)),
-            resolution=log.driving.resolution,
-            torque=torque,
-        )
-        return found.steadied(driving, (*runs, *ramps))
+    def in_runs(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+        """Return the values of the samples of all runs."""
+        return np.concatenate([values[run.start : run.stop] for run in self.runs])
 
     @property
     def level(self) -> float:
@@ -256,6 +224,10 @@ class Rows:
     def flank(self) -> np.ndarray:
         """Flank of every row, "A" or "B"."""
         return np.repeat(np.array(self.flanks, "<U1"), self.last - self.first + 1)
+
+    def column(self, name: RowName) -> Float[np.ndarray, " n"]:
+        """Return one column."""
+        return self.table[:, self.names[name]]
 
     def with_columns(self, columns: Mapping[RowName, Float[np.ndarray, " n"]]) -> "Rows":
         """Return the rows with further columns."""

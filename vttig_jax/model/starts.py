@@ -52,7 +52,7 @@ class Turns(Extra):
         for wave, series in self.waves.items():
             if shafts.start.tells(wave):
                 sine, cosine = series @ sides[: series.shape[1]]
-                cos, sin = (rows.table[:, rows.names[wave.row(part)]] for part in ("cos", "sin"))
+                cos, sin = (rows.column(wave.row(part)) for part in ("cos", "sin"))
                 slopes += np.outer((wave.driving, wave.driven), sine * cos - cosine * sin)
         names = [RowName("start", shaft) for shaft in SHAFTS]
         return rows.with_columns(dict(zip(names, slopes, strict=True)))
