@@ -355,8 +355,7 @@ def _told(given: GivenModel, misfit: _Misfit) -> GivenModel:
         )
     if scaled.shape[1]:
         _, triangle, order = qr(scaled, mode="economic", pivoting=True)  # pyright: ignore
-        lost = np.flatnonzero(own)[order[np.abs(np.diag(triangle)) < _RANK]]
-        for place in lost:
+        for place in np.flatnonzero(own)[order[np.abs(np.diag(triangle)) < _RANK]]:
             reasons[given.names[place]] = "the data leave it open: other parameters explain it"
     return replace(given, open_reasons=tuple(reasons.items()))
 

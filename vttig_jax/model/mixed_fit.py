@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ..base.errors import NoAnswerError
 from ..base.units import REV
-from ..logs.motion.segments import places, told_orders
+from ..logs.motion.segments import told_orders
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
 from .columns import DELAY, GAP, GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding
@@ -32,9 +32,6 @@ and a table has some thirty."""
 _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
 """Turns below which a log is a table of one turn; the prior widths of atanh π_k, k > 1, there."""
-
-_TWICE = 1.8
-"""Readings at a place of a table, on average, above which they tell a drift (chosen)."""
 
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
@@ -82,9 +79,8 @@ class MixedFit:
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
         """Residual of every row of all logs, rad."""
-        return np.concatenate(
-            residuals(self.posterior.problem.columns, self.rows, self.posterior.coefficients)
-        )
+        columns, coefficients = self.posterior.problem.columns, self.posterior.coefficients
+        return np.concatenate(residuals(columns, self.rows, coefficients))
 
 
 def waves_of(
@@ -209,7 +205,7 @@ def design_of(
         interval_s=max(one.interval_s for one in shafts),
         usual=1.0,
         still=all(one.still for one in shafts),
-        drift=not all(one.still and _once(one) for one in shafts),
+        drift=any(one.tells_drift for one in shafts),
         rounding=tuple(one.rounding for one in shafts),
     )
     cycles = [wave.cycles(ratio) for wave in waves]
@@ -337,12 +333,6 @@ def mixed_fit(
         orders=orders,
         settled=settled and bool(found.result == optx.RESULTS.successful),
     )
-
-
-def _once(table: Shafts) -> bool:
-    """Return whether a table has about every place once, so that a drift looks like orders."""
-    most = max(places(table.driving), places(table.ratio * table.driving))
-    return _TWICE * most > len(table.time)
 
 
 def told_waves(

@@ -118,8 +118,9 @@ class Shafts:
     `nominal` are slope and level of the driven over the driving angle: harmonics of
     the driven shaft are taken there, since the measured angle contains the gap. Harmonics count
     from the `start`, all other angles from the zero of the log. `still`: whether the samples are
-    readings at standstill, which have no speed and no delay. `rounding`: standard deviation, on one
-    flank, of what rounding that repeats adds to a coefficient of a harmonic, rad.
+    readings at standstill, which have no speed and no delay. `tells_drift`: whether a drift does
+    not look like orders, as it does where a table has about every place once. `rounding`: standard
+    deviation, on one flank, of what rounding that repeats adds to a coefficient of a harmonic, rad.
     """
 
     time: Float[np.ndarray, " n"]
@@ -137,6 +138,7 @@ class Shafts:
     good: np.ndarray | None = None
     start: Start = Start()
     still: bool = False
+    tells_drift: bool = True
     rounding: float = 0.0
 
     def in_runs(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:

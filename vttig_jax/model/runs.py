@@ -15,6 +15,9 @@ from .rows import Run, S, Shafts, merged
 _TORQUE_S = 0.1
 """Time over which torque is averaged: its noise would make the coefficient too small."""
 
+_TWICE = 1.8
+"""Readings at a place of a table, on average, above which they tell a drift (chosen)."""
+
 _LEAST = 16
 """Fewest samples of a ramp: the smoothed speed does not follow shorter ones."""
 
@@ -112,5 +115,6 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
         resolution=log.driving.resolution,
         torque=None if log.torque is None else log.torque[order],
         still=True,
+        tells_drift=len(order) >= _TWICE * count,
         rounding=step / (2 * count) ** 0.5 if most > 1.5 * count else 0.0,
     )

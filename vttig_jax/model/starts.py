@@ -32,17 +32,12 @@ class Turns(Extra):
         """Return the derivatives at the harmonics that a fit has for its first log."""
         index, found = fit.posterior.problem.index, fit.posterior.coefficients
         both = (False, True) if GAP in index else (False,)
-        return cls(
-            {
-                wave: np.array(
-                    [
-                        [found[index[ColumnName(wave.row(part), 0, differs)]] for differs in both]
-                        for part in ("sin", "cos")
-                    ]
-                )
-                for wave in fit.waves
-            }
-        )
+        waves = {}
+        for wave in fit.waves:
+            rows = wave.row("sin"), wave.row("cos")
+            places = [[index[ColumnName(row, 0, differs)] for differs in both] for row in rows]
+            waves[wave] = found[np.array(places)]
+        return cls(waves)
 
     def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
