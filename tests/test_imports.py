@@ -40,11 +40,11 @@ FLOORS = {
     "rig": "",
     "model": (
         "density outliers rows runs scope columns newton problem functionals mixed_fit gears "
-        "starts components lines parameter parameters"
+        "starts lines parameter parameters"
     ),
     "identify": (
-        "fit_settings records orders accuracy starts readings given door coverage checking result "
-        "findings archive identification many backlash"
+        "fit_settings records orders turn_averages accuracy starts readings given door coverage "
+        "checking result findings archive identification many backlash"
     ),
     "posterior": (
         "until convergence checkpoint proposal target chains rig_draws summary sampler planning "

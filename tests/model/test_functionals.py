@@ -14,6 +14,7 @@ from vttig_jax.model import (
     LAGS,
     ColumnName,
     Posterior,
+    Readings,
     RowName,
     largest,
     log_density,
@@ -126,7 +127,7 @@ def test_readings_of_a_coefficient_narrow_it(posterior):
     start = row @ problem.natural @ problem.start
     far = mean + 2 * np.sqrt(covariance[0])
     after = posterior.with_readings(
-        (acts, (far - start) / problem.unit, covariance[0, 0] / problem.unit**2)
+        Readings(acts, (far - start) / problem.unit, covariance[0, 0] / problem.unit**2)
     )
     moved, narrower = after.given_noise(row)
     assert moved[0] == pytest.approx(0.5 * (mean[0] + far[0]))

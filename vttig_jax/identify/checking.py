@@ -7,6 +7,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import linregress
 
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_model import FlankModel, flank_index
@@ -15,9 +16,8 @@ from ..kinematics.te_curve import TECurve
 from ..logs.channel.speed import robust_deviation
 from ..logs.motion.segments import Segment, Segments
 from ..model.columns import DELAY, GAP
-from ..model.components import NEEDED, likelihood_ratio
 from ..model.density import LAGS, whitening
-from ..model.mixed_fit import MixedFit, residuals
+from ..model.mixed_fit import NEEDED, MixedFit, likelihood_ratio, residuals
 from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
@@ -101,16 +101,10 @@ def covered_gap(core: MixedFit, told: Parameter | None) -> CoveredGap:
         reason = "one direction: one flank alone shows no gap"
         return CoveredGap(reason=reason if one else "no driving angle was covered on both flanks")
     covered = float(len(core.scope.covered))
-    if (
-        told.std is None
-        or told.high95 is None
-        or told.low95 is None
-        or told.high95 - told.low95 > 360
-    ):
+    if told.low95 is None or told.high95 is None or told.high95 - told.low95 > 360:
         return CoveredGap(reason=OPEN, covered_deg=covered)
-    return CoveredGap(
-        told.value, told.std, told.low95, told.high95, determined=True, covered_deg=covered
-    )
+    interval = told.value, told.std, told.low95, told.high95
+    return CoveredGap(*interval, determined=True, covered_deg=covered)
 
 
 def gap_by_speed(core: MixedFit, needed: bool) -> tuple[GapAtSpeed, ...]:
@@ -357,29 +351,18 @@ def reversal_jumps(
             first, second = inside[inside < turn], inside[inside > turn]
             if len(first) < 3 or len(second) < 3:
                 continue
-            levels, variances = zip(
-                *(_level(left[part] - middle, te[part]) for part in (first, second)), strict=True
+            before_it, after_it = (
+                linregress(left[part] - middle, te[part]) for part in (first, second)
             )
             jumps.append(
                 Reversal(
                     log=log,
                     driving_deg=float(angle[turn] / DEG - sense * middle),
                     turn_deg=float(angle[turn] / DEG),
-                    jump_deg=sense * (levels[1] - levels[0]) / DEG,
+                    jump_deg=sense * float(after_it.intercept - before_it.intercept) / DEG,
                     crossing=start < beyond,
-                    std_deg=math.sqrt(sum(variances)) / DEG,
+                    std_deg=math.hypot(before_it.intercept_stderr, after_it.intercept_stderr) / DEG,
                 )
             )
             break
     return jumps
-
-
-def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Return the transmission error at `off_deg` = 0 from a straight-line fit, and its variance.
-
-    `off_deg` is the angle of the samples from the middle of the window.
-    """
-    line = np.polyfit(off_deg, error, 1)
-    scatter = np.sum((error - np.polyval(line, off_deg)) ** 2) / (len(error) - 2)
-    at = np.linalg.pinv(np.stack([off_deg, np.ones(len(off_deg))], axis=1))[1]
-    return float(line[1]), float(scatter * at @ at)

@@ -87,16 +87,13 @@ def usable(
         for run in one.runs
         if (run.stop - run.start) // max(1, round(row_s / one.interval_s)) > LAGS + 1
     }
-    if not long and any(one.still for one in found):
-        raise NoAnswerError(
-            f"no flank has {LAGS + 2} readings of this table; read more places, or every place"
-            " several times.",
-            where=where,
-        )
     if not long:
         raise NoAnswerError(
-            f"no stretch of certain contact on one flank holds {LAGS + 2} averaged samples; record"
-            " longer strokes at a steady speed.",
+            f"no flank has {LAGS + 2} readings of this table; read more places, or every place"
+            " several times."
+            if any(one.still for one in found)
+            else f"no stretch of certain contact on one flank holds {LAGS + 2} averaged samples;"
+            " record longer strokes at a steady speed.",
             where=where,
         )
     seen = {run.flank for one in found for run in one.runs}

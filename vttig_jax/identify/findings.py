@@ -16,8 +16,7 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import hidden_shaft
 from ..logs.slope import better_fraction, computed_text, exact_slope
 from ..model.columns import DELAY
-from ..model.components import NEEDED
-from ..model.mixed_fit import mixed_fit, waves_of
+from ..model.mixed_fit import NEEDED, mixed_fit, waves_of
 from ..pair.gear_pair import GearPair
 from .door import Identified
 from .fit_settings import FitSettings

@@ -8,20 +8,10 @@ Every field of `FitSettings` states its type, its default and its text. The keyw
 
 import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    NamedTuple,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 import msgspec
 from msgspec import Meta, Struct
@@ -161,16 +151,16 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
                 raise ValueError(
                     f"Argument `{field.name}` must be {_expected(field.type)}, but is {value!r}."
                 ) from None
-        for names, cure in self.conflicts():
-            raise ValueError(f"Arguments {' and '.join(f'`{name}`' for name in names)} {cure}")
-
-    def conflicts(self) -> Iterator[tuple[tuple[str, str], str]]:
-        """Yield the pairs of fields that exclude each other, with the rest of the sentence."""
         if self.perfect_encoders and self.perfect_gears:
-            yield ("perfect_encoders", "perfect_gears"), "together leave nothing to fit; give one."
+            raise ValueError(
+                "Arguments `perfect_encoders` and `perfect_gears` together leave nothing to fit;"
+                " give one."
+            )
         if self.delay != "auto" and self.delay_within_ms is not None:
-            cure = "exclude each other, because the bound is for a delay that nothing else tells;"
-            yield ("delay", "delay_within_ms"), f"{cure} give one of them."
+            raise ValueError(
+                "Arguments `delay` and `delay_within_ms` exclude each other, because the bound is"
+                " for a delay that nothing else tells; give one of them."
+            )
 
 
 BATCH = tuple(
@@ -193,15 +183,11 @@ class Field(NamedTuple):
 @cache
 def fields() -> tuple[Field, ...]:
     """List the settings in the order of their declaration."""
-    hints = get_type_hints(FitSettings, include_extras=True)
-    defaults = dict(
-        zip(FitSettings.__struct_fields__, FitSettings.__struct_defaults__, strict=True)
-    )
-    return tuple(
-        Field(name, hint, defaults[name], hint.__metadata__[-1].description, **extra)
-        for name, hint in hints.items()
-        for extra in [hint.__metadata__[-1].extra]
-    )
+    found = []
+    for field in msgspec.structs.fields(FitSettings):
+        shown = field.type.__metadata__[-1]
+        found.append(Field(field.name, field.type, field.default, shown.description, **shown.extra))
+    return tuple(found)
 
 
 def from_keywords(settings: FitSettings | None, changes: dict[str, Any]) -> FitSettings:

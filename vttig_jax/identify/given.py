@@ -38,9 +38,9 @@ from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel
 from ..kinematics.harmonic import OrderModel
 from ..model.columns import Assumptions, ColumnName, embedding
 from ..model.mixed_fit import MixedFit, design_of
-from ..model.parameter import Parameter, undetermined
+from ..model.parameter import Parameter
 from ..model.parameters import Quantities
-from ..model.rows import RowName, Rows, S, Shafts
+from ..model.rows import Extra, RowName, Rows, S, Shafts
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import Flank, HarmonicOrders
 from .fit_settings import FitSettings
@@ -61,7 +61,7 @@ _RANK, _SETTLED, _MOST_FITS, _MOST_STEPS = 1e-6, 0.1, 12, 200
 
 
 @dataclass(frozen=True, eq=False)
-class GivenModel:
+class GivenModel(Extra):
     """Flank model of the user with the values of its parameters in one pass over the logs.
 
     **Arguments**
@@ -263,13 +263,12 @@ def _require_shape(given: GivenModel) -> None:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class _Misfit:
+class _Misfit(eqx.Module):
     """Readings of rows less their projection on all other columns, whose basis is `columns`."""
 
-    angles: tuple[np.ndarray, ...]
-    readings: Float[np.ndarray, " rows"]
-    columns: Float[np.ndarray, "rows q"]
+    angles: tuple[Any, ...]
+    readings: Float[Numbers, " rows"]
+    columns: Float[Numbers, "rows q"]
 
     def slopes(self, given: GivenModel) -> tuple[Float[np.ndarray, "rows p"], np.ndarray]:
         """Return the derivatives beside the other columns, and their whole lengths."""
@@ -356,8 +355,7 @@ def _told(given: GivenModel, misfit: _Misfit) -> GivenModel:
         )
     if scaled.shape[1]:
         _, triangle, order = qr(scaled, mode="economic", pivoting=True)  # pyright: ignore
-        lost = np.flatnonzero(own)[order[np.abs(np.diag(triangle)) < _RANK]]
-        for place in lost:
+        for place in np.flatnonzero(own)[order[np.abs(np.diag(triangle)) < _RANK]]:
             reasons[given.names[place]] = "the data leave it open: other parameters explain it"
     return replace(given, open_reasons=tuple(reasons.items()))
 
@@ -367,9 +365,7 @@ def _minimised(
     model: Any,
     start: Float[Numbers, " p"],
     scale: Float[Numbers, " p"],
-    angles: tuple[Any, ...],
-    readings: Float[Numbers, " rows"],
-    columns: Float[Numbers, "rows q"],
+    misfit: _Misfit,
 ) -> Float[Numbers, " p"]:
     """Return the parameters of the smallest misfit by Levenberg and Marquardt."""
 
@@ -377,10 +373,10 @@ def _minimised(
         own = start + scale * scaled
         error = [
             error_of(model, own, jnp.asarray(angle), flank)
-            for angle, flank in zip(angles, S, strict=True)
+            for angle, flank in zip(misfit.angles, S, strict=True)
         ]
-        rest = readings - jnp.concatenate(error)
-        return rest - columns @ (columns.T @ rest)
+        rest = misfit.readings - jnp.concatenate(error)
+        return rest - misfit.columns @ (misfit.columns.T @ rest)
 
     found = optx.least_squares(
         left,
@@ -399,8 +395,7 @@ def _least_squares(given: GivenModel, misfit: _Misfit) -> Float[np.ndarray, " p"
     told = size > _RANK * whole
     unit = float(np.std(misfit.readings)) or 1.0
     scale = np.where(told, unit / np.where(told, size, 1.0), 0.0)
-    rows = misfit.angles, misfit.readings, misfit.columns
-    found = np.asarray(_minimised(given.tree, given.values, scale, *rows))
+    found = np.asarray(_minimised(given.tree, given.values, scale, misfit))
     return found if np.all(np.isfinite(found)) else given.values
 
 
@@ -478,14 +473,14 @@ def given_parameters(
             unit = one.unit
             if isinstance(pair, GearPair) and name.endswith("_amplitude_arcsec"):
                 name, unit = name.replace("amplitude_arcsec", "eccentricity_mm"), "mm"
-            one = undetermined(name, unit, GIVEN_INSTEAD)
+            one = Parameter(name, unit, reason=GIVEN_INSTEAD)
         elif name in ("gap_over_angles_covered", "backlash_plus_delay_deg"):
             one = told.scalar(name.removesuffix("_deg"), "deg", DEG, label=name)
         found[name] = one
     reasons = dict(given.open_reasons)
     for name in given.names:
         if name in reasons:
-            found[name] = undetermined(name, "as given", reasons[name])
+            found[name] = Parameter(name, "as given", reason=reasons[name])
         else:
             found[name] = told.scalar(name, "as given")
     return found

@@ -20,15 +20,8 @@ from ..logs.readers.backlash_readings import BacklashReadings
 from ..model.columns import DELAY, RATIO, Assumptions
 from ..model.lines import found_lines, refined, short_lines
 from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
-from ..model.parameter import Parameter, undetermined
-from ..model.parameters import (
-    LEFT_OUT,
-    SIGNIFICANT,
-    TOLD,
-    Quantities,
-    parameters_of,
-    quantities_of,
-)
+from ..model.parameter import Parameter
+from ..model.parameters import LEFT_OUT, SIGNIFICANT, TOLD, Quantities, parameters_of, quantities_of
 from ..model.rows import Run, Shafts
 from ..model.runs import shafts_of
 from ..model.starts import Turns, start_of
@@ -50,7 +43,7 @@ from .given import (
 )
 from .orders import order_model, order_table
 from .readings import compared, updated
-from .records import Finding, Outcome
+from .records import Outcome
 from .result import Fit, FitRequest
 from .starts import OWN, log_records, require_one_rig, turned
 
@@ -345,7 +338,8 @@ def result_of(
         request=request,
     )
     findings = findings_of(Case(fit, found, settings))
-    return replace(fit, findings=findings, outcome=outcome_of(fit, findings))
+    outcome = "contradicts" if contradicts(fit, findings) else outcome_of(parameters)
+    return replace(fit, findings=findings, outcome=outcome)
 
 
 def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
@@ -362,7 +356,7 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
         if told.std("ratio") > TOLD * column.width:
             share = column.width / abs(core.scope.ratio)
             reason = f"the log does not tell it: within ± {share:.2g} of the ratio as assumed"
-            found.append(undetermined("ratio", "1", reason))
+            found.append(Parameter("ratio", "1", reason=reason))
         else:
             one = told.scalar("ratio", "1", less=core.scope.ratio)
             reason = None if one.significant else f"within {SIGNIFICANT:g} standard errors as given"
@@ -370,14 +364,11 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def outcome_of(fit: Fit, findings: Sequence[Finding]) -> Outcome:
-    """Return the outcome of the fit; parameters that the settings exclude do not count.
+def outcome_of(parameters: Mapping[str, Parameter]) -> Outcome:
+    """Return the outcome of a fit; parameters that the settings exclude do not count.
 
     A delay that the log shows is an answer, but a log that does not tell it may be complete.
     """
-    parameters = fit.parameters
-    if contradicts(fit, findings):
-        return "contradicts"
     asked = [
         p
         for p in parameters.values()

@@ -180,7 +180,7 @@ def level_row(core: MixedFit, flank: Flank) -> Float[np.ndarray, " columns"]:
     for name, place in index.items():
         own = name.log == 0 and not name.differs
         if own and (name.row in bent or name.row.kind == "drift"):
-            row[place] = first.table[:, first.names[name.row]].mean()
+            row[place] = first.column(name.row).mean()
     return row
 
 

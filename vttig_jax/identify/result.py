@@ -228,8 +228,7 @@ class Fit(PlottedResult):
     def __str__(self) -> str:
         return fit_text(self)
 
-    def __repr__(self) -> str:
-        return fit_text(self)
+    __repr__ = __str__
 
 
 def _require_relation(fit: Fit) -> None:

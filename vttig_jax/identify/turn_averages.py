@@ -103,8 +103,7 @@ def _averaged(core: MixedFit, pair: GearPair | Drive, turns: np.ndarray) -> Aver
     """Return the orders that are averaged over these `turns` of both shafts."""
     first, ratio = core.shafts[0], abs(pair.ratio)
     teeth, ends = (pair.driving.teeth, _PER_PITCH) if isinstance(pair, GearPair) else (1, _PER_TURN)
-    running = [np.abs(first.speed[run.start : run.stop]) for run in first.runs]
-    speed = float(np.median(np.concatenate(running)))
+    speed = float(np.median(np.abs(first.in_runs(first.speed))))
     cells = teeth * int(np.clip(REV / (speed * first.interval_s) / teeth / 2, *ends))
     most = np.minimum(_HIGHEST * cells / np.array([1.0, ratio]), _MOST_ORDERS)
     driving, driven = (np.arange(1, int(one) + 1) for one in most * (turns >= ENOUGH_TURNS))

@@ -23,19 +23,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..pair.schema import Flank
-from .rows import (
-    BENDS,
-    KNOTS,
-    ONE,
-    PARTS,
-    READINGS,
-    SHAFTS,
-    UNTOLD,
-    RowName,
-    S,
-    Start,
-    Wave,
-)
+from .rows import BENDS, KNOTS, ONE, PARTS, READINGS, SHAFTS, UNTOLD, RowName, S, Start, Wave
 
 GROUPS = ("driving", "driven", "difference", "drift", "delay_parts", "gap_by_speed")
 """Groups of columns that share a prior width τ."""

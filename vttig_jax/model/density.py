@@ -100,12 +100,8 @@ def whitening(partial: Float[Array, " lags"]) -> Float[Array, " taps"]:
 def weights(theta: Float[Array, " p"], on: Float[Numbers, " groups"]) -> Float[Array, " w"]:
     """Return the weights f_i f_j/σ² of the windows, followed by 1/τ² of every group."""
     taps = whitening(partial_of(theta))
-    return jnp.concatenate(
-        [
-            taps[FIRST] * taps[SECOND] * jnp.exp(-2 * theta[LAGS]),
-            on * jnp.exp(-2 * theta[LAGS + 1 :]),
-        ]
-    )
+    of_windows = taps[FIRST] * taps[SECOND] * jnp.exp(-2 * theta[LAGS])
+    return jnp.concatenate([of_windows, on * jnp.exp(-2 * theta[LAGS + 1 :])])
 
 
 def partial_of(theta: Float[Numbers, " p"]) -> Float[Array, " lags"]:

@@ -14,7 +14,7 @@ from ..logs.lines.rows import Stretch, highest_resolved
 from ..logs.lines.search import Line, find_lines
 from .columns import RATIO, ColumnName
 from .mixed_fit import MixedFit, residuals
-from .rows import RowName, Rows, Shafts, rows_of
+from .rows import Extra, RowName, Rows, Shafts, rows_of
 
 _SETTLED, _MOST_FITS, _RESOLVED = 0.3, 3, 2.0
 _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
@@ -28,11 +28,7 @@ def found_lines(fit: MixedFit) -> list[Line]:
     logs = _stretches(fit.rows, fit.residual, fit.good)
     if not any(any(one.start.spread) for one in fit.shafts):
         logs = [list(chain(*logs))]
-    found: list[Line] = []
-    for runs in logs:
-        highest = min(_HIGHEST, highest_resolved(runs, 3.0)) if runs else 0.0
-        if highest >= 1:
-            found += find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
+    found = list(chain(*(_searched(runs, least=1.0, most=_HIGHEST) for runs in logs)))
     known = [wave.cycles(fit.scope.ratio) for wave in fit.waves]
     apart = _RESOLVED / fit.scope.turns["driving"] if len(logs) > 1 else 0.0
     lines: list[Line] = []
@@ -66,10 +62,16 @@ def short_lines(fit: MixedFit) -> list[Line]:
     ]
     left = np.concatenate(residuals(problem.columns, fine, fit.posterior.coefficients))
     runs = list(chain(*_stretches(fine, left, np.isfinite(left))))
-    if (highest := highest_resolved(runs, 3.0) if runs else 0.0) <= _HIGHEST:
-        return []
-    found = find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
+    found = _searched(runs, least=_HIGHEST, most=math.inf)
     return [line for line in found if line.cycles_per_rev > _HIGHEST]
+
+
+def _searched(runs: Sequence[Stretch], *, least: float, most: float) -> Sequence[Line]:
+    """Return lines of up to `most` cycles a turn, none if the runs do not resolve the `least`."""
+    highest = min(most, highest_resolved(runs, 3.0)) if runs else 0.0
+    if highest < least:
+        return []
+    return find_lines(runs, highest=highest, false_alarm=_FALSE_ALARM, most=_MOST)
 
 
 def _stretches(
@@ -90,8 +92,8 @@ def _stretches(
 
 
 @dataclass(frozen=True, eq=False)
-class Shifts:
-    """Derivatives of lines by their frequencies c: φ₁ (S cos cφ₁ − C sin cφ₁), as `Extra` columns.
+class Shifts(Extra):
+    """Derivatives of lines by their frequencies c: φ₁ (S cos cφ₁ − C sin cφ₁).
 
     **Arguments**
     - `cycles`: frequencies, cycles per driving turn.
@@ -108,11 +110,6 @@ class Shifts:
         """Names of the lines."""
         return tuple(f"line {place}" for place, free in enumerate(self.alone) if free)
 
-    @property
-    def highest_order(self) -> float:
-        """Highest frequency."""
-        return max(self.cycles)
-
     def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
         angle = rows.angle - np.mean(rows.angle) if len(rows.angle) else rows.angle
@@ -120,9 +117,7 @@ class Shifts:
         for cycles, (sine, cosine), free in zip(self.cycles, self.waves, self.alone, strict=True):
             if not free:
                 continue
-            cos, sin = (
-                rows.table[:, rows.names[RowName("line", cycles, part)]] for part in ("cos", "sin")
-            )
+            cos, sin = (rows.column(RowName("line", cycles, part)) for part in ("cos", "sin"))
             own.append(angle * (sine * cos - cosine * sin))
         names = [RowName("given", name) for name in self.told]
         return rows.with_columns(dict(zip(names, own, strict=True)))
@@ -160,11 +155,8 @@ def refined(
         moved = cycles.copy()
         for place, step in steps.items():
             moved[place] += step.value
-        own = [
-            index[ColumnName(RowName("line", cycles, part), 0)]
-            for cycles in shifts.cycles
-            for part in ("sin", "cos")
-        ]
+        rows = [RowName("line", cycle, part) for cycle in shifts.cycles for part in ("sin", "cos")]
+        own = [index[ColumnName(row, 0)] for row in rows]
         waves = posterior.moved[own].reshape(-1, 2)
         settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
         if settled or number == _MOST_FITS:

@@ -12,21 +12,10 @@ from jaxtyping import Bool, Float
 
 from ..base.errors import NoAnswerError
 from ..base.units import REV
-from ..logs.motion.segments import places, told_orders
+from ..logs.motion.segments import told_orders
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
-from .columns import (
-    DELAY,
-    GAP,
-    GROUPS,
-    KNOWN,
-    RATIO,
-    Assumptions,
-    Column,
-    Shape,
-    columns_of,
-    embedding,
-)
+from .columns import DELAY, GAP, GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding
 from .density import LAGS, MEMORY, Compressed
 from .functionals import Posterior
 from .newton import first_theta, maximise
@@ -44,14 +33,18 @@ _SMALL = 4.0
 _TABLE, _FORGETFUL = 1.5, 0.05
 """Turns below which a log is a table of one turn; the prior widths of atanh π_k, k > 1, there."""
 
-_TWICE = 1.8
-"""Readings at a place of a table, on average, above which they tell a drift (chosen)."""
-
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
 
 _CLEAN, _QUIET, _ROUNDING = 3e-3, 1e-2, 1e-10
 """Variance that every row has beside its noise, in u²: a log without noise has a density too."""
+
+NEEDED = 12.0
+"""2 ln of the likelihood ratio above which a component is reported: one in some thousand logs that
+do not have it."""
+
+_HELD = 1e12
+"""Precision of a coefficient that is held at zero."""
 
 _SETTLED = 0.1
 """Change of a wave by a step of the delay, in its standard errors, at which the passes end."""
@@ -86,9 +79,8 @@ class MixedFit:
     @property
     def residual(self) -> Float[np.ndarray, " n"]:
         """Residual of every row of all logs, rad."""
-        return np.concatenate(
-            residuals(self.posterior.problem.columns, self.rows, self.posterior.coefficients)
-        )
+        columns, coefficients = self.posterior.problem.columns, self.posterior.coefficients
+        return np.concatenate(residuals(columns, self.rows, coefficients))
 
 
 def waves_of(
@@ -136,10 +128,9 @@ class Design:
 
         So does any memory where every place was read once.
         """
-        table = self.table or self.shape.still
-        return (
-            np.where(np.arange(LAGS) >= self.shape.drift, _FORGETFUL, MEMORY) if table else MEMORY
-        )
+        if not (self.table or self.shape.still):
+            return MEMORY
+        return np.where(np.arange(LAGS) >= self.shape.drift, _FORGETFUL, MEMORY)
 
     def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
         """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""
@@ -150,7 +141,7 @@ class Design:
                 self.row_s,
                 delay_s,
                 self.bends,
-                ratio=any(column.name == RATIO for column in self.columns),
+                ratio=self.shape.drive and self.assumed.ratio > 0,
             )
             for one in shafts
         )
@@ -160,13 +151,6 @@ class Design:
             self.given.with_derivatives(one, rows, delay_s)
             for one, rows in zip(shafts, found, strict=True)
         )
-
-    def measured(self, rows: Sequence[Rows], delay_s: float) -> "Design":
-        """Return the design with the priors that the readings of these rows call for.
-
-        Their size u is measured after the delay is taken off, since a delay is no error of gears.
-        """
-        return self.sized(usual_error(rows), delay_s)
 
     def sized(self, usual: float, delay_s: float) -> "Design":
         """Return the design with the priors of readings of the size u = `usual`, rad."""
@@ -210,8 +194,8 @@ def design_of(
     ratio = float(pair.ratio)
     waves = waves_of(pair, orders, lines)
     if all(one.still for one in shafts):
-        angles = [one.driving[run.start : run.stop] for one in shafts for run in one.runs]
-        waves = told_waves(np.concatenate(angles), waves, ratio)
+        angles = np.concatenate([one.in_runs(one.driving) for one in shafts if one.runs])
+        waves = told_waves(angles, waves, ratio)
     shape = Shape(
         starts=tuple(one.start for one in shafts),
         both=len({run.flank for one in shafts for run in one.runs}) == 2,
@@ -221,15 +205,13 @@ def design_of(
         interval_s=max(one.interval_s for one in shafts),
         usual=1.0,
         still=all(one.still for one in shafts),
-        drift=not all(one.still and _once(one) for one in shafts),
+        drift=any(one.tells_drift for one in shafts),
         rounding=tuple(one.rounding for one in shafts),
     )
     cycles = [wave.cycles(ratio) for wave in waves]
     cycles += [] if given is None else [given.highest_order]
     row_s = row_duration(shafts, max(cycles, default=1.0))
-    speeds = np.abs(
-        np.concatenate([one.speed[run.start : run.stop] for one in shafts for run in one.runs])
-    )
+    speeds = np.concatenate([np.abs(one.in_runs(one.speed)) for one in shafts if one.runs])
     bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
     columns = tuple(columns_of(waves, shape, assumed))
     ends = [one.driving[[[run.start, run.stop - 1] for run in one.runs]] for one in shafts]
@@ -268,7 +250,7 @@ def mixed_fit(
         delay_s, weights = after.delay_s, after.weights
         shape = replace(design.shape, clear=clear_in(after.posterior.problem.columns))
         design = replace(design, shape=shape)
-    free = any(column.name == DELAY for column in design.columns)
+    free = assumed.delay == "fitted"
     theta, searched, share, noise, steps = None, False, 0.0, 0.0, 0
     number, value, last = 0, 0.0, 0.0
     while True:
@@ -280,7 +262,8 @@ def mixed_fit(
                 f"no run of this log has {LAGS + 2} rows of {design.row_s:.2g} s; record longer"
                 " runs."
             )
-        design = design.measured(rows, delay_s)
+        # after the delay is taken off, since a delay is no error of gears
+        design = design.sized(usual_error(rows), delay_s)
         if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
             weights, share, noise = outlying(rows, design.columns, certain=not first)
@@ -352,12 +335,6 @@ def mixed_fit(
     )
 
 
-def _once(table: Shafts) -> bool:
-    """Return whether a table has about every place once, so that a drift looks like orders."""
-    most = max(places(table.driving), places(table.ratio * table.driving))
-    return _TWICE * most > len(table.time)
-
-
 def told_waves(
     angle: Float[np.ndarray, " n"], waves: Sequence[Wave], ratio: float
 ) -> tuple[Wave, ...]:
@@ -408,11 +385,8 @@ def is_linear(step: tuple[np.ndarray, np.ndarray], posterior: Posterior, design:
     problem = posterior.problem
     std = problem.unit * np.diag(problem.natural)
     std = std * np.sqrt(np.diag(posterior.at.spread)[: len(std)])
-    cycles = {
-        wave.row(part): wave.cycles(design.shape.ratio)
-        for wave in design.waves
-        for part in ("cos", "sin")
-    }
+    cycles = {wave.row("cos"): wave.cycles(design.shape.ratio) for wave in design.waves}
+    cycles |= {row._replace(part="sin"): own for row, own in cycles.items()}
     turned = abs(value) * float(design.bends[-1])
     turned *= np.array([cycles.get(column.row, 0.0) for column in problem.columns])
     return bool(np.all(turned * np.abs(posterior.moved) <= _SETTLED * std))
@@ -481,7 +455,7 @@ def row_duration(shafts: Sequence[Shafts], highest: float) -> float:
     """Return the duration of a row: a quarter of the shortest cycle, and enough rows in a run."""
     found = [one.interval_s for one in shafts if one.still]
     for one in (one for one in shafts if not one.still):
-        speed = np.concatenate([np.abs(one.speed[run.start : run.stop]) for run in one.runs])
+        speed = np.abs(one.in_runs(one.speed))
         lengths = [run.stop - run.start for run in one.runs]
         cycle = REV / max(float(np.quantile(speed, 0.9)), 1e-9) / highest / one.interval_s
         size = min(cycle / 4, float(np.median(lengths)) / (2 * LAGS), sum(lengths) / 250)
@@ -538,3 +512,32 @@ def combined(
         on_a, on_b = (one.table @ (link @ factors) for link in links)
         found.append(np.where(one.flank == "A", on_a.T, on_b.T).T)
     return found
+
+
+def without(logs: Compressed, group: str) -> Compressed:
+    """Return the logs with the coefficients of a group of columns held at zero."""
+    place = GROUPS.index(group)
+    member, on = np.array(logs.member), np.array(logs.on)
+    own = member[:, place] > 0
+    left = float(np.sum(np.log(member[own, place]))) - own.sum() * np.log(_HELD)
+    member[:, place], on[place] = 0.0, 0.0
+    return replace(
+        logs,
+        on=on,
+        precision=np.where(own, _HELD, logs.precision),
+        member=member,
+        constant=np.asarray(logs.constant + left),
+    )
+
+
+def likelihood_ratio(fit: MixedFit, group: str) -> float:
+    """Return 2 ln of the restricted likelihood with a group of columns over that without it.
+
+    All other prior widths and the noise are maximised again. It is 0 for a group that the fit does
+    not have.
+    """
+    logs, posterior = fit.posterior.problem.compressed, fit.posterior
+    if not logs.on[GROUPS.index(group)]:
+        return 0.0
+    found = maximise(without(logs, group), posterior.theta)
+    return max(0.0, float(found.aux.likelihood) - float(posterior.at.likelihood))

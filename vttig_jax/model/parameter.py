@@ -59,8 +59,3 @@ def open_reasons(parameters: Iterable[Any]) -> list[str]:
         if not parameter.determined:
             together.setdefault(parameter.reason or "", []).append(parameter.name)
     return [f"{', '.join(names)}: {reason}" for reason, names in together.items()]
-
-
-def undetermined(name: str, unit: str, reason: str) -> Parameter:
-    """Return a parameter that the data do not determine."""
-    return Parameter(name, unit, reason=reason)

@@ -20,7 +20,7 @@ from .columns import DELAY, GAP, KNOWN, RATIO, TORQUE, ColumnName
 from .functionals import Posterior
 from .gears import Gears, fitted_gears
 from .mixed_fit import MixedFit
-from .parameter import BELOW, LARGEST, OPEN, UPPER, Parameter, undetermined
+from .parameter import BELOW, LARGEST, OPEN, UPPER, Parameter
 from .rows import SHAFTS, RowName
 
 FULL_TURN = 0.99
@@ -221,7 +221,10 @@ def parameters_of(
                     found += [one, two]
                     continue
                 reason = OPEN
-            found += [undetermined(names[0], unit, reason), undetermined(names[1], "deg", reason)]
+            found += [
+                Parameter(names[0], unit, reason=reason),
+                Parameter(names[1], "deg", reason=reason),
+            ]
         if not kind:
             found.append(_backlash(fit, told))
     found.append(_delay(fit, told))
@@ -265,24 +268,24 @@ def _reason(
 def _backlash(fit: MixedFit, told: Quantities) -> Parameter:
     name = "constant_backlash_deg"
     if "constant_backlash" not in told.names:
-        return undetermined(name, "deg", "one direction: one flank alone shows no gap")
+        return Parameter(name, "deg", reason="one direction: one flank alone shows no gap")
     if short := [shaft for shaft in SHAFTS if fit.scope.turns[shaft] < FULL_TURN]:
         reason = (
             f"the {' and the '.join(short)} shaft turned too little to tell its variable backlash"
             " from the constant one"
         )
-        return undetermined(name, "deg", reason)
+        return Parameter(name, "deg", reason=reason)
     return told.scalar("constant_backlash", "deg", DEG, label=name)
 
 
 def _delay(fit: MixedFit, told: Quantities) -> Parameter:
     if all(one.still for one in fit.shafts):
-        return undetermined("delay_s", "s", "readings at standstill have no delay")
+        return Parameter("delay_s", "s", reason="readings at standstill have no delay")
     if "delay" not in told.names:
         reason = f"not fitted: {1e3 * fit.delay_s:.4g} ms, as stated"
-        return undetermined("delay_s", "s", reason)
+        return Parameter("delay_s", "s", reason=reason)
     column = fit.posterior.problem.columns[fit.posterior.problem.index[DELAY]]
     if told.std("delay") > TOLD * column.width:
         reason = f"the log does not tell it: within ± {duration_text(column.width)} as assumed"
-        return undetermined("delay_s", "s", reason)
+        return Parameter("delay_s", "s", reason=reason)
     return told.scalar("delay", "s", label="delay_s")

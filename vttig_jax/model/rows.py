@@ -9,7 +9,7 @@ therefore a row has each column only once, and `columns.py` says how the model u
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -18,15 +18,11 @@ from scipy.ndimage import uniform_filter1d
 
 from ..base.units import DEG, REV
 from ..logs.channel.speed import cubic_noise, smooth_speed
-from ..logs.encoder_log import EncoderLog
 from ..pair.schema import Flank
 from .density import LAGS
 
 KNOTS, PARTS, BENDS = 14, 8, 5
 """Ramps of the drift, parts of the log with a delay of their own, and bends of the gap in speed."""
-
-_TORQUE_S = 0.1
-"""Time over which torque is averaged: its noise would make the coefficient too small."""
 
 _PIECE = 1 << 14
 
@@ -122,8 +118,9 @@ class Shafts:
     `nominal` are slope and level of the driven over the driving angle: harmonics of
     the driven shaft are taken there, since the measured angle contains the gap. Harmonics count
     from the `start`, all other angles from the zero of the log. `still`: whether the samples are
-    readings at standstill, which have no speed and no delay. `rounding`: standard deviation, on one
-    flank, of what rounding that repeats adds to a coefficient of a harmonic, rad.
+    readings at standstill, which have no speed and no delay. `tells_drift`: whether a drift does
+    not look like orders, as it does where a table has about every place once. `rounding`: standard
+    deviation, on one flank, of what rounding that repeats adds to a coefficient of a harmonic, rad.
     """
 
     time: Float[np.ndarray, " n"]
@@ -141,39 +138,12 @@ class Shafts:
     good: np.ndarray | None = None
     start: Start = Start()
     still: bool = False
+    tells_drift: bool = True
     rounding: float = 0.0
 
-    @classmethod
-    def of(cls, log: EncoderLog, runs: Sequence[Run], ramps: Sequence[Run] = ()) -> "Shafts":
-        """Return the shafts of a log; spikes of both channels are interpolated."""
-        driving = log.driving.steady_angle(log.time)
-        ratio = float(log.ratio)
-        error = log.transmission_error
-        if driving is not log.driving_angle:
-            error = error + ratio * (log.driving_angle - driving)
-        if log.driven is not None:
-            error = error + (log.driven.steady_angle(log.time) - log.driven_angle)
-        slope, level = np.polyfit(driving, error, 1)
-        torque = log.torque
-        if torque is not None:
-            window = max(1, round(_TORQUE_S / log.interval_s))
-            torque = uniform_filter1d(torque, window, mode="nearest")
-        speed = log.smooth_speed(driving).value
-        found = cls(
-            time=log.time,
-            driving=driving,
-            error=error,
-            speed=speed,
-            steady=speed,
-            ratio=ratio,
-            interval_s=log.interval_s,
-            runs=merged(runs),
-            ramps=tuple(sorted(ramps)),
-            nominal=(ratio + float(slope), float(level)),
-            resolution=log.driving.resolution,
-            torque=torque,
-        )
-        return replace(found, steady=steady_speed(found, driving, (*runs, *ramps)))
+    def in_runs(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+        """Return the values of the samples of all runs."""
+        return np.concatenate([values[run.start : run.stop] for run in self.runs])
 
     @property
     def level(self) -> float:
@@ -188,8 +158,30 @@ class Shafts:
             return replace(self, good=good)
         clean = np.interp(self.time, self.time[good], self.driving[good])
         speed = smooth_speed(self.time, clean, self.resolution).value
-        moved = replace(self, good=good, speed=speed)
-        return replace(moved, steady=steady_speed(moved, clean, (*self.runs, *self.ramps)))
+        runs = (*self.runs, *self.ramps)
+        return replace(self, good=good, speed=speed).steadied(clean, runs)
+
+    def steadied(self, driving: Float[np.ndarray, " n"], runs: Sequence[Run]) -> "Shafts":
+        """Return the log with its steady speed in `runs`, from φ₁ without outliers.
+
+        It is that of the means of the h samples before and after each one in its run. Noise v of
+        the angle gives it a variance of 2 v/(h³ Δt²), as if the speed changed and told the delay.
+        Beside a noise e of the error, n samples then tell the delay a tenth as well as half a
+        sampling interval does if h³ = 5 n i² v/e. A change beside a run says nothing about the run.
+        """
+        time, found = self.time, self.speed.copy()
+        noise, whole = abs(self.ratio) * cubic_noise(time, driving), cubic_noise(time, self.error)
+        share = min(noise / max(whole, 1e-300), 1.0) ** 2
+        for run in runs:
+            own = slice(run.start, run.stop)
+            place = np.arange(count := run.stop - run.start)
+            half = np.ceil((5 * len(time) * share) ** (1 / 3))
+            half = int(np.clip(half, 1, max(1, count // 4)))
+            before, after = np.maximum(place - half, 0), np.minimum(place + 1, max(count - half, 0))
+            means = (uniform_filter1d(x[own], half, origin=-(half // 2)) for x in (driving, time))
+            rise, past = (mean[after] - mean[before] for mean in means)
+            found[own] = rise / np.maximum(past, 1e-300)
+        return replace(self, steady=found)
 
     def delayed(self, delay_s: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return φ₁ and its steady speed at t − d.
@@ -210,29 +202,6 @@ class Shafts:
         """Return φ₁ at t − d, and the transmission error there, rad."""
         moved, _ = self.delayed(delay_s)
         return moved, self.error + self.ratio * (self.driving - moved)
-
-
-def steady_speed(
-    shafts: "Shafts", driving: Float[np.ndarray, " n"], runs: Sequence[Run]
-) -> Float[np.ndarray, " n"]:
-    """Return the speed from the means of the h samples before and after each one in its run, rad/s.
-
-    Noise v of the angle gives it a variance of 2 v/(h³ Δt²), as if the speed changed and told the
-    delay. Beside a noise e of the error, n samples then tell the delay a tenth as well as half a
-    sampling interval does if h³ = 5 n i² v/e. A change beside a run says nothing about the run.
-    """
-    time, found = shafts.time, shafts.speed.copy()
-    noise, whole = abs(shafts.ratio) * cubic_noise(time, driving), cubic_noise(time, shafts.error)
-    share = min(noise / max(whole, 1e-300), 1.0) ** 2
-    for run in runs:
-        own = slice(run.start, run.stop)
-        place = np.arange(count := run.stop - run.start)
-        half = int(np.clip(np.ceil((5 * len(time) * share) ** (1 / 3)), 1, max(1, count // 4)))
-        before, after = np.maximum(place - half, 0), np.minimum(place + 1, max(count - half, 0))
-        means = (uniform_filter1d(x[own], half, origin=-(half // 2)) for x in (driving, time))
-        rise, past = (mean[after] - mean[before] for mean in means)
-        found[own] = rise / np.maximum(past, 1e-300)
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,6 +227,10 @@ class Rows:
         """Flank of every row, "A" or "B"."""
         return np.repeat(np.array(self.flanks, "<U1"), self.last - self.first + 1)
 
+    def column(self, name: RowName) -> Float[np.ndarray, " n"]:
+        """Return one column."""
+        return self.table[:, self.names[name]]
+
     def with_columns(self, columns: Mapping[RowName, Float[np.ndarray, " n"]]) -> "Rows":
         """Return the rows with further columns."""
         names = (*(name for name in self.names if name != READINGS), *columns, READINGS)
@@ -268,26 +241,23 @@ class Rows:
         )
 
 
-@runtime_checkable
-class Extra(Protocol):
+class Extra:
     """Further columns of the rows: derivatives of a flank model, whose value leaves the readings.
 
-    The columns are `RowName("given", name)` for every name that is `told`.
+    The columns are `RowName("given", name)` for every name that is `told`. `highest_order` is that
+    of the flank model, cycles per driving turn.
     """
+
+    highest_order: float = 0.0
 
     @property
     def told(self) -> tuple[str, ...]:
         """Names of the parameters that have a column."""
-        ...
-
-    @property
-    def highest_order(self) -> float:
-        """Highest order of the flank model, cycles per driving turn."""
-        ...
+        return ()
 
     def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the columns of the flank model, less its transmission error."""
-        ...
+        raise NotImplementedError
 
 
 def merged(runs: Sequence[Run]) -> tuple[Run, ...]:
@@ -301,16 +271,6 @@ def merged(runs: Sequence[Run]) -> tuple[Run, ...]:
             run = run._replace(start=found.pop().start)
         found.append(run)
     return tuple(found)
-
-
-def names_of(waves: Sequence[Wave], *, torque: bool, ratio: bool) -> dict[RowName, int]:
-    """Return the place of every column of a row."""
-    names = [ONE, RowName("delay"), LATE]
-    names += [RowName("ratio")] * ratio + [RowName("torque")] * torque
-    names += [wave.row(part) for wave in waves for part in ("cos", "sin")]
-    for kind, count in (("drift", KNOTS), ("part", PARTS), ("bend", BENDS)):
-        names += [RowName(kind, k) for k in range(count)]
-    return {name: place for place, name in enumerate((*names, READINGS))}
 
 
 def rows_of(
@@ -339,42 +299,45 @@ def rows_of(
             last.append(first[-1] + count - 1)
             flanks.append(flank)
     samples = (np.concatenate(pieces) if pieces else np.arange(0)).reshape(-1, size)
-    names = names_of(waves, torque=shafts.torque is not None, ratio=ratio)
-    table = np.empty((len(samples), len(names)))
     moved, moved_speed = shafts.delayed(delay_s)
-    span = np.ptp(shafts.time)
+    span, level = np.ptp(shafts.time), shafts.level
     centre = moved[samples].mean() if len(samples) else 0.0
-    level = shafts.level
-    of_ratio, of_torque = names.get(RowName("ratio")), names.get(RowName("torque"))
-    waved = names[waves[0].row("cos")] if waves else 0
-    drift, bend = names[RowName("drift", 0)], names[RowName("bend", 0)]
+    mean = lambda values: values.mean(1)  # noqa: E731
+
+    def columns(index: Int[np.ndarray, "k size"]) -> Iterator[tuple[RowName, np.ndarray]]:
+        """Yield the columns of rows with the samples `index`."""
+        angle, speed = moved[index], mean(moved_speed[index])
+        late = -shafts.ratio * speed
+        yield ONE, np.ones(len(index))
+        yield RowName("delay"), late
+        yield LATE, -shafts.ratio * mean(shafts.speed[index])
+        if ratio:
+            yield RowName("ratio"), mean(angle) - centre
+        if shafts.torque is not None:
+            yield RowName("torque"), mean(shafts.torque[index])
+        for wave, values in zip(waves, _waves(waves, angle, shafts), strict=True):
+            averaged = mean(values)
+            yield wave.row("cos"), averaged.real
+            yield wave.row("sin"), averaged.imag
+        x = (mean(shafts.time[index]) - shafts.time.min()) / span
+        for k in range(KNOTS):
+            yield RowName("drift", k), np.clip(x * KNOTS - k, 0, 1)
+        for k in range(PARTS):
+            yield RowName("part", k), late * np.clip(1 - np.abs(x * (PARTS - 1) - k), 0, None)
+        for k, bend in enumerate(bends):
+            yield RowName("bend", k), np.clip(np.abs(speed) - bend, 0, None)
+        error = shafts.error[index] - level
+        yield READINGS, mean(error + shafts.ratio * (shafts.driving[index] - angle))
+
+    names = {name: place for place, (name, _) in enumerate(columns(samples[:0]))}
+    table = np.empty((len(samples), len(names)))
     step = max(1, _PIECE // size)
     for begin in range(0, len(samples), step):
         own = slice(begin, begin + step)
-        index = samples[own]
-        mean = lambda values: values.mean(1)  # noqa: E731
-        angle, speed = moved[index], mean(moved_speed[index])
-        late = -shafts.ratio * speed
-        table[own, names[ONE]], table[own, names[RowName("delay")]] = 1.0, late
-        table[own, names[LATE]] = -shafts.ratio * mean(shafts.speed[index])
-        if of_ratio is not None:
-            table[own, of_ratio] = mean(angle) - centre
-        if of_torque is not None and shafts.torque is not None:
-            table[own, of_torque] = mean(shafts.torque[index])
-        for place, wave in enumerate(_waves(waves, angle, shafts)):
-            averaged = mean(wave)
-            table[own, waved + 2 * place] = averaged.real
-            table[own, waved + 2 * place + 1] = averaged.imag
-        x = (mean(shafts.time[index]) - shafts.time.min()) / span
-        table[own, drift : drift + KNOTS] = np.clip(x[:, None] * KNOTS - np.arange(KNOTS), 0, 1)
-        hats = np.clip(1 - np.abs(x[:, None] * (PARTS - 1) - np.arange(PARTS)), 0, None)
-        table[own, drift + KNOTS : bend] = late[:, None] * hats
-        table[own, bend : bend + BENDS] = np.clip(np.abs(speed)[:, None] - bends, 0, None)
-        table[own, -1] = mean(
-            shafts.error[index] - level + shafts.ratio * (shafts.driving[index] - angle)
-        )
-    if of_torque is not None and len(table):
-        table[:, of_torque] -= table[:, of_torque].mean()
+        for name, values in columns(samples[own]):
+            table[own, names[name]] = values
+    if shafts.torque is not None and len(table):
+        table[:, names[RowName("torque")]] -= table[:, names[RowName("torque")]].mean()
     return Rows(
         names=names,
         table=table,

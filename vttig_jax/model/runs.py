@@ -1,16 +1,22 @@
 """Runs of a log with a known flank, and ramps whose flank the fit decides."""
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from ..logs.channel.unwrap import step_of
 from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
 from ..logs.motion.segments import Segments, places
-from .rows import Run, S, Shafts
+from .rows import Run, S, Shafts, merged
+
+_TORQUE_S = 0.1
+"""Time over which torque is averaged: its noise would make the coefficient too small."""
+
+_TWICE = 1.8
+"""Readings at a place of a table, on average, above which they tell a drift (chosen)."""
 
 _LEAST = 16
 """Fewest samples of a ramp: the smoothed speed does not follow shorter ones."""
@@ -43,7 +49,33 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
             slowing.append(Run(between.start, between.stop, first.flank))
     locked = {one.shaft: one.rounding_arcsec for one in commensurate(log, segments.segments)}
     rounding = float(np.radians(np.linalg.norm([*locked.values()]) / 3600))
-    return replace(Shafts.of(log, runs, slowing), rounding=rounding)
+    driving, ratio = log.driving.steady_angle(log.time), float(log.ratio)  # without spikes
+    error = log.transmission_error
+    if driving is not log.driving_angle:
+        error = error + ratio * (log.driving_angle - driving)
+    if log.driven is not None:
+        error = error + (log.driven.steady_angle(log.time) - log.driven_angle)
+    slope, level = np.polyfit(driving, error, 1)
+    speed, torque = log.smooth_speed(driving).value, log.torque
+    if torque is not None:
+        window = max(1, round(_TORQUE_S / log.interval_s))
+        torque = uniform_filter1d(torque, window, mode="nearest")
+    found = Shafts(
+        time=log.time,
+        driving=driving,
+        error=error,
+        speed=speed,
+        steady=speed,
+        ratio=ratio,
+        interval_s=log.interval_s,
+        runs=merged(runs),
+        ramps=tuple(sorted(slowing)),
+        nominal=(ratio + float(slope), float(level)),
+        resolution=log.driving.resolution,
+        torque=torque,
+        rounding=rounding,
+    )
+    return found.steadied(driving, (*runs, *slowing))
 
 
 def _still(log: EncoderLog, segments: Segments) -> Shafts:
@@ -83,5 +115,6 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
         resolution=log.driving.resolution,
         torque=None if log.torque is None else log.torque[order],
         still=True,
+        tells_drift=len(order) >= _TWICE * count,
         rounding=step / (2 * count) ** 0.5 if most > 1.5 * count else 0.0,
     )

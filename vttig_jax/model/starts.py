@@ -11,12 +11,12 @@ from .density import FIRST, weights
 from .functionals import Posterior
 from .mixed_fit import MixedFit
 from .problem import problem_of
-from .rows import SHAFTS, RowName, Rows, S, Shafts, Start, Wave
+from .rows import SHAFTS, Extra, RowName, Rows, S, Shafts, Start, Wave
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
-    """Derivatives of logs by their start angles, as `Extra` columns.
+class Turns(Extra):
+    """Derivatives of logs by their start angles, whose columns belong to the model.
 
     The harmonic C cos ψ + S sin ψ with ψ = n₁(φ₁ + a₁) + n₂(φ₂ + a₂) has the derivatives
     n (S cos ψ − C sin ψ) by a₁ and a₂. Only harmonics that a log shares count.
@@ -32,27 +32,12 @@ class Turns:
         """Return the derivatives at the harmonics that a fit has for its first log."""
         index, found = fit.posterior.problem.index, fit.posterior.coefficients
         both = (False, True) if GAP in index else (False,)
-        return cls(
-            {
-                wave: np.array(
-                    [
-                        [found[index[ColumnName(wave.row(part), 0, differs)]] for differs in both]
-                        for part in ("sin", "cos")
-                    ]
-                )
-                for wave in fit.waves
-            }
-        )
-
-    @property
-    def told(self) -> tuple[str, ...]:
-        """No names: the columns of the starts belong to the model."""
-        return ()
-
-    @property
-    def highest_order(self) -> float:
-        """No order beyond those of the model."""
-        return 0.0
+        waves = {}
+        for wave in fit.waves:
+            rows = wave.row("sin"), wave.row("cos")
+            places = [[index[ColumnName(row, 0, differs)] for differs in both] for row in rows]
+            waves[wave] = found[np.array(places)]
+        return cls(waves)
 
     def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
         """Return the rows with the derivatives as columns."""
@@ -62,7 +47,7 @@ class Turns:
         for wave, series in self.waves.items():
             if shafts.start.tells(wave):
                 sine, cosine = series @ sides[: series.shape[1]]
-                cos, sin = (rows.table[:, rows.names[wave.row(part)]] for part in ("cos", "sin"))
+                cos, sin = (rows.column(wave.row(part)) for part in ("cos", "sin"))
                 slopes += np.outer((wave.driving, wave.driven), sine * cos - cosine * sin)
         names = [RowName("start", shaft) for shaft in SHAFTS]
         return rows.with_columns(dict(zip(names, slopes, strict=True)))

@@ -33,8 +33,7 @@ AngleUnit = Literal[
 ]
 TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d", "min", "h"]
 
-Flank = Literal["A", "B"]
-"""Flank of the teeth in contact: A in forward motion of the driving gear, B in backward motion."""
+Flank = Literal["A", "B"]  # in contact: A in forward motion of the driving gear, B in backward
 
 
 class Encoder(Table, frozen=True):

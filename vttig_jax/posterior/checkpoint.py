@@ -18,12 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt32
 
 from ..base.errors import InputError, UsageError
-from ..base.files.atomic_write import (
-    locked,
-    os_error_message,
-    remove_abandoned,
-    replace_file,
-)
+from ..base.files.atomic_write import locked, os_error_message, remove_abandoned, replace_file
 from ..base.files.json_io import dumps
 from ..base.files.limits import MemoryBudget
 from .until import Until

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.special import gammaln
+from scipy.stats import t
 
 from ..base.errors import NoAnswerError
 
@@ -69,10 +69,7 @@ class Proposal:
     def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """Return the log density of points."""
         z = np.linalg.solve(self.factor, (points - self.mean)[:, self.order].T).T
-        v = self.freedom
-        norm = gammaln((v + 1) / 2) - gammaln(v / 2) - 0.5 * np.log(np.pi * v)
-        each = norm - 0.5 * (v + 1) * np.log1p(z**2 / v)
-        return each.sum(axis=1) - np.log(np.diag(self.factor)).sum()
+        return t.logpdf(z, self.freedom).sum(axis=1) - np.log(np.diag(self.factor)).sum()
 
     def improved(self, log_density: Callable) -> "Proposal":
         """Return the proposal with the moments of a density, from weighted draws.

@@ -25,7 +25,6 @@ from ..control.compensation.correction import (
 from ..identify.orders import is_fractional
 from ..identify.result import Fit
 from ..kinematics.flank_error import POINTS_PER_PERIOD, errors_at
-from ..model.columns import GAP
 from ..model.parameters import FULL_TURN
 from ..model.rows import SHAFTS
 from ..pair.gear_pair import Flank
@@ -202,7 +201,7 @@ def axis_curves(fit: Fit, posterior: Posterior | None, axis: AxisSetting) -> Axi
         # A table of a part of a turn holds, and has its zero, where the log covers.
         model, draws = drawn_from(fit, fit.core.posterior.moved[None]).mean_model, None
         period = fit.core.scope.covered
-        zero_mean = flanks[: 1 if GAP in fit.core.posterior.problem.index else 2]
+        zero_mean = flanks[: 1 if len(fit.core.scope.flanks) == 2 else 2]
     draws = student_draws(fit) if draws is None else draws
     every = slice(None, None, max(1, len(draws.offset) // _MOST_DRAWS))
     parts = {name: getattr(draws, name)[every] for name in ("offset", "cosine", "sine", "batch")}

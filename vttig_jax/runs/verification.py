@@ -25,7 +25,6 @@ from ..logs.recognition.request import ReadingOptions, Statement, stated_layout
 from ..model.columns import embedding
 from ..model.density import LAGS, weights
 from ..model.mixed_fit import residuals
-from ..model.rows import S
 from ..pair.gear_pair import Flank
 from ..pair.schema import Encoder, PairSpec
 from ..posterior.summary.posterior import Posterior
@@ -155,7 +154,7 @@ def _checked(
         : LAGS + 1
     ]
     taps = weight / np.sqrt(weight[0]) / (problem.unit * abs(unit))
-    links = [embedding(problem.columns, rows.names, 0, one)[:, :-1] for one in S]
+    links = [embedding(problem.columns, rows.names, 0, one)[:, :-1] for one in ("A", "B")]
     columns = np.where((flank == "A")[:, None], *(rows.table @ link for link in links))
     # The log has no drift but for its noise, if a curve explains what the fit took for one.
     loose = columns[:, nuisance] / np.maximum(np.max(np.abs(columns[:, nuisance]), axis=0), 1e-300)

@@ -11,7 +11,7 @@ from tests.posterior.made import quick_posterior
 from vttig_jax.base.errors import NoAnswerError
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.model.parameter import undetermined
+from vttig_jax.model.parameter import Parameter
 from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
 from vttig_jax.posterior.summary.draws import SmallestGap, batches
 from vttig_jax.posterior.summary.gap_draws import GapDraws
@@ -177,7 +177,7 @@ def test_one_flank_or_no_gap_has_no_answer(posterior):
     fit = posterior.fit
     with pytest.raises(NoAnswerError, match="only flank B was measured"):
         gap_draws(replace(posterior, fit=replace(fit, flanks=("B",))))
-    unknown = undetermined("constant_backlash_deg", "deg", "turned too little")
+    unknown = Parameter("constant_backlash_deg", "deg", reason="turned too little")
     checks = msgspec.structs.replace(fit.checks, gap_over_angles_covered=unknown)
     parameters = fit.parameters | {"constant_backlash_deg": unknown}
     open_fit = replace(fit, parameters=parameters, checks=checks)

@@ -13,7 +13,7 @@ from tests.schemas import load_schema
 from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.files.json_io import dumps
 from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.model.parameter import Parameter, undetermined
+from vttig_jax.model.parameter import Parameter
 from vttig_jax.pair.gear_pair import Drive
 from vttig_jax.posterior.summary.draws import (
     parameters_of_draws,
@@ -88,7 +88,7 @@ def test_a_phase_near_zero_has_an_interval_around_it():
 def test_what_the_fit_calls_undetermined_stays_so_whatever_the_draws_are(posterior):
     fit = posterior.fit
     unknown = {
-        name: undetermined(name, fit.parameters[name].unit, "one direction")
+        name: Parameter(name, fit.parameters[name].unit, reason="one direction")
         for name in ("driving_encoder_arcsec", "driving_encoder_phase_deg")
     }
     found = replace(posterior, fit=replace(fit, parameters=fit.parameters | unknown)).parameters
@@ -170,7 +170,7 @@ def test_json_fits_its_schema(posterior):
 
 def test_json_of_one_flank_says_why_there_is_no_gap(posterior):
     fit = posterior.fit
-    unknown = undetermined("constant_backlash_deg", "deg", "one direction")
+    unknown = Parameter("constant_backlash_deg", "deg", reason="one direction")
     parameters = fit.parameters | {"constant_backlash_deg": unknown}
     one = replace(posterior, fit=replace(fit, flanks=("A",), parameters=parameters))
     record = json.loads(dumps(one.to_json()))

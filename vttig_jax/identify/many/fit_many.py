@@ -1,6 +1,6 @@
 """Fits of many logs, each from a rig of its own: one table row for each log."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from typing import Any, NamedTuple
@@ -11,7 +11,6 @@ from ...base.errors import LogError, NoAnswerError, VttigError
 from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread, usable_cores
 from ...logs.encoder_log import EncoderLog
-from ...model.parameter import Parameter
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from ..checking import noise_of
@@ -178,8 +177,12 @@ def row_of(
     if not any(parameter.determined for parameter in parameters.values()):
         reason = next(iter(parameters.values())).reason
         raise NoAnswerError(f"it tells no parameter: {reason}.", where=log.source)
+    cells: Row = {}
+    for name, one in parameters.items():
+        numbers = one.value, one.std, one.low95, one.high95
+        cells |= {name + part: number for part, number in zip(PARTS, numbers, strict=True)}
     noise = noise_of(core)
-    return _cells(parameters) | {
+    return cells | {
         "log": log.source,
         "code": OK,
         "flanks": "".join(core.scope.flanks),
@@ -206,12 +209,3 @@ def parameter_names(pair: GearPair | Drive) -> tuple[str, ...]:
 def _failed(name: str, error: VttigError) -> Row:
     code = UNDETERMINED if isinstance(error, NoAnswerError) else REFUSED
     return {"log": name, "code": code, "reason": str(error).removeprefix(f"{name}: ")}
-
-
-def _cells(parameters: Mapping[str, Parameter]) -> Row:
-    """Return the table cells of all parameters; values that are not significant are included."""
-    row: Row = {}
-    for name, found in parameters.items():
-        numbers = (found.value, found.std, found.low95, found.high95)
-        row |= {name + part: number for part, number in zip(PARTS, numbers, strict=True)}
-    return row

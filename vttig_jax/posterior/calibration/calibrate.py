@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -63,9 +63,8 @@ def coverage(hits: int, rigs: int) -> Coverage:
 
     ```
     """
-    low = stats.beta.ppf(0.025, hits, rigs - hits + 1) if hits else 0.0
-    high = stats.beta.ppf(0.975, hits + 1, rigs - hits) if hits < rigs else 1.0
-    return Coverage(hits, rigs, float(low), float(high))
+    interval = stats.binomtest(hits, rigs).proportion_ci(0.95, "exact")
+    return Coverage(hits, rigs, float(interval.low), float(interval.high))
 
 
 @dataclass(frozen=True)
@@ -226,7 +225,7 @@ def calibrate(
         encoders=not settings.perfect_encoders,
         gears=not settings.perfect_gears,
     )
-    seen: dict[str, list[tuple[float, bool, float]]] = {}
+    seen: dict[str, list[Outcome]] = {}
     units: dict[str, str] = {}
     for number in range(rigs):
         generator = np.random.default_rng([seed, number])
@@ -245,8 +244,17 @@ def calibrate(
     )
 
 
-def _judged(found: Parameter, true: float) -> tuple[float, bool, float] | None:
-    """Return error in standard errors, whether the interval holds the truth, and standard error.
+class Outcome(NamedTuple):
+    """Interval of a parameter of one rig: its error in standard errors, whether it `holds` the
+    truth, and its standard error."""
+
+    error: float
+    holds: bool
+    std: float
+
+
+def _judged(found: Parameter, true: float) -> Outcome | None:
+    """Return whether the interval of a parameter holds the truth.
 
     None for a parameter that the rig does not tell. An amplitude that is not significant has an
     upper limit, which is no equal-tailed interval and is left out, as is its phase.
@@ -257,15 +265,15 @@ def _judged(found: Parameter, true: float) -> tuple[float, bool, float] | None:
     assert std is not None and low is not None and high is not None  # all are given with a value
     if found.name.endswith("_phase_deg"):
         true = value + (true - value + 180.0) % 360.0 - 180.0
-    return (value - true) / std, low <= true <= high, std
+    return Outcome((value - true) / std, low <= true <= high, std)
 
 
 def _table(
-    seen: Mapping[str, list[tuple[float, bool, float]]], units: Mapping[str, str], rigs: int
+    seen: Mapping[str, list[Outcome]], units: Mapping[str, str], rigs: int
 ) -> dict[str, Judged]:
     """Return the table; Holm's method judges all parameters together."""
     coverages = {
-        name: coverage(sum(held for _, held, _ in rows), len(rows)) for name, rows in seen.items()
+        name: coverage(sum(one.holds for one in own), len(own)) for name, own in seen.items()
     }
     narrow = set()
     ordered = sorted(coverages, key=lambda name: coverages[name].probability)
@@ -275,13 +283,13 @@ def _table(
         narrow.add(name)
     return {
         name: Judged(
-            name,
-            units[name],
-            coverages[name],
-            len(rows) / rigs,
-            float(np.sqrt(np.mean([error**2 for error, *_ in rows]))),
-            float(np.mean([std for *_, std in rows])),
-            name not in narrow,
+            name=name,
+            unit=units[name],
+            coverage=coverages[name],
+            told=len(own) / rigs,
+            rms=float(np.sqrt(np.mean([one.error**2 for one in own]))),
+            std=float(np.mean([one.std for one in own])),
+            holds=name not in narrow,
         )
-        for name, rows in seen.items()
+        for name, own in seen.items()
     }

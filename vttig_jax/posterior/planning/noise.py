@@ -56,23 +56,18 @@ class PlannedNoise:
     ) -> Float[np.ndarray, " lags"]:
         """Return the autocovariance of means of `size` samples at lags of 0 … `lags` blocks, rad².
 
-        Without the white part and in units of σ²/m², where ρ is the correlation of neighbouring
-        samples, σ = `std_deg` and m = `size`:
+        With m = `size` and the time Δt between samples:
 
-            γ_0 = m + 2 Σ_{k<m} (m − k) ρ^k,   γ_l = ρ^((l−1)m + 1) ((1 − ρ^m)/(1 − ρ))²
+            γ_l = Σ_{|k|<m} (m − |k|) cov((l m + k) Δt)/m²
 
         **Arguments**
         - `counting_rad`: standard deviation of the counting error of one sample.
         """
-        step = 1 / (rate_hz * self.correlation_s) if self.correlation_s > 0 else math.inf
-        inside = np.arange(1, size)
-        first = size + 2 * np.sum((size - inside) * np.exp(-inside * step))
-        # expm1 avoids the cancellation in (1 − ρ^m)/(1 − ρ) for a long correlation.
-        within = math.expm1(-size * step) / math.expm1(-step) if step < math.inf else 1.0
-        later = np.exp(-((np.arange(lags) * size) + 1) * step) * within**2
-        correlated = (self.std_deg * DEG / size) ** 2 * np.concatenate([[first], later])
-        correlated[0] += ((self.white_std_deg * DEG) ** 2 + counting_rad**2) / size
-        return correlated
+        apart = np.arange(1 - size, size)
+        lag_s = np.abs(np.arange(lags + 1)[:, None] * size + apart) / rate_hz
+        covariance = (self.std_deg * DEG) ** 2 * np.exp(-lag_s / max(self.correlation_s, 1e-300))
+        covariance[lag_s == 0] += (self.white_std_deg * DEG) ** 2 + counting_rad**2
+        return covariance @ (size - np.abs(apart)) / size**2
 
 
 _FEW_PHASES = 4

@@ -1,8 +1,10 @@
 """Expected standard errors of a run that is not yet recorded, and the shortest run for them."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, Literal
 
 from ...base.errors import NoAnswerError
@@ -10,13 +12,13 @@ from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...base.units import DEG
 from ...identify.fit_settings import FitSettings
-from ...identify.identification import conditions_of, told_by
+from ...identify.identification import conditions_of, outcome_of, told_by
 from ...model.parameters import FULL_TURN
 from ...pair.gear_pair import Drive, Eccentricities, GearPair
 from ...pair.schema import HarmonicOrders
 from .expected import assumed_values, expected_fit, too_short
 from .noise import PlannedNoise, counting_std
-from .result import Plan, notes, outcome_of, planned_parameter
+from .result import Plan, notes, planned_parameter
 from .run import MOST_SAMPLES, Directions, PlannedRun, speeds_of
 
 DelayChoice = Literal["auto", "off"] | float
@@ -181,22 +183,17 @@ def shortest_run(
     samples = sum(60 / speed for speed in longest.speeds_rpm) * longest.pass_count * longest.rate_hz
     most = max(1, math.floor(min(most_turns, 0.95 * MOST_SAMPLES / samples)))
     least = max(1, math.ceil(longest.least_turns))
+    attempt = cache(lambda turns: _attempt(pair, turns, target, planned))
     few, many = least - 1, min(least, most)
-    best = _attempt(pair, many, target, planned)
-    while not _reaches_target(best, target):
+    while not _reaches_target(attempt(many), target):
         if many == most:
-            raise _unreachable(best, target, longest, most)
-        if isinstance(best, Plan):
+            raise _unreachable(attempt(many), target, longest, most)
+        if isinstance(best := attempt(many), Plan):
             _require_possible(best, target)
         few, many = many, min(2 * many, most)
-        best = _attempt(pair, many, target, planned)
-    while many - few > 1:
-        middle = (few + many) // 2
-        result = _attempt(pair, middle, target, planned)
-        if _reaches_target(result, target):
-            best, many = result, middle
-        else:
-            few = middle
+    turns = range(few + 1, many + 1)
+    enough = bisect_left(turns, True, key=lambda k: _reaches_target(attempt(k), target))
+    best = attempt(turns[enough])
     assert isinstance(best, Plan)  # because it reaches the target
     own = {name: replace(p, wanted=target.get(name)) for name, p in best.parameters.items()}
     return replace(best, parameters=own)

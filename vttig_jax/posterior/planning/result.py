@@ -1,7 +1,6 @@
 """Result of a plan: its classes, report and JSON object, and the notes on it."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -13,7 +12,6 @@ from ...model.columns import DELAY, GAP
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
 from ...model.parameter import Parameter, open_reasons
-from ...model.parameters import LEFT_OUT
 from ...pair.gear_pair import Drive, GearPair
 from ...pair.schema import HarmonicOrders
 from .noise import PlannedNoise, frozen_counts
@@ -175,13 +173,6 @@ def _noise(plan: Plan) -> str:
     if counting:
         parts.append(f"{counting:.2g}° ({counting * DEG / ARCSEC:.2g}″) of counting")
     return " + ".join(parts)
-
-
-def outcome_of(parameters: Mapping[str, Parameter]) -> str:
-    """Return the outcome that the fit of the run will have."""
-    asked = [p for name, p in parameters.items() if name != "delay_s" and p.reason not in LEFT_OUT]
-    told = [p.determined for p in asked]
-    return "ok" if all(told) else "partly_determined" if any(told) else "not_determined"
 
 
 def notes(

@@ -134,9 +134,7 @@ def streamed_band(blocks: Iterable[Float[np.ndarray, "_ m"]], probability: float
     count = math.ceil(probability * len(largest) - 1e-9)
     critical = float(largest[count - 1]) * (1.0 + _ROUNDING)
     centre, std, low, high = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Band(
-        probability=probability, centre=centre, std=std, low=low, high=high, critical=critical
-    )
+    return Band(probability, centre, std, low, high, critical)
 
 
 @dataclass(frozen=True)
@@ -161,18 +159,23 @@ class BandedMap(PlottedResult):
     turns: float
 
     @property
+    def _curves(self) -> dict[str, Curve]:
+        radius, axial = millimetres(self.map.pair)
+        ends, gap = self.band.edges, self.band.centre
+        return {
+            "driving_deg": self.driving_angle / DEG,
+            "backlash_deg": gap / DEG,
+            "backlash_mm": gap * radius,
+            "axial_mm": gap * axial,
+            "backlash_first_order_deg": self.first_order / DEG,
+            **{f"{name}_deg": end / DEG for name, end in ends.items()},
+            **{f"axial_{name}_mm": end * axial for name, end in ends.items()},
+        }
+
+    @property
     def columns(self) -> tuple[str, ...]:
         """Names of the columns of `table`: those of a map without bands, then the bands."""
-        ends = self.band.edges
-        return (
-            "driving_deg",
-            "backlash_deg",
-            "backlash_mm",
-            "axial_mm",
-            "backlash_first_order_deg",
-            *(f"{end}_deg" for end in ends),
-            *(f"axial_{end}_mm" for end in ends),
-        )
+        return tuple(self._curves)
 
     def table(self) -> Float[np.ndarray, "n columns"]:
         """Return the table with the columns `columns` and one row per driving angle.
@@ -181,20 +184,7 @@ class BandedMap(PlottedResult):
         are those of j times this factor. Columns in mm are NaN without gear geometry, and axial
         columns also without taper.
         """
-        radius, axial = millimetres(self.map.pair)
-        ends, gap = self.band.edges.values(), self.band.centre
-        return np.stack(
-            [
-                self.driving_angle / DEG,
-                gap / DEG,
-                gap * radius,
-                gap * axial,
-                self.first_order / DEG,
-                *(end / DEG for end in ends),
-                *(end * axial for end in ends),
-            ],
-            axis=1,
-        )
+        return np.stack([*self._curves.values()], axis=1)
 
     def __str__(self) -> str:
         rows = [

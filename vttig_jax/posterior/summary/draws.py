@@ -16,55 +16,6 @@ from ...model.parameter import BELOW, UPPER, Parameter
 from ...model.parameters import SIGNIFICANT
 from ...pair.gear_pair import Drive, GearPair
 
-
-@dataclass(frozen=True)
-class CircularSummary:
-    """Summary of draws of one angle, deg.
-
-    **Arguments**
-    - `mean`: circular mean, in [0, 360).
-    - `std`: circular standard deviation √(−2 ln R), R the length of the mean unit vector.
-    - `median`, `low`, `high`: mean plus quantiles of the signed differences of the draws from the
-      mean; they may lie outside [0, 360).
-    """
-
-    mean: float
-    std: float
-    median: float
-    low: float
-    high: float
-
-
-def circular_summary(
-    angles_deg: Float[np.ndarray, " m"], probability: float = 0.95
-) -> CircularSummary:
-    """Summarise draws of an angle with an equal-tailed interval.
-
-    **Arguments**
-    - `angles_deg`: angles, deg, with any number of whole turns, shape (m,).
-    - `probability`: probability of the interval.
-
-    **Example**
-    ```python
-    >>> import numpy as np
-    >>> from vttig_jax.posterior.summary.draws import circular_summary
-    >>> result = circular_summary(np.array([350.0, 358.0, 2.0, 6.0, 374.0]))
-    >>> round(result.mean, 2), round(result.low, 2), round(result.high, 2)
-    (2.0, -9.2, 13.2)
-
-    ```
-    """
-    from scipy.stats import circmean, circstd  # slow to import
-
-    # The mean of `circmean` can round to 360.
-    mean = float(wrap_deg(circmean(angles_deg, high=360, low=0)))
-    deviation = difference_deg(angles_deg, mean)
-    tail = (1.0 - probability) / 2.0
-    low, median, high = mean + np.quantile(deviation, [tail, 0.5, 1.0 - tail])
-    std = float(circstd(angles_deg, high=360, low=0))
-    return CircularSummary(mean, std, float(median), float(low), float(high))
-
-
 _TAILS = (0.025, 0.5, 0.975)  # ends of the 95 % interval, and the median
 _BATCHES = 8
 """Number of batches of successive steps into which the draws of one ensemble are split (chosen)."""
@@ -162,6 +113,32 @@ def _told(
     return PosteriorParameter(name, unit, value, std, **ends, **known)
 
 
+def phase_of_draws(name: str, angles_deg: Float[np.ndarray, " n"]) -> PosteriorParameter:
+    """Return the parameter of draws of an angle, deg, with any number of whole turns.
+
+    The value is the circular mean in [0, 360), and the std √(−2 ln R) with R the length of the mean
+    unit vector. Median and bounds are the mean plus quantiles of the signed differences of the
+    draws from it; they may lie outside [0, 360).
+
+    **Example**
+    ```python
+    >>> import numpy as np
+    >>> from vttig_jax.posterior.summary.draws import phase_of_draws
+    >>> phase = phase_of_draws("phase_deg", np.array([350.0, 358.0, 2.0, 6.0, 374.0]))
+    >>> round(phase.value, 2), round(phase.low95, 2), round(phase.high95, 2)
+    (2.0, -9.2, 13.2)
+
+    ```
+    """
+    from scipy.stats import circmean, circstd  # slow to import
+
+    # The mean of `circmean` can round to 360.
+    mean = float(wrap_deg(circmean(angles_deg, high=360, low=0)))
+    std = float(circstd(angles_deg, high=360, low=0))
+    quantiles = mean + np.quantile(difference_deg(angles_deg, mean), _TAILS)
+    return _told(name, "deg", mean, std, quantiles)
+
+
 def polar_of_draws(
     names: tuple[str, str], unit: str, plane: Float[np.ndarray, "n 2"]
 ) -> tuple[PosteriorParameter, PosteriorParameter]:
@@ -180,11 +157,9 @@ def polar_of_draws(
         reason = f"{names[0]} is below three standard errors"
         phase = PosteriorParameter(names[1], "deg", determined=True, reason=reason)
         return replace(amplitude, upper95=upper), phase
-    angle = circular_summary(np.arctan2(plane[:, 1], plane[:, 0]) / DEG)
-    ends = angle.low, angle.median, angle.high
     return (
         _told(names[0], unit, value, float(length.std(ddof=1)), spread),
-        _told(names[1], "deg", angle.mean, angle.std, ends),
+        phase_of_draws(names[1], np.arctan2(plane[:, 1], plane[:, 0]) / DEG),
     )
 
 

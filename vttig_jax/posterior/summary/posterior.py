@@ -25,6 +25,7 @@ from ...model.parameter import open_reasons
 from ...model.rows import SHAFTS
 from ...pair.gear_pair import Eccentricities
 from ..chains import Chains
+from ..convergence import Diagnosis
 from .arviz_export import arviz_data
 from .draws import (
     PosteriorParameter,
@@ -66,8 +67,8 @@ class Posterior(PlottedResult):
     chains: Chains
 
     @property
-    def diagnosis(self) -> Any:
-        """Convergence of the sampler: `converged`, `to_json()` and `str()`."""
+    def diagnosis(self) -> Diagnosis:
+        """Convergence of the sampler."""
         return self.chains.diagnosis
 
     @property
@@ -194,8 +195,7 @@ class Posterior(PlottedResult):
     def __str__(self) -> str:
         return posterior_text(self)
 
-    def __repr__(self) -> str:
-        return posterior_text(self)
+    __repr__ = __str__
 
 
 _BESIDE_FIT = (
