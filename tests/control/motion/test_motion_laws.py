@@ -79,8 +79,8 @@ def test_a_motion_differs_smoothly_with_every_number_of_a_scenario(kind, event):
         found = vars(motion_of(kind, event, *numbers))
         return {name: value for name, value in found.items() if hasattr(value, "dtype")}
 
-    primals, felt = tuple(map(jnp.asarray, NUMBERS)), set()
-    for place, name in enumerate(NAMES):
+    primals = tuple(map(jnp.asarray, NUMBERS))
+    for place in range(len(NAMES)):
         tangents = tuple(jnp.full_like(x, k == place) for k, x in enumerate(primals))
         _, slopes = jax.jvp(made, primals, tangents)  # not compiled: cheaper for one use
 
@@ -95,17 +95,6 @@ def test_a_motion_differs_smoothly_with_every_number_of_a_scenario(kind, event):
             expected = (4 * fine[key] - coarse[key]) / 3
             scale = max(1.0, np.abs(slope).max())
             np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-8 * scale)
-            felt |= {name} if np.any(slope) else set()
-    idle = set(NAMES) - felt
-    assert idle == IDLE[event] | ({"dwell_s", "ramp_s"} if kind == "sine" else set())
-
-
-IDLE = {
-    "reversal": {"slow_share", "stop_s"},
-    "slow_down": {"stop_s"},
-    "aborted": {"stop_s"},
-    "emergency_stop": {"slow_share"},
-}
 
 
 @pytest.mark.parametrize(("name", "value"), [("dwell_s", 0.0), ("reversal_deg", 180.0)])

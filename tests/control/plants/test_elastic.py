@@ -5,15 +5,13 @@ from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.compiler import fast_to_compile
-from tests.control.followed import OPEN, Still, follow, shafts_at
+from tests.control.followed import Still, follow, shafts_at
 from tests.control.parts import elastic, rigid, trapezoid
 from tests.oracles.elastic_contact import Contact, Path, integrate
 from tests.oracles.flank_formulas import PAPER, closed
@@ -157,41 +155,6 @@ def test_a_mesh_without_drive_gains_no_energy(damping_ratio, stiffness, step, wi
     assert np.all(np.diff(energy) <= 1e-7 * energy[0] + 1e-24)
     if damping_ratio == 0 and width == 1e-2 and step <= 2e-4 and energy[0] > 1e-9:
         assert energy[-1] > 0.999 * energy[0]
-
-
-@pytest.mark.slow
-def test_gradients_are_those_of_differences_in_flight_and_through_an_impact(bounds):
-    motion = trapezoid(60.0, 540.0, 0.05, 0.5)
-
-    def after(numbers):
-        """x and its rate a step later."""
-        begin, above, drift, stiffness, damping_ratio = numbers
-        start = shafts_at(motion, bounds, begin, 0.0, 0.0, FREE)
-        start = replace(start, offset=start.flanks.lower + above, drift=drift)
-        plant = elastic(Drag(INERTIA, COULOMB), stiffness, damping_ratio)
-        ended, _ = plant.step(start, motion.at(begin + SAMPLE), OPEN, bounds, jnp.asarray(SAMPLE))
-        return jnp.stack([ended.offset, ended.drift])
-
-    # Flight; an impact on A; flight; an impact on B that is not over at the end of the step.
-    cases = np.array(
-        [
-            [0.3, 1e-4, 0.02, STIFFNESS, 0.1],
-            [0.3, 1e-5, -0.05, STIFFNESS, 0.1],
-            [2.4, 4e-4, 0.01, STIFFNESS, 0.3],
-            [2.4, 5e-4, 0.5, 1e5, 0.2],
-        ]
-    )
-    batch = jax.jit(jax.vmap(after))
-    along = jax.jit(lambda cases, moves: jax.jvp(batch, (cases,), (moves,))[1], **fast_to_compile())
-    for place, step in ((1, 1e-9), (2, 1e-6), (3, 10.0), (4, 1e-5)):
-        move = np.broadcast_to(step * np.eye(5)[place], cases.shape)
-        ahead, behind = (np.asarray(batch(jnp.asarray(cases + s * move))) for s in (1, -1))
-        difference = (ahead - behind) / 2
-        scale = np.abs(difference).max(axis=0)
-        slopes = np.asarray(along(jnp.asarray(cases), jnp.asarray(move)))
-        np.testing.assert_allclose(slopes / scale, difference / scale, atol=1e-3)
-        if place > 2:
-            assert np.all(slopes[[0, 2]] == 0.0)  # in flight the teeth do not matter
 
 
 def test_stiffness_of_the_paper_and_the_longest_step():

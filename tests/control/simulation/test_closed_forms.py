@@ -83,16 +83,6 @@ def test_the_paper_controller_wants_further_by_what_the_gap_has_shrunk_on_the_wa
     assert (interference > 0.05).sum() > 3 and (interference == 0).sum() > 3
 
 
-def test_the_paper_controller_holds_its_shift_from_the_detection_to_the_turn(papers):
-    for run in papers:
-        motion, time = run.case.motion, samples_of(run).time
-        held = (time >= run.accumulators.detection_s) & (time < float(motion.turn_s))
-        expected = asked(run, run.accumulators.detection) / CLOSING
-        np.testing.assert_allclose(samples_of(run).command[held], expected, atol=1e-9 / CLOSING)
-        before = (time >= float(motion.braking_s)) & (time < run.accumulators.detection_s)
-        assert np.all(samples_of(run).command[before] == 0.0)
-
-
 # The jump.
 
 

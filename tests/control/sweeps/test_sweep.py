@@ -9,7 +9,7 @@ import pytest
 from msgspec import structs
 
 import vttig_jax
-from tests.control.scenarios import PAIR, SHORT, spec_of
+from tests.control.scenarios import PAIR, SHORT, HoldShift, spec_of
 from tests.control.sweep_files import (
     AXES,
     CONTROLLERS,
@@ -20,7 +20,6 @@ from tests.control.sweep_files import (
 )
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control import Maps, simulate, sweep
-from vttig_jax.control.controllers.controller import Controller
 from vttig_jax.control.simulation.case import METRICS
 from vttig_jax.control.simulation.result import Simulation
 from vttig_jax.control.sweeps import sweep as sweep_work
@@ -151,22 +150,11 @@ def test_cases_without_a_gap_are_refused():
 
 
 def test_a_controller_of_your_own():
-    class Half(Controller):
-        shift_mm: float
-
-        def start(self):
-            return ()
-
-        def step(self, state, seen):
-            import jax.numpy as jnp
-
-            return state, jnp.where(seen.time > 0.5, self.shift_mm, 0.0)
-
     axes = {"motion.reversal_deg": [300.0, 360.0]}
-    found = sweep(sweep_spec(axes), PAIR, controller=Half(0.1))
+    found = sweep(sweep_spec(axes), PAIR, controller=HoldShift(0.1))
     np.testing.assert_allclose(found.columns["actuator_travel_mm"], 0.1, atol=1e-9)
     with pytest.raises(ScenarioError, match="controller of your own"):
-        sweep(sweep_spec(), PAIR, controller=Half(0.1))
+        sweep(sweep_spec(), PAIR, controller=HoldShift(0.1))
 
 
 def test_new_values_compile_nothing():
