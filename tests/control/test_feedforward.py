@@ -166,7 +166,7 @@ def advances(speeds) -> np.ndarray:
     state, step = controller.start(), eqx.filter_jit(controller.step)
     for number, speed in enumerate(speeds):
         given_ = map(jnp.asarray, (number * 1e-3, 0.0, 0.0, 0.0, 0.0, 1.0, speed))
-        state, command = step(state, Measurement(*given_, BOUNDS, np.zeros(())))
+        state, command = step(state, Measurement(*given_, map=BOUNDS, delay=np.zeros(())))
         assert float(command.shift) == 0.0
         found.append(float(command.advance))
     return np.array(found)

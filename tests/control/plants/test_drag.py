@@ -15,7 +15,7 @@ STEP = 1e-4
 INERTIA = 0.01
 
 
-def drag(**values: float) -> Drag:
+def drag(**values: Any) -> Drag:
     return Drag(INERTIA, **values)
 
 

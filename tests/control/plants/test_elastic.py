@@ -1,5 +1,6 @@
 """Elastic teeth against DOP853 of the same law, rigid teeth, and what a mesh may do with energy."""
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -89,12 +90,12 @@ def test_impacts_are_located(bounds, reversal):
     shafts, touches = run(bounds, contact(CORNERS), times, SAMPLE)
     entries = [
         time
-        for (time, mode), (_, before) in zip(reversal.pieces[1:], reversal.pieces, strict=False)
+        for (_, before), (time, mode) in itertools.pairwise(reversal.pieces)
         if mode.b == "stiff" and before.b == "free"
     ]
     met = np.flatnonzero(touches.side)
     assert np.all(touches.side[met] == ON_B)
-    for place, time in list(zip(met, entries, strict=False))[:8]:
+    for place, time in zip(met[:8], entries[:8], strict=True):
         assert times[place] <= time <= times[place + 1]
         assert touches.angle[place] == pytest.approx(CORNERS.at(time)[0], abs=1e-5)
         low, high = (wall(float(touches.angle[place]))[0] for wall in closed())

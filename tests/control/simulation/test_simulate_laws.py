@@ -215,6 +215,7 @@ def test_a_compiled_period_is_one_computed_step_by_step():
     _, compiled = eqx.filter_jit(run_periods)(case, state, later, True)
     with jax.disable_jit():
         _, samples = run_periods(case, state, later, True)
+    assert samples is not None and compiled is not None
     assert samples.reached[1] > samples.reached[0]  # the actuator is on its way
     for one, other in zip(jax.tree.leaves(samples), jax.tree.leaves(compiled), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-10)

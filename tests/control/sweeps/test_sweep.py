@@ -54,7 +54,7 @@ def assert_same(table: SweepTable, number: int, run: Simulation) -> None:
     seen = {name: values[number].item() for name, values in table.columns.items()}
     assert seen["case"] == number and seen["outcome"] == run.outcome
     for name in METRICS:
-        expected = np.nan if run.metrics[name] is None else run.metrics[name]
+        expected: Any = np.nan if run.metrics[name] is None else run.metrics[name]
         np.testing.assert_allclose(seen[name], expected, rtol=0, atol=1e-9, err_msg=name)
 
 
