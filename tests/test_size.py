@@ -29,7 +29,7 @@ BOUNDS = {
     "model": (2141, 44),
     "identify": (3597, 38),  # 9000 together with posterior
     "posterior": (2763, 46),
-    "control": (5521, 77),  # 3600
+    "control": (5510, 77),  # 3600
     "plotting": (1779, 52),  # 2000 together with the report
     "runs": (2489, 11),  # 900
     "cli": (3376, 15),  # 2600

@@ -1,6 +1,6 @@
-"""A plant alone, followed through a motion: no controller, no actuator, no encoders."""
+"""Both shafts followed step by step: no controller, no actuator, no encoders."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,9 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.compiler import fast_to_compile
-from vttig_jax.control.motion.motion import Motion
-from vttig_jax.control.plants.plant import ContactEvent, Plant, Shafts, Slide
-from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds, Flanks
+from tests.control.parts import at
+from vttig_jax.control.hardware.servo import Servo, ServoDrive
+from vttig_jax.control.motion.motion import Motion, MotionPoint
+from vttig_jax.control.plants.plant import FREE, ContactEvent, Drag, Plant, Shafts, Slide
+from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds
+
+RATIO = 0.5625
+OPEN = Slide(*[jnp.zeros(())] * 4)
+IDLE = Servo(1e-300, 0.0, 0.0, 1.0)
+"""No torque."""
+TOGETHER = 250
+"""Steps of one call of the compiled program, so that it serves runs of every length."""
 
 
 class Still(NamedTuple):
@@ -25,20 +34,44 @@ class Still(NamedTuple):
         return FirstOrderBounds(1.0, np.array([self.lower, self.upper]), zero, zero, np.ones(2))
 
 
-TOGETHER = 250
-"""Steps of one call of the compiled program, so that it serves runs of every length."""
+def waves(swing: float = 4e-4, gap: float = 8e-4) -> FirstOrderBounds:
+    """Flanks that go up and down once a turn of each shaft, in different phases."""
+    cosine: Any = swing * np.array([[1.0, 0.3], [0.6, -0.5]])
+    sine: Any = swing * np.array([[0.2, -0.7], [-0.9, 0.4]])
+    return FirstOrderBounds(RATIO, np.array([0.0, gap]), cosine, sine, np.ones(2))
 
-OPEN = Slide(*[jnp.zeros(())] * 4)
+
+def shafts_of(
+    bounds: Bounds,
+    angle: Any = 0.0,
+    speed: Any = 0.0,
+    offset: Any = 0.0,
+    drift: Any = 0.0,
+    side: Any = FREE,
+) -> Shafts:
+    """Both shafts: driving angle and speed, x and its rate, and the flank that carries."""
+    values = [jnp.asarray(value, float) for value in (angle, speed, offset, drift, side)]
+    return Shafts(*values, flanks=bounds.at(values[0]))
 
 
 def shafts_at(
-    motion: Motion, bounds: Bounds, time: float, offset: float, drift: float, side: float
+    motion: Motion, bounds: Bounds, time: Any, offset: Any, drift: Any, side: float
 ) -> Shafts:
-    """Both shafts at a time in s, with x in rad and its rate."""
+    """The same with the driving shaft where a motion has it at a time in s."""
     point = motion.at(jnp.asarray(time))
-    flanks: Flanks = bounds.at(point.angle)
-    x, rate, carries = (jnp.asarray(value) for value in (offset, drift, side))
-    return Shafts(point.angle, point.speed, x, rate, carries, flanks)
+    return shafts_of(bounds, point.angle, point.speed, offset, drift, side)
+
+
+def drive_of(
+    servo: Servo = IDLE, driving: Drag | None = None, driven: Drag | None = None
+) -> ServoDrive:
+    return ServoDrive(servo, driving or Drag(0.002), driven or Drag(0.01))
+
+
+def told_of(angle: Any, speed: Any) -> MotionPoint:
+    """What the motor is told, before the first step and after each: rad and rad/s."""
+    angle, speed = jnp.broadcast_arrays(jnp.asarray(angle, float), jnp.asarray(speed, float))
+    return MotionPoint(angle, speed, jnp.zeros_like(angle))
 
 
 def follow(
@@ -51,14 +84,33 @@ def follow(
     steps: int,
     every: int = 1,
 ) -> tuple[Shafts, ContactEvent]:
-    """Shafts after every so many steps, and the touches of all steps."""
-    now, fixed = _strong(start), (jnp.asarray(begin, float), jnp.asarray(step, float))
-    parts = []
-    for done in range(0, steps, TOGETHER):
-        now, part = _followed(plant, motion, bounds, now, *fixed, jnp.asarray(done))
-        parts.append(jax.tree.map(np.asarray, part))
-    shafts, touches = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:steps], *parts)
+    """Shafts after every so many steps of a motion, and the touches of all steps."""
+    told = at(motion, begin + step * np.arange(steps + 1))
+    shafts, touches = turned(None, plant, bounds, start, told, step)
     return jax.tree.map(lambda values: values[every - 1 :: every], shafts), touches
+
+
+def turned(
+    drive: ServoDrive | None,
+    plant: Plant,
+    bounds: Bounds,
+    start: Shafts,
+    told: MotionPoint,
+    step: float,
+) -> tuple[Shafts, ContactEvent]:
+    """Both shafts at the end of every step and what they touch; `told` before the first and after.
+
+    Without a drive the driving shaft is where it is told to be.
+    """
+    steps, parts = len(told.angle) - 1, []
+    first = jax.tree.map(lambda values: jnp.asarray(values[0]), told)
+    asked = jax.tree.map(lambda values: np.pad(values[1:], (0, -steps % TOGETHER), "edge"), told)
+    now: Any = (None if drive is None else drive.start(first), _strong(start))
+    for done in range(0, steps, TOGETHER):
+        some = jax.tree.map(lambda values, done=done: values[done : done + TOGETHER], asked)
+        now, part = _advanced(drive, plant, bounds, now, some, jnp.asarray(step, float))
+        parts.append(jax.tree.map(np.asarray, part))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:steps], *parts)
 
 
 def _strong(tree: Shafts) -> Shafts:
@@ -66,10 +118,18 @@ def _strong(tree: Shafts) -> Shafts:
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(leaf)), tree)
 
 
-@eqx.filter_jit(**fast_to_compile())
-def _followed(plant, motion, bounds, start, begin, step, done):
-    def one(shafts: Shafts, number):
-        ended = plant.step(shafts, motion.at(begin + (number + 1) * step), OPEN, bounds, step)
-        return ended[0], ended
+def advanced(drive, plant, bounds, now, told, step) -> Any:
+    """Motor and shafts after some steps, and shafts and touches after each."""
 
-    return jax.lax.scan(one, start, done + jnp.arange(TOGETHER))
+    def one(state: Any, point: MotionPoint) -> Any:
+        motor, shafts = state
+        if drive is None:
+            ended = plant.step(shafts, point, OPEN, bounds, step)
+        else:
+            motor, *ended = drive.step(motor, plant, shafts, point, OPEN, bounds, step)
+        return (motor, ended[0]), tuple(ended)
+
+    return jax.lax.scan(one, now, told)
+
+
+_advanced = eqx.filter_jit(advanced, **fast_to_compile())

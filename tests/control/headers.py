@@ -57,6 +57,7 @@ TABLE = """
         y[2] = y[3] = y[4] = 0.0;
 """
 
+
 def compiled(
     folder: Path, text: str, name: str, body: str = SHIFT, *, flags: tuple[str, ...] = STRICT
 ) -> Path:

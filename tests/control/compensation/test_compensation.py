@@ -126,12 +126,6 @@ def drive_map(ratio: Fraction, gap: float = 4e-4) -> BacklashMap:
     return BacklashMap(model, None, Drive(ratio))
 
 
-def test_a_drive_has_a_backlash_and_no_shift():
-    found = compensation_of(drive_map(Fraction(1, 2)), allowed_rad=ALLOWED)
-    assert found.to_json()["closing_rad_per_mm"] is None
-    assert "shift" not in str(found)
-
-
 @pytest.mark.parametrize("helix_deg", [(3.0, -3.0), (-3.0, -3.0)])
 def test_gears_that_do_not_thin_have_no_shift(helix_deg):
     gears = Gear(45, *helix_deg), Gear(80, *helix_deg)

@@ -212,7 +212,7 @@ def test_c_gives_the_curve(table, tmp_path):
     start, stop = np.degrees(table.positions[[0, -1]])
     asked = np.linspace(start - 20, stop + 20, 20_001)
     found = called(program, asked, 0.0, 0.0)
-    for row, name in zip(found, ("forward", "reverse"), strict=False):
+    for row, name in zip(found[:2], ("forward", "reverse"), strict=True):
         # Equal steps are within half a digit of single precision of the positions.
         np.testing.assert_allclose(row, np.degrees(table.at(name, asked * DEG)), atol=1e-7)
     assert not called(program, np.nan, 0.0, 0.0).any()

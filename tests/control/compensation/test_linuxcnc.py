@@ -1,7 +1,6 @@
 """Error tables in LinuxCNC: it moves axes, and the exact gears say where they stand."""
 
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from tests.control.compensation.linuxcnc import (
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.compensation.correction import (
     AxisError,
+    CorrectionTable,
     Curve,
     correction_table,
     left_over,
@@ -66,101 +66,69 @@ def gears(
     return axis_of(exact_model(pair, eccentric), pair)
 
 
-def worm() -> AxisError:
-    """A worm drive 1 : 90 with an error of 8″ once per turn of the worm."""
-    ratio = float(Fraction(1, 90))
-
-    def error(angle):
-        return (8 * np.sin(angle) + 25 * np.sin(ratio * angle + 0.4)) * ARCSEC
-
-    return AxisError({"A": error, "B": lambda angle: error(angle) + 40 * ARCSEC}, ratio, ratio)
-
-
 PACE, STEADY_S = 120.0, 2.5
 """Speed of an axis over a turn, °/s; how long it must be seen there, of the 3 s of a turn."""
-
-CASES = {
-    "whole number": (gears(40, 80), 0.005, 0.0),
-    "worm over a turn": (worm(), 0.10, 0.2),
-    "45 / 80, its first turn": (gears(45, 80), 0.10, 0.2),
-}
-
-
-TURNS = 9
-"""Turns of the driven gear of 45/80 until the same teeth meet."""
-
-
-@pytest.fixture(scope="module")
-def hunting():
-    """Axes X, Y and Z, tables of them, and the fit of Z.
-
-    X and Y are 45/80, with a table of nine turns and with the mean of all turns; Z is a pair with a
-    whole-number ratio whose table comes from the fit of a noisy log of 20 turns each way. Its pitch
-    errors are drawn: a fit that expects orders where there are none says too much of its noise.
-    """
-    axis = gears(45, 80)
-    unknown = replace(axis, turns=tuple(range(TURNS)))
-    pair = paper_like(40, 80)
-    motion = PassMotion(speed_rpm=60.0, reversal_deg=20 * 360.0)
-    noise = Noise(0.002, 0.00475)
-    orders = random_orders(np.random.default_rng(0), pitch_rms_deg=0.002, mesh_amplitude_deg=0.0)
-    rig = SyntheticRig(pair, paper_eccentricities(), motion, orders, noise=noise, rate_hz=500.0)
-    fitted = axis_table(fit(rig.log(0), pair, delay="off"), None, AxisSetting())
-    tables = [
-        correction_table(axis, 0.0, TURNS * REV, TURNS * REV / 255),
-        correction_table(unknown, 0.0, REV, REV / 255),
-        fitted.table,
-    ]
-    return (axis, unknown, axis_of(rig.flank_model(), pair)), tables, fitted
-
-
 REVERSALS, STILL_S = 50, 0.1
 """Random places at which the motor turns back, and how long it stands there at least, s."""
 
 
 @pytest.fixture(scope="module")
-def run(hunting, tmp_path_factory):
-    """Tables of all axes, and their samples: a turn there and back, and reversals on the way.
+def fitted():
+    """A pair with a whole-number ratio, whose table comes from a noisy log of 20 turns each way.
 
-    The axes of the cases are A, B and C. X makes its nine turns meanwhile.
+    Its pitch errors are drawn: a fit that expects orders where there are none says too much of its
+    noise.
     """
-    tables = [correction_table(axis, 0.0, REV, REV / 255) for axis, *_ in CASES.values()]
-    tables += hunting[1]
+    pair, motion = paper_like(40, 80), PassMotion(speed_rpm=60.0, reversal_deg=20 * 360.0)
+    orders = random_orders(np.random.default_rng(0), pitch_rms_deg=0.002, mesh_amplitude_deg=0.0)
+    noise = Noise(0.002, 0.00475)
+    rig = SyntheticRig(pair, paper_eccentricities(), motion, orders, noise=noise, rate_hz=500.0)
+    found = axis_table(fit(rig.log(0), pair, delay="off"), None, AxisSetting())
+    return axis_of(rig.flank_model(), pair), found
+
+
+@pytest.fixture(scope="module")
+def run(fitted, tmp_path_factory):
+    """Axes A, B and C, their tables and their samples: a turn there and back, then reversals.
+
+    A has a whole-number ratio, B the mean of the nine turns of 45/80, C the fitted table.
+    """
+    axes = gears(40, 80), replace(gears(45, 80), turns=tuple(range(9))), fitted[0]
+    tables = [correction_table(axis, 0.0, REV, REV / 255) for axis in axes[:2]] + [fitted[1].table]
     ends = np.random.default_rng(7).uniform([150, 100], [200, 150], (REVERSALS // 2, 2)).round(3)
-    to = lambda where: f"A{where} B{where} C{where}"  # noqa: E731
-    feed = f"F{60 * PACE * (TURNS**2 + 2) ** 0.5:.1f}"  # of X, Y and Z together
-    moves = [f"G1 {feed} {to(360)} X{TURNS * 360} Y360 Z360", "G4 P0.2"]
-    moves += [f"G1 {feed} {to(0)} X0 Y0 Z0", "G4 P0.3"]
-    moves += [move for end in ends.ravel() for move in (f"G0 {to(end)}", f"G4 P{STILL_S}")]
+    moves = [f"G1 F{60 * PACE * 3**0.5:.1f} A360 B360 C360", "G4 P0.2", "G1 A0 B0 C0", "G4 P0.3"]
+    for end in ends.ravel():
+        moves += [f"G0 A{end} B{end} C{end}", f"G4 P{STILL_S}"]
     texts = [linuxcnc(table, ("a test",)) for table in tables]
-    return tables, moved(tmp_path_factory.mktemp("linuxcnc"), texts, moves)
+    samples = moved(tmp_path_factory.mktemp("linuxcnc"), texts, moves)
+    tables = [table.in_float32() for table in tables]
+    return [(*both, samples, place) for place, both in enumerate(zip(axes, tables, strict=True))]
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_the_axis_stands_where_linuxcnc_was_told(run, name):
-    tables, (command, motor, speed) = run
-    place = list(CASES).index(name)
-    (axis, share, least), table = CASES[name], tables[place].in_float32()
-    asked, stood, pace = (values[:, place] for values in (command * DEG, motor * DEG, speed))
-    steady = np.abs(np.abs(pace) - PACE) < 0.01
-    found = {}
+def rests(axis: AxisError, table: CorrectionTable, samples, place: int):
+    """What the exact gears leave at a steady pace: direction, in each turn, foreseen, untreated."""
+    asked, stood, speed = (values[:, place] for values in samples)
     for direction, flank in axis.directions.items():
-        own = steady & (np.sign(pace) == (1 if direction == "forward" else -1))
+        own = np.abs(speed - (PACE if direction == "forward" else -PACE)) < 0.01
         assert own.sum() * SERVO_S > STEADY_S
-        left = stood[own] + axis.at(flank, stood[own]) - asked[own]
-        before = size(left_over(axis, None, direction, asked[own])).rms
-        promised = size(left_over(axis, table, direction, asked[own])).rms
-        found[direction] = np.sqrt(np.mean(left**2))
-        if least:
-            assert abs(found[direction] - promised) < max(share * promised, least * ARCSEC)
-        else:
-            assert found[direction] < share * before
+        where, there = asked[own] * DEG, stood[own] * DEG
+        left = [there + axis.at(flank, there, turn) - where for turn in axis.turns]
+        yield direction, left, *(left_over(axis, one, direction, where) for one in (table, None))
+
+
+def test_a_table_leaves_what_is_foreseen_in_each_turn(run):
+    for axis in run[:2]:
+        for _, left, foreseen, before in rests(*axis):
+            for found, expected in zip(left, np.atleast_2d(foreseen), strict=True):
+                most = max(0.1 * size(expected).rms, 0.2 * ARCSEC)
+                assert abs(size(found).rms - size(expected).rms) < most
+            assert size(np.array(left)).rms < (0.005 if axis is run[0] else 1.0) * size(before).rms
 
 
 def test_no_motion_is_lost_at_reversals(run):
-    _, (command, motor, speed) = run
-    axis = CASES["whole number"][0]
-    asked, stood, pace = command[:, 0] * DEG, motor[:, 0] * DEG, speed[:, 0]
+    axis, _, samples, _ = run[0]
+    command, motor, pace = (values[:, 0] for values in samples)
+    asked, stood = command * DEG, motor * DEG
     moving = np.flatnonzero(np.abs(pace) > 1e-6)
     ends = [*(moving[np.flatnonzero(np.diff(moving) > 50)]), moving[-1]][-REVERSALS:]
     sides = [np.sign(pace[end]) for end in ends]
@@ -172,47 +140,13 @@ def test_no_motion_is_lost_at_reversals(run):
         left.append(np.mean(stood[still] + axis.at(flank, stood[still]) - asked[still]))
         where = np.atleast_1d(asked[end])
         gaps.append(float((axis.at("B", where) - axis.at("A", where))[0]))
-    lost = np.sqrt(np.mean(np.square(left)))
-    assert lost < 0.005 * np.sqrt(np.mean(np.square(gaps)))
+    assert np.sqrt(np.mean(np.square(left))) < 0.005 * np.sqrt(np.mean(np.square(gaps)))
 
 
-def rests(samples, place: int, error: AxisError, pace: float):
-    """Yield direction, commands and turn → what the exact gears leave there, at a steady pace."""
-    asked, stood, speed = (values[:, place] for values in samples)
-    for direction, flank in error.directions.items():
-        sign = 1 if direction == "forward" else -1
-        own = np.abs(speed - sign * pace) < 0.01
-        assert own.sum() * SERVO_S > STEADY_S
-        where, there = asked[own] * DEG, stood[own] * DEG
-        left = [there + error.at(flank, there, turn) - where for turn in error.turns]
-        yield direction, where, left
-
-
-def test_a_table_of_nine_turns(hunting, run):
-    ((axis, *_), (table, *_), _), (_, samples) = hunting, run
-    for direction, where, (left,) in rests(samples, 3, axis, TURNS * PACE):
-        promised = size(left_over(axis, table.in_float32(), direction, where)).rms
-        assert abs(size(left).rms - promised) < max(0.1 * promised, 0.2 * ARCSEC)
-        assert promised < 0.1 * size(left_over(axis, None, direction, where)).rms
-
-
-def test_the_mean_curve_leaves_what_is_predicted_in_each_of_nine_turns(hunting, run):
-    ((_, unknown, _), (_, table, _), _), (_, samples) = hunting, run
-    for direction, where, left in rests(samples, 4, unknown, PACE):
-        promised = left_over(unknown, table.in_float32(), direction, where)
-        for found, expected in zip(left, promised, strict=True):
-            off = abs(size(found).rms - size(expected).rms)
-            assert off < max(0.1 * size(expected).rms, 0.2 * ARCSEC)
-        # Orders of the driven gear alone are taken out.
-        assert size(np.array(left)).rms < size(left_over(unknown, None, direction, where)).rms
-
-
-def test_a_table_from_a_noisy_log_leaves_what_its_band_says(hunting, run):
-    ((*_, truth), _, fitted), (_, samples) = hunting, run
-    for direction, where, (left,) in rests(samples, 5, truth, PACE):
-        low, high = fitted.after95[direction]
-        assert low <= size(left).rms <= high
-        assert size(left).rms < 0.05 * size(left_over(truth, None, direction, where)).rms
+def test_a_table_from_a_noisy_log_leaves_what_its_band_says(fitted, run):
+    for direction, (left,), _, before in rests(*run[2]):
+        low, high = fitted[1].after95[direction]
+        assert low <= size(left).rms <= high and size(left).rms < 0.05 * size(before).rms
 
 
 def test_linuxcnc_reads_of_a_file_what_the_check_says(tmp_path):

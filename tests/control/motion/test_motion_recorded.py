@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from tests.control.motion_points import at
-from tests.control.parts import motion_of
+from tests.control.parts import at, motion_of
 from vttig_jax.base.errors import InputError
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.control.motion.recorded import read_motion, recorded
@@ -40,19 +39,11 @@ def test_value_and_derivatives_are_those_of_scipy():
     assert not np.any(outside.speed) and not np.any(outside.acceleration)
 
 
-@pytest.mark.parametrize("rate_hz", [250.0, 1000.0])
-def test_a_recorded_s_curve_is_the_s_curve(rate_hz):
-    motion, time, angle = rows_of("s_curve", "aborted", rate_hz=rate_hz)
-    found, meant = at(recorded(time, angle), time), at(motion, time)
-    np.testing.assert_allclose(found.angle, meant.angle, atol=1e-13)
-    np.testing.assert_allclose(found.speed, meant.speed, atol=1.0 / rate_hz**2 * 100)
-    np.testing.assert_allclose(found.acceleration, meant.acceleration, atol=100 / rate_hz)
-
-
-@pytest.mark.parametrize("count", [0.0, 14.4 * ARCSEC])
-@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("kind", "count", "sense"),
+    [("trapezoid", 14.4 * ARCSEC, 1.0), ("s_curve", 14.4 * ARCSEC, -1.0), ("s_curve", 0.0, 1.0)],
+)
 @pytest.mark.parametrize("event", EVENTS)
-@pytest.mark.parametrize("kind", ["trapezoid", "s_curve"])
 def test_braking_and_turn_are_found(kind, event, sense, count):
     numbers = (60.0, sense * 1080.0, *NUMBERS[2:])
     motion, time, angle = rows_of(kind, event, count=count, numbers=numbers)
@@ -106,7 +97,6 @@ def test_any_recording_has_ordered_times_and_stays_finite(steps):
         ([0.0], [1.0], "`time` must have two rows or more, but has 1"),
         ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "`time` must increase, but goes from 1 to 1 s in row 2"),
         ([0.0, np.inf], [0.0, 1.0], "`time` must be finite, but is inf in row 1"),
-        ([0.0, 1.0], [np.nan, 1.0], "`driving_angle` must be finite, but is nan in row 0"),
         ([0.0, 1.0], [2.0, 2.0], "`driving_angle` must change, but the shaft never moves"),
     ],
 )
@@ -115,20 +105,12 @@ def test_rows_that_are_no_motion(time, angle, words):
         recorded(np.array(time), np.array(angle))
 
 
-@pytest.mark.usefixtures("unchecked")
-def test_times_and_angles_must_belong_together():
-    with pytest.raises(ValueError, match=r"one angle for every time, but the shapes are \(2,\)"):
-        recorded(np.arange(3.0), np.arange(2.0))
-
-
 GOOD = "# a remark\n\ntime_s, driving_deg ,torque\n10,0,1\n10.5,90,\n\n11,0,2\n"
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
-@pytest.mark.parametrize("line", ["\n", "\r\n"])
-def test_a_file_is_read(tmp_path, encoding, line):
+def test_a_file_is_read(tmp_path):
     path = tmp_path / "motion.csv"
-    path.write_bytes(GOOD.replace("\n", line).encode(encoding))
+    path.write_bytes(GOOD.replace("\n", "\r\n").encode("utf-16"))
     motion = read_motion(path)
     assert motion.duration_s == 1.0 and motion.turn_s == 0.5
     np.testing.assert_allclose(motion.at(motion.knots).angle / DEG, [0.0, 90.0, 0.0], atol=1e-12)
@@ -142,24 +124,16 @@ CURE = "write the header time_s,driving_deg"
     ("text", "where", "words"),
     [
         ("", "", "the file is empty"),
-        ("\n# nothing\n", ": line 2", f"there is no table; {CURE}"),
         ("time_s;driving_deg\n0;0\n", "", f"there is no table; {CURE}"),
-        ("0,0\n1,1\n", "", f"there is no table; {CURE}"),
         ("\ntime,driving_deg\n0,0\n", "", f"0 columns `time_s` .*has time, driving_deg.*; {CURE}"),
-        ("time_s,driving_rad\n0,0\n", "", f"0 columns `driving_deg` .*; {CURE}"),
         ("time_s,time_s,driving_deg\n0,0,0\n", "", f"2 columns `time_s` .*; {CURE}"),
-        (HEAD, ": line 1", f"there is no table; {CURE} and lines of numbers below it"),
         (HEAD + "0,0\n", "", "the file has one row; a motion needs two or more"),
         (HEAD + "0,0\n1,5,2\n", ": line 3", "3 fields, but the header has 2; .* decimal point"),
-        (HEAD + "0,0\n1,5,2\n2,0\n", ": line 3", "3 fields, but the header has 2"),
         (HEAD + "0,0\n1\n", ": line 3", "driving_deg is empty; write a number"),
-        (HEAD + "0,0\n1,x\n", ": line 3, column `driving_deg`", "`x` is no number; correct it"),
-        (HEAD + "0,0\n,1\n", ": line 3", "time_s is empty; write a number"),
         (HEAD + "0,0\n1,nan\n", ": line 3", "driving_deg is `nan`; write a number"),
         (HEAD + "0,0\n1_0,1\n", ": line 3, column `time_s`", "`1_0` is no number; correct it"),
         (HEAD + "0,0\n1,1e300\n", ": line 3", "driving_deg is `1e300`; write a number up to 1e"),
         (HEAD + "0,0\n1,1\n\n1,2\n", ": line 5", "time_s goes from 1.0 to 1.0; .* sort the file"),
-        (HEAD + "0,0\n1,1\n0.5,2\n", ": line 4", "time_s goes from 1.0 to 0.5"),
         (HEAD + "0,7\n1,7\n", "", "driving_deg is 7 in every row; a motion must move"),
     ],
 )
@@ -169,13 +143,3 @@ def test_what_is_wrong_with_a_file(tmp_path, text, where, words):
     with pytest.raises(InputError, match=words) as caught:
         read_motion(path)
     assert caught.value.where == f"{path}{where}"
-
-
-def test_files_that_cannot_be_read(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_motion(tmp_path / "none.csv")
-    with pytest.raises(InputError, match="this is a folder"):
-        read_motion(tmp_path)
-    (tmp_path / "other.csv").write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match="the file is binary"):
-        read_motion(tmp_path / "other.csv")

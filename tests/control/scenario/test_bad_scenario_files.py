@@ -9,7 +9,6 @@ from vttig_jax.base.errors import InputError, ScenarioError
 from vttig_jax.control.scenario.scenario import MotionTable
 from vttig_jax.control.scenario.spec import (
     load_scenario_spec,
-    load_sweep_spec,
     parse_scenario_spec,
     spec_table,
 )
@@ -143,28 +142,6 @@ def test_plant_steps_are_whole_multiples(controller_hz, plant_hz, words):
 def test_the_rig_is_given_once(table, seen):
     with pytest.raises(ScenarioError, match=f"^eccentricities: {seen}"):
         parse_scenario_spec(table)
-
-
-@pytest.mark.parametrize(
-    ("table", "where", "words"),
-    [
-        ({**MINIMAL, "sweep": {"seed": [1]}}, "sweep", "run it with `vttig sweep`"),
-        ({"pair": "p", "rig": {"from": "R", "draws": 9}}, "rig.draws", "with `vttig sweep`"),
-    ],
-)
-def test_one_case_is_no_sweep(table, where, words, write):
-    path = write(table)
-    with pytest.raises(ScenarioError) as caught:
-        load_scenario_spec(path)
-    assert caught.value.where == f"{path}: {where}" and words in caught.value.message
-
-
-@pytest.mark.parametrize("load", [load_scenario_spec, load_sweep_spec])
-def test_what_is_no_scenario_file_is_refused(load, tmp_path, write):
-    with pytest.raises(ScenarioError, match="no such file; `vttig simulate"):
-        load(tmp_path / "none.toml")
-    with pytest.raises(ScenarioError, match=r"not valid TOML: .*; a scenario names the pair file"):
-        load(write("pair = \n"))
 
 
 leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)

@@ -115,17 +115,24 @@ PARTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
             "map.constant_backlash_deg": 0.036,
         },
     ),
-    "closed flanks": ({"flanks": "closed"}, {"flanks": "closed"}),
-    "a slow-down": (
-        {"motion": SlowDown(57.46, 180.0, 0.1, 0.1, slow_share=0.4)},
-        {"motion.event": "slow_down", "motion.slow_share": 0.4},
+    "a slow-down, closed flanks, a lost controller": (
+        {
+            "motion": SlowDown(57.46, 180.0, 0.1, 0.1, slow_share=0.4),
+            "flanks": "closed",
+            "turn": "unknown",
+        },
+        {
+            "motion.event": "slow_down",
+            "motion.slow_share": 0.4,
+            "flanks": "closed",
+            "judgement.turn": "unknown",
+        },
     ),
     "an aborted stop": (
         {"motion": AbortedStop(57.46, 180.0, 0.1, 0.1)},
         {"motion.event": "aborted"},
     ),
     "a sine": ({"motion": Sine(57.46, 180.0)}, {"motion.kind": "sine"}),
-    "a lost controller": ({"turn": "unknown"}, {"judgement.turn": "unknown"}),
 }
 
 

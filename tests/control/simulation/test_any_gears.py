@@ -8,9 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import vttig_jax
 from tests.control.scenarios import PAIR, SHORT, case_of, exact_gap, spec_of
-from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control import Maps, simulate
 from vttig_jax.kinematics import as_flank_model
@@ -106,12 +104,3 @@ def test_flanks_that_change_before_the_turn_are_told_first():
     slower = simulate(spec_of({"controller": "none"}), PAIR)
     assert slower.metrics["wrong_flank_deg"] == slower.metrics["early_jump_deg"] == 0.0
     assert slower.remarks == ()
-
-
-def test_a_sweep_tells_the_share_of_such_cases():
-    axes = {"motion.speed_rpm": [60.0, 100.0], "motion.reversal_deg": [720.0, 1080.0]}
-    table = vttig_jax.sweep(sweep_spec(axes, controller="none", motion__ramp_s=0.5), PAIR)
-    np.testing.assert_array_equal(table.columns["early_jump_deg"] > 0.02, [0, 0, 1, 1])
-    groups = table.to_json()["groups"]  # one for each listed pair of values
-    assert [group["early_share"] for group in groups] == [0, 0, 1, 1]
-    assert groups[-1]["wrong_flank_deg"]["max"] == table.columns["wrong_flank_deg"][-1] > 100

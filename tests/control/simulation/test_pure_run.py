@@ -154,7 +154,6 @@ def test_without_rounding_neither_counts_nor_steps_are_left():
     ("options", "says"),
     [
         ({"rounding": "never"}, "`rounding` must be one of exact, none, straight_through"),
-        ({"smooth_width": 0.0}, "`smooth_width` must be positive"),
         ({"smooth_width": float("nan")}, "`smooth_width` must be positive"),
         ({"periods": 2}, "`periods` must be at least"),
     ],
@@ -164,11 +163,8 @@ def test_a_bad_option_of_a_case_is_named(options, says, unchecked):
         build_case(spec_of(SHORT), PAIR, **options)
 
 
-def test_a_controller_without_a_smoothed_form_is_refused():
+def test_what_cannot_be_smoothed_or_traced_is_refused():
     with pytest.raises(ValueError, match="NoController"):
         build_case(spec_of(SHORT, {"controller": "none"}), PAIR, smooth_width=0.1)
-
-
-def test_a_traced_case_needs_its_number_of_periods():
     with pytest.raises(ValueError, match="build it with `build_case`"):
         jax.eval_shape(run, case_of(spec_of(SHORT), PAIR))

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from tests.control.hardware.test_observer import tracked
-from tests.control.scenarios import CLOSING, PAIR, SHORT, exact_gap, spec_of
+from tests.control.scenarios import CLOSING, PAIR, SHORT, exact_gap, samples_of, spec_of
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.hardware.encoder import noise_draws
 from vttig_jax.control.simulation import simulate as simulate_module
-from vttig_jax.control.simulation.case import Sample
 from vttig_jax.control.simulation.result import Simulation
 from vttig_jax.control.simulation.simulate import simulate
 
@@ -39,11 +38,6 @@ def traced() -> Simulation:
     return simulated()
 
 
-def samples_of(run: Simulation) -> Sample:
-    assert run.trace is not None
-    return run.trace
-
-
 # What the encoders show.
 
 
@@ -61,21 +55,13 @@ def readings(run: Simulation) -> np.ndarray:
     return np.floor(np.array(shown) / count + 0.5) * count
 
 
-def test_the_transmission_error_shown_is_that_of_both_readings(traced):
-    driving, driven = readings(traced)
-    np.testing.assert_allclose(samples_of(traced).shown, driven - RATIO * driving, atol=1e-12)
-    plain = samples_of(traced).error
-    assert np.abs(samples_of(traced).shown - plain).max() > 20 * ARCSEC
-
-
-def test_speed_and_acceleration_are_those_of_the_observer_on_the_readings(traced):
-    _, speed, acceleration = tracked(readings(traced)[0], 20.0, 1e-3)
-    np.testing.assert_allclose(samples_of(traced).speed, speed, atol=1e-9)
-    np.testing.assert_allclose(samples_of(traced).acceleration, acceleration, atol=1e-6)
-
-
-def test_statistics_are_those_of_the_trace_from_its_start(traced):
-    error = (samples_of(traced).shown - samples_of(traced).shown[0]) / DEG
+def test_what_is_shown_and_estimated_is_that_of_both_readings(traced):
+    samples, (driving, driven) = samples_of(traced), readings(traced)
+    np.testing.assert_allclose(samples.shown, driven - RATIO * driving, atol=1e-12)
+    _, speed, acceleration = tracked(driving, 20.0, 1e-3)
+    np.testing.assert_allclose(samples.speed, speed, atol=1e-9)
+    np.testing.assert_allclose(samples.acceleration, acceleration, atol=1e-6)
+    error = (samples.shown - samples.shown[0]) / DEG
     found = [traced.metrics[f"te_{name}_deg"] for name in ("mean", "max", "min")]
     np.testing.assert_allclose(found, [error.mean(), error.max(), error.min()], atol=1e-12)
 
@@ -94,11 +80,6 @@ def test_the_detection_is_where_the_readings_first_show_the_deceleration(traced)
     assert metrics["detection_deg"] == pytest.approx(samples.driving[first] / DEG, abs=1e-9)
     assert metrics["detection_delay_s"] == pytest.approx(samples.time[first] - braking, abs=1e-9)
     assert np.argmax(samples.command > 0) == first and traced.accumulators.false_closings == 0
-
-
-def test_a_narrower_observer_is_later(traced):
-    late = simulated({"judgement.bandwidth_hz": 5.0}).metrics["detection_delay_s"]
-    assert late > traced.metrics["detection_delay_s"] + 5e-3
 
 
 def until_closed_again(run: Simulation) -> int:
@@ -175,8 +156,7 @@ def test_false_closings_are_those_before_the_brakes():
 
 
 def test_a_trace_has_every_sample_of_the_motion_and_so_has_the_tally():
-    rates = (1000.0, 330.0, 360.0, 700.0)
-    for dwell, rate in zip((0.1, 0.2, 0.3, 0.7), rates, strict=True):
+    for dwell, rate in ((0.2, 330.0), (0.7, 700.0)):
         run = simulated({"motion.dwell_s": dwell, "sampling.controller_hz": rate})
         ends = 2 * (500.0 / 360.0 + 0.2 + dwell)
         assert run.case.motion.duration_s == pytest.approx(ends)
@@ -187,20 +167,12 @@ def test_a_trace_has_every_sample_of_the_motion_and_so_has_the_tally():
         )
 
 
-@pytest.mark.parametrize("every", [2, 7, 1500, 10**6])
-def test_decimation_thins_the_trace_and_changes_nothing_else(traced, every):
-    thin = simulated(trace_every=every)
-    for name, few in vars(samples_of(thin)).items():
-        np.testing.assert_array_equal(few, getattr(samples_of(traced), name)[::every])
-    assert thin.metrics == traced.metrics
-
-
-def near(one: dict[str, Any], other: dict[str, Any]) -> bool:
-    """Both metrics but for rounding: two compiled programs may sum in another order."""
-    return one.keys() == other.keys() and all(
-        one[name] == (value if isinstance(value, str | None) else pytest.approx(value, abs=1e-10))
-        for name, value in other.items()
-    )
+def test_decimation_thins_the_trace_and_changes_nothing_else(traced):
+    for every in (7, 10**6):
+        thin = simulated(trace_every=every)
+        for name, few in vars(samples_of(thin)).items():
+            np.testing.assert_array_equal(few, getattr(samples_of(traced), name)[::every])
+        assert thin.metrics == traced.metrics
 
 
 def test_neither_the_trace_nor_the_length_of_a_compiled_call_changes_the_metrics(
@@ -208,19 +180,9 @@ def test_neither_the_trace_nor_the_length_of_a_compiled_call_changes_the_metrics
 ):
     monkeypatch.setattr(simulate_module, "CHUNK", 700)
     plain = simulated(trace_every=0)
-    assert plain.trace is None
-    assert near(plain.metrics, traced.metrics)
-    assert not near(simulated({"seed": 12}, trace_every=0).metrics, traced.metrics)
-
-
-def test_the_columns_of_a_trace_have_their_units(traced):
-    assert traced.trace is not None
-    columns, samples = traced.columns(), samples_of(traced)
-    np.testing.assert_array_equal(columns["time_s"], samples.time)
-    np.testing.assert_allclose(columns["driving_deg"], np.degrees(samples.driving))
-    np.testing.assert_allclose(columns["te_deg"], np.degrees(samples.error))
-    np.testing.assert_allclose(columns["flank_b_deg"], np.degrees(samples.upper))
-    np.testing.assert_array_equal(columns["axial_mm"], samples.reached)
+    assert plain.trace is None and traced.outcome == "ok"
+    for name, value in traced.metrics.items():  # two programs may sum in another order
+        assert plain.metrics[name] == (pytest.approx(value, abs=1e-10) if value != "ok" else "ok")
 
 
 def test_a_negative_decimation_is_refused():
@@ -229,27 +191,6 @@ def test_a_negative_decimation_is_refused():
 
 
 # How it ends.
-
-
-def test_a_good_run_ends_well(traced):
-    assert traced.outcome == "ok"
-    assert not any("blocks" in sentence or "lacks" in sentence for sentence in traced.remarks)
-
-
-@pytest.mark.parametrize(
-    ("outcome", "values", "said"),
-    [
-        ("bound", {"mesh.friction_coefficient": 0.1}, "blocks after"),
-        ("missed", {"judgement.threshold_rad_s2": 1e3}, "never sees the motor brake"),
-        ("stroke", {"actuator.stroke_mm": 0.1}, "actuator.stroke_mm is 0.1"),
-        ("slow", {"actuator.speed_mm_s": 0.1}, "still lacks"),
-    ],
-)
-def test_every_bad_ending_is_named_and_said(outcome, values, said):
-    # From 360° on the gap first grows and then shrinks: the wedge has something to block.
-    run = simulated({"motion.reversal_deg": 360.0}, values)
-    assert run.outcome == run.metrics["outcome"] == outcome
-    assert sum(said in sentence for sentence in run.remarks) == 1
 
 
 def test_a_drive_that_blocks_is_counted_no_further():
@@ -269,7 +210,7 @@ def test_an_actuator_that_has_arrived_on_its_last_whole_step_is_not_slow():
     assert run.outcome == "ok"
 
 
-@pytest.mark.parametrize("phase", [0.0, 90.0, 180.0, 270.0])
+@pytest.mark.parametrize("phase", [0.0, 180.0])
 def test_a_stop_that_finds_the_gap_closed_is_neither_missed_nor_detected_on_the_way_back(phase):
     """An encoder far off centre shows a deceleration in half of every turn: false closings."""
     encoder = {"driving_encoder.amplitude_arcsec": 5000.0, "driving_encoder.phase_deg": phase}

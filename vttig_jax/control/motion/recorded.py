@@ -91,57 +91,6 @@ LARGEST: Final = 1e12
 """
 
 
-def read_columns(path: str | Path) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return times (s) and driving angles (deg) of a CSV file, checked row by row.
-
-    **Raises** `InputError` that names the file, the line and the cure.
-    """
-    source, header = str(path), ",".join(COLUMNS)
-    text, _, _ = read_text(path, None)
-    try:  # fields without a number become NaN, which is refused below
-        table = find_table(text, source, LogLayout(delimiter=",", decimal=".", missing="skip"))
-    except LogError as error:
-        raise InputError(
-            f"there is no table; write the header {header} and lines of numbers below it, separated"
-            " by commas.",
-            where=error.where,
-        ) from None
-    for name in COLUMNS:
-        if (count := table.names.count(name)) != 1:
-            raise InputError(
-                f"the file has {count} columns `{name}` (the header has {', '.join(table.names)});"
-                f" write the header {header}.",
-                where=source,
-            )
-    places = [table.names.index(name) for name in COLUMNS]
-    times, angles = (values.astype(float) for values in table.own_columns(places, keep_last=True))
-    gaps = np.diff(times, prepend=-np.inf)
-    for row, (line, fields) in enumerate(table.rows()):
-        where = f"{source}: line {line}"
-        for name, place, values in zip(COLUMNS, places, (times, angles), strict=True):
-            if not abs(values[row]) <= LARGEST:
-                seen = f"`{fields[place]}`" if any(fields[place : place + 1]) else "empty"
-                raise InputError(
-                    f"{name} is {seen}; write a number up to {LARGEST:g} with a decimal point, or"
-                    " remove the row.",
-                    where=where,
-                )
-        if gaps[row] < SHORTEST_S:
-            raise InputError(
-                f"time_s goes from {times[row - 1]} to {times[row]}; times must increase from row"
-                f" to row by {SHORTEST_S:g} s or more, so remove the row or sort the file.",
-                where=where,
-            )
-    if len(times) < 2:
-        raise InputError("the file has one row; a motion needs two or more.", where=source)
-    if np.ptp(angles) == 0:
-        raise InputError(
-            f"driving_deg is {angles[0]:.10g} in every row; a motion must move the shaft.",
-            where=source,
-        )
-    return times, angles
-
-
 Scalar = Float[Number, ""]
 
 
@@ -235,8 +184,50 @@ def read_motion(path: str | Path) -> RecordedMotion:
     **Raises** `InputError` with file and line for a file that cannot be read, lacks a column or
     has an invalid row.
     """
-    time, angle_deg = read_columns(path)
-    return recorded(time, angle_deg * DEG)
+    source, header = str(path), ",".join(COLUMNS)
+    text, _, _ = read_text(path, None)
+    try:  # fields without a number become NaN, which is refused below
+        table = find_table(text, source, LogLayout(delimiter=",", decimal=".", missing="skip"))
+    except LogError as error:
+        raise InputError(
+            f"there is no table; write the header {header} and lines of numbers below it, separated"
+            " by commas.",
+            where=error.where,
+        ) from None
+    for name in COLUMNS:
+        if (count := table.names.count(name)) != 1:
+            raise InputError(
+                f"the file has {count} columns `{name}` (the header has {', '.join(table.names)});"
+                f" write the header {header}.",
+                where=source,
+            )
+    places = [table.names.index(name) for name in COLUMNS]
+    times, angles = (values.astype(float) for values in table.own_columns(places, keep_last=True))
+    gaps = np.diff(times, prepend=-np.inf)
+    for row, (line, fields) in enumerate(table.rows()):
+        where = f"{source}: line {line}"
+        for name, place, values in zip(COLUMNS, places, (times, angles), strict=True):
+            if not abs(values[row]) <= LARGEST:
+                seen = f"`{fields[place]}`" if any(fields[place : place + 1]) else "empty"
+                raise InputError(
+                    f"{name} is {seen}; write a number up to {LARGEST:g} with a decimal point, or"
+                    " remove the row.",
+                    where=where,
+                )
+        if gaps[row] < SHORTEST_S:
+            raise InputError(
+                f"time_s goes from {times[row - 1]} to {times[row]}; times must increase from row"
+                f" to row by {SHORTEST_S:g} s or more, so remove the row or sort the file.",
+                where=where,
+            )
+    if len(times) < 2:
+        raise InputError("the file has one row; a motion needs two or more.", where=source)
+    if np.ptp(angles) == 0:
+        raise InputError(
+            f"driving_deg is {angles[0]:.10g} in every row; a motion must move the shaft.",
+            where=source,
+        )
+    return recorded(times, angles * DEG)
 
 
 def _check_rows(time: Float[np.ndarray, "..."], angle: Float[np.ndarray, "..."]) -> None:

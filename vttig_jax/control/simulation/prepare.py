@@ -1,4 +1,17 @@
-"""Preparation of a case: from a file to its objects, and from these to all that a run needs."""
+"""Preparation of a case: from a file to its objects, and from these to all that a run needs.
+
+Terms of this module:
+- believed flanks: those that the controller computes with. They are the flanks of the plant unless
+  the scenario gives the controller a map of its own, or the driving turn is located wrongly.
+- lead (`lead_s`): time from an encoder reading to the position of the actuator that results from
+  it, by which the controller looks ahead: the delay of the actuator and `_LOOP_PERIODS` periods.
+- queue: commands on their way to an actuator with a delay; its length is a number of periods.
+- retreat: how far the actuator may close the gap and still open it in time for teeth that pass; a
+  table for maps with waves as short as the teeth, see `Retreat`.
+- substeps: steps of the plant in one period of the controller.
+- located turn: turn within the hunting period that the encoders tell; its error is the located
+  minus the true turn, and `turns` hands it to the believed flanks.
+"""
 
 import math
 from collections.abc import Mapping

@@ -301,12 +301,6 @@ def _on_lanes(function: Any, mesh: Mesh, mapped: Any, shared: Any, state: Any, *
     return sharded(mapped, shared, state, all_)
 
 
-def lanes_for(cases: int, devices: int) -> int:
-    """Return the number of lanes of a device: a power of two, so that few programs are compiled."""
-    lanes = 1 << max(math.ceil(cases / devices) - 1, 0).bit_length()
-    return min(max(lanes, _FEWEST), LANES)
-
-
 class _Program(NamedTuple):
     """Cases that share a program.
 
@@ -434,7 +428,9 @@ class SweepWork:
         travel = float(columns["low"].min()), float(columns["high"].max())
         fixed = Fixed(substeps, queue, None, travel)
         order = np.argsort(columns["periods"], kind="stable")
-        lanes = lanes_for(len(order), len(self.devices)) * len(self.devices)
+        # A power of two on each device, so that few programs are compiled.
+        each = 1 << max(math.ceil(len(order) / len(self.devices)) - 1, 0).bit_length()
+        lanes = min(max(each, _FEWEST), LANES) * len(self.devices)
         for first in range(0, len(order), lanes):
             chosen = order[first : first + lanes]
             row = _rows_of(columns, np.pad(chosen, (0, lanes - len(chosen)), "edge"))
@@ -482,7 +478,9 @@ class SweepWork:
         return jax.tree.map(np.array, found)
 
     def _scenario(self, spec: ScenarioSpec, row: Mapping[str, Any] = MappingProxyType({})) -> Any:
-        return scenario_of(_numbered(spec, row), *self.cases.inputs)
+        """Return the objects of a scenario with the values of a row that are keys of it."""
+        keys = {name: value for name, value in row.items() if name in KEYS}
+        return scenario_of(with_numbers(spec, keys), *self.cases.inputs)
 
 
 def _texts_of(columns: Rows) -> list[tuple[tuple[str, str], ...]]:
@@ -494,11 +492,6 @@ def _texts_of(columns: Rows) -> list[tuple[tuple[str, str], ...]]:
 
 def _rows_of(columns: Rows, chosen: np.ndarray) -> Rows:
     return {name: values[chosen] for name, values in columns.items()}
-
-
-def _numbered(spec: ScenarioSpec, row: Mapping[str, Any]) -> ScenarioSpec:
-    """Return the scenario with the values of a row of columns that are keys of a scenario."""
-    return with_numbers(spec, {name: value for name, value in row.items() if name in KEYS})
 
 
 def sweep(
