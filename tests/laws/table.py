@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tests.laws.contacts import CONTACTS
+from tests.laws.contacts import CONTACTS, THICKNESSES
 from tests.laws.law import POWER as POWER
 from tests.laws.law import Law
 from tests.laws.law import scaled as scaled
@@ -164,7 +164,7 @@ TABLES = tuple(
     Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS)
     for name, make in (("tabulate_flanks", _table), ("first_order_bounds", _closed))
 )
-LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *CONTACTS)
+LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *THICKNESSES, *CONTACTS)
 MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)
 
 

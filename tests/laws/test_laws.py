@@ -28,7 +28,7 @@ def test_every_law_is_kept(law):
 
 @pytest.mark.parametrize("slow", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_new_values_compile_nothing(slow):
-    for law in (*table.FUNCTIONS, *table.SURFACES, *table.CONTACTS):
+    for law in (*table.FUNCTIONS, *table.SURFACES, *table.THICKNESSES):
         if law.slow == slow:
             checks.check_one_trace(law.function, law.arguments)
 

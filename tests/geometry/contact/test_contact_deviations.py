@@ -5,27 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from tests.geometry.pairs import FLANKS, pair_of
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Flank
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
-PAIR = GearPair(
-    Gear(45, 3.0, 3.0, 20.0),
-    Gear(80, 3.0, 3.0, 20.0),
-    module_mm=2.0,
-    pressure_angles_deg=20.0,
-    centre_distance_mm=125.12,
-)
-SPUR = GearPair(
-    Gear(45, face_width_mm=20.0),
-    Gear(80, face_width_mm=20.0),
-    module_mm=2.0,
-    pressure_angles_deg=20.0,
-    centre_distance_mm=125.12,
-)
+PAIR, SPUR = pair_of(), pair_of((0.0, 0.0))
 BASE = np.asarray(PAIR.base_radii)[:, 0]
 PITCH = 2 * math.pi / 45
 ANGLES = np.linspace(-2.0, 2.0, 33) * PITCH

@@ -14,12 +14,12 @@ import pytest
 from scipy.optimize import root_scalar
 from scipy.spatial.transform import Rotation
 
+from tests.geometry.pairs import FLANKS, pair_of
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.contact_report import contact_at
 from vttig_jax.geometry.mounting import Misalignment
-from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 TEETH = (45, 80)
 BASE = tuple(count * math.cos(math.radians(20.0)) for count in TEETH)
 
@@ -155,11 +155,8 @@ ANGLES = np.array([0.06, 0.0, 0.03, 0.09, 0.12])
 
 
 def same_gears(case: Case):
-    gears = (
-        Gear(count, case.helix, case.helix, width, crowning_um=1e3 * crowning)
-        for count, width, crowning in zip(TEETH, case.widths, case.crowning, strict=True)
-    )
-    pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.12)
+    crowning = 1e3 * case.crowning[0], 1e3 * case.crowning[1]
+    pair = pair_of((case.helix, case.helix), crowning, case.widths)
     (e1, phase1), (e2, phase2) = case.offsets
     rig = Eccentricities(e1, math.degrees(phase1), e2, math.degrees(phase2), axial_mm=case.axial)
     return contact_model(pair, rig, misalignment=Misalignment(*case.tilt), sections=9)
