@@ -165,7 +165,6 @@ TABLES = tuple(
     for name, make in (("tabulate_flanks", _table), ("first_order_bounds", _closed))
 )
 LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *THICKNESSES, *CONTACTS)
-MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)
 
 
 def public_functions(module: Any) -> set[str]:
@@ -178,16 +177,3 @@ def public_functions(module: Any) -> set[str]:
         and not name.startswith("_")
         and getattr(value, "__module__", "") == module.__name__
     }
-
-
-def public_methods(kind: type) -> set[str]:
-    """Names of the methods a flank model offers, its own and inherited."""
-    found = set()
-    for base in kind.__mro__:
-        if base.__module__.startswith("vttig_jax."):
-            found |= {
-                f"{kind.__name__}.{name}"
-                for name, value in vars(base).items()
-                if not name.startswith("_") and callable(value) and not isinstance(value, type)
-            }
-    return found
