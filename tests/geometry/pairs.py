@@ -22,8 +22,10 @@ def pair_of(
     """Gears of m = 2 mm; helix angles (left, right) in degrees, all else (driving, driven)."""
     helices = helix, helix if driven_helix is None else driven_helix
     gears = (
-        Gear(teeth[k], *helices[k], widths[k], profile_shift=shifts[k], crowning_um=crowning[k])
-        for k in (0, 1)
+        Gear(
+            teeth[k], both[0], both[1], widths[k], profile_shift=shifts[k], crowning_um=crowning[k]
+        )
+        for k, both in enumerate(helices)
     )
     sizes: dict[str, Any] = {"module_mm": 2.0, "pressure_angles_deg": pressure}
     return GearPair(*gears, **sizes, centre_distance_mm=distance, **rack)

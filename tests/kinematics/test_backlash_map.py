@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -209,7 +210,7 @@ def test_extremes_where_minima_nearly_tie(terms, sizes, ratio):
 def test_extremes_of_any_rig(paper_pair):
     """Also where one driving turn is ten driven turns: the grid follows the faster shaft."""
     fast = GearPair(Gear(200), Gear(20), module_mm=1.0, pressure_angles_deg=20.0)
-    rigs = [(fast, (0.001, 10.0, 0.03, 100.0, 0.5))]
+    rigs: list[tuple[GearPair, Any]] = [(fast, (0.001, 10.0, 0.03, 100.0, 0.5))]
     for seed in range(4):
         draw = np.random.default_rng(seed)
         rigs.append((paper_pair, draw.uniform([0.01, 0, 0.01, 0, 0.02], [0.1, 360, 0.1, 360, 0.1])))

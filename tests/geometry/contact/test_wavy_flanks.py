@@ -5,6 +5,7 @@ The points are those of a dense grid in NumPy; between them a finer grid of the 
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,7 +77,7 @@ def test_first_contact_is_the_highest_of_all_points(measured, flank):
     angles = random.uniform(-PITCH, PITCH, 4)
     drawn = side * float(PAIR.drawing_backlash)
 
-    def found(**grid: int) -> np.ndarray:
+    def found(**grid: Any) -> np.ndarray:
         model = contact_model(PAIR, deviations=Deviations(*((m, m) for m in maps)), **grid)
         return sense * (np.asarray(model.transmission_error(angles, flank)) - drawn)
 
