@@ -15,7 +15,7 @@ from vttig_jax.pair.gear_pair import Eccentricities, Flank, GearPair, Rack
 _CLOSE = 1e-10
 PITCH = 2 * math.pi / 45
 ANGLES = np.array([0.0, 0.11, 0.23, 0.36, 0.48, 0.61, 0.73, 0.88, 9.3, 313.4]) * PITCH
-SHORT = oracle.Rig((45, 80), 2.0, (math.radians(20.0),) * 2, 125.12, addendum=0.5)
+SHORT = oracle.Rig((45, 80), 2.0, (math.radians(20.0), math.radians(20.0)), 125.12, addendum=0.5)
 CASES = {
     "short teeth": SHORT,
     "short and eccentric": replace(SHORT, offsets=((0.05, 1.0), (0.06, 2.0))),
