@@ -161,7 +161,7 @@ def _closed(pair, rig, closing):
 
 
 TABLES = tuple(
-    Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS)
+    Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS, slow=make is _table)
     for name, make in (("tabulate_flanks", _table), ("first_order_bounds", _closed))
 )
 LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *THICKNESSES, *CONTACTS)

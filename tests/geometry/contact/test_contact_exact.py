@@ -13,8 +13,8 @@ from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.gear_pair import Eccentricities, GearPair
 
 TABLE_2 = (0.0226, 49.5, 0.0273, 79.3)
-HUNTING = np.linspace(0.0, 32 * math.pi, 1201)
-"""Over the hunting period, about 1.7 pitches apart."""
+HUNTING = np.linspace(0.0, 32 * math.pi, 64)
+"""Over the hunting period."""
 
 SOME = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
 

@@ -190,6 +190,7 @@ def test_tilted_flanks_touch_at_an_end_of_the_face(tilt, ends):
         assert contacts.section_misfit[0].max() > 1e-6
 
 
+@pytest.mark.slow
 def test_crowning_keeps_contact_off_the_ends():
     contacts = contact_at(same_gears(CASES["crowned"]), ANGLES, "A")
     assert contacts.kind(0) == "point, flank"

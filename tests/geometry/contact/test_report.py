@@ -102,6 +102,7 @@ def test_crowned_gears_out_of_centre_touch_where_both_are_thickest():
     np.testing.assert_allclose(contacts.transmission_error, expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_gears_without_face_width_have_one_section():
     contacts = contact_at(contact_model(pair_of(widths=(math.nan, math.nan))), ANGLES, "A")
     assert contacts.misfit.shape == (64, 3, 1)

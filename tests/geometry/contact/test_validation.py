@@ -65,6 +65,7 @@ def test_a_wrong_flank(unchecked):
         contact_model(make()).transmission_error(0.0, "left")  # pyright: ignore
 
 
+@pytest.mark.slow
 def test_long_teeth_are_searched_when_asked():
     pair = make(rack=Rack(addendum=1.5, clearance=0.1), helix=(0.0, 0.0))
     model = contact_model(pair, tooth_pairs=4)
