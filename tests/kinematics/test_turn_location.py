@@ -40,14 +40,6 @@ likelihood_of = jax.jit(turn_log_likelihood)
 remainders_of = jax.jit(turn_remainders)
 
 
-@jax.jit
-def likelihood(place, end, std):
-    return turn_log_likelihood(place[None], jnp.zeros(1), end[None], std)[0]
-
-
-slopes = jax.jit(jax.grad(likelihood, (0, 1, 2)))
-
-
 def readings(model, ratio: Fraction, driving: float, share: float) -> tuple[float, float]:
     """Both shafts within a turn, the driven one at a share of the way from flank A to B."""
     lower, upper = map(float, both_flanks(model, driving))
@@ -141,17 +133,6 @@ def test_likelihood_is_the_gaussian_averaged_over_the_gap():
     expected = [exact_log_likelihood(at, 0.0, gap, std) for at, gap in zip(x, width, strict=True)]
     found = likelihood_of(x, np.zeros(len(x)), width, std)
     np.testing.assert_allclose(found, expected, rtol=1e-7)
-
-
-def test_slopes_are_finite_and_those_of_differences():
-    for x, width in product((-8.0, 0.0, 0.4, 30.0), (0.0, 1e-9, 3e-5, 1e-3, 2.0, -0.5)):
-        at = tuple(np.asarray(value) for value in (x, width, 0.7))
-        for place, slope in enumerate(slopes(*at)):
-            moved = (np.add(at, way * 1e-5 * np.eye(3)[place]) for way in (1, -1))
-            high, low = (float(likelihood(*map(np.asarray, point))) for point in moved)
-            assert np.isfinite(slope)
-            if abs(width) > 1e-4 or place != 1:
-                assert float(slope) == pytest.approx((high - low) / 2e-5, rel=1e-4, abs=1e-4)
 
 
 def drawn(std: float, count: int = 4000):

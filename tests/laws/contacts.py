@@ -82,8 +82,8 @@ def _of_thickness() -> Iterator[Law]:
         )
 
 
+THICKNESSES = tuple(_of_thickness())
 CONTACTS = (
-    *_of_thickness(),
     Law("ContactModel.transmission_error", _error, (ANGLES, UNLIKE, RIG), "rad", KINKS, slow=True),
     Law("ContactModel.at_both_angles", _held, (ANGLES, UNLIKE, RIG), "rad", KINKS, slow=True),
 )

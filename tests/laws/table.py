@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tests.laws.contacts import CONTACTS
+from tests.laws.contacts import CONTACTS, THICKNESSES
 from tests.laws.law import POWER as POWER
 from tests.laws.law import Law
 from tests.laws.law import scaled as scaled
@@ -161,11 +161,10 @@ def _closed(pair, rig, closing):
 
 
 TABLES = tuple(
-    Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS)
+    Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS, slow=make is _table)
     for name, make in (("tabulate_flanks", _table), ("first_order_bounds", _closed))
 )
-LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *CONTACTS)
-MODEL_CLASSES = (ClosedModel, ExactModel, OrderModel, CombinedModel)
+LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *THICKNESSES, *CONTACTS)
 
 
 def public_functions(module: Any) -> set[str]:
@@ -178,16 +177,3 @@ def public_functions(module: Any) -> set[str]:
         and not name.startswith("_")
         and getattr(value, "__module__", "") == module.__name__
     }
-
-
-def public_methods(kind: type) -> set[str]:
-    """Names of the methods a flank model offers, its own and inherited."""
-    found = set()
-    for base in kind.__mro__:
-        if base.__module__.startswith("vttig_jax."):
-            found |= {
-                f"{kind.__name__}.{name}"
-                for name, value in vars(base).items()
-                if not name.startswith("_") and callable(value) and not isinstance(value, type)
-            }
-    return found

@@ -19,19 +19,6 @@ def check_dimensions(function, arguments):
     checks.check_dimensions(function, arguments, 1, lambda args, by: (args[0], args[1] * by))
 
 
-def test_a_sound_function_passes_every_check():
-    def sound(angle, gain):
-        return jnp.asarray(gain) * jnp.sin(jnp.asarray(angle, float))
-
-    checks.check_double(sound, HERE)
-    checks.check_jit_is_eager(sound, HERE)
-    checks.check_vmap_is_loop(sound, HERE)
-    checks.check_derivatives(sound, HERE)
-    checks.check_finite_gradient(sound, HERE)
-    checks.check_one_trace(jax.jit(sound), HERE)
-    check_dimensions(sound, HERE)
-
-
 def single(angle, gain):
     return jnp.sin(angle).astype(jnp.float32)
 
@@ -118,18 +105,3 @@ def test_a_declared_unit_that_is_wrong_is_caught():
     law = next(law for law in table.LAWS if law.covers == "axial_displacement")
     with pytest.raises(AssertionError):
         checks.check_dimensions(law.function, law.arguments, table.POWER["rad"], law.scale)
-
-
-def test_scaling_reaches_every_length_and_no_angle():
-    before = jax.tree_util.tree_leaves_with_path([table.PAIR, table.RIG])
-    after = jax.tree.leaves(table.scaled([table.PAIR, table.RIG], 2.0))
-    changed = {
-        jax.tree_util.keystr(path)
-        for (path, old), new in zip(before, after, strict=True)
-        if not np.array_equal(old, new)
-    }
-    assert changed == {
-        *(f"[0].{gear}.face_width_mm" for gear in ("driving", "driven")),
-        *(f"[0].{name}" for name in ("module_mm", "centre_distance_mm")),
-        *(f"[1].{name}" for name in ("driving_mm", "driven_mm", "axial_mm")),
-    }

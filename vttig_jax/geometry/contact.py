@@ -20,7 +20,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int, Real
 
-from ..base.arrays import Number, Numbers, float64, known
+from ..base.arrays import Numbers, float64, known
 from ..base.errors import PairError
 from ..base.numerics.implicit import at_extreme, known_root
 from ..base.units import DEG
@@ -30,10 +30,9 @@ from .checks import check_pointed, check_tooth, section_heights
 from .deviations import Deviations
 from .flanks import Mates, Pose, Reach, concentric_touch, flank_starts, mates_of, pitch_point
 from .mounting import Misalignment, Mounting, Values
-from .tooth import SHAFTS, Taper, Tooth, tooth_of
+from .tooth import SHAFTS, Scalar, Taper, Tooth, tooth_of
 
 Backlash = Literal["drawing", "given"]
-Scalar = Float[Number, ""]
 
 # Chosen values:
 _SECTIONS, _TOOTH_PAIRS, _POINTS = 9, 3, 9  # of the default grid; points are roll angles

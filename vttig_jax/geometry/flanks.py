@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..base.arrays import Number, Numbers, known
+from ..base.arrays import Numbers, known
 from ..base.errors import PairError
 from ..base.numerics.sincos import sincos
 from ..pair.gear_pair import involute
@@ -25,9 +25,7 @@ from .deviations import Bicubic, Deviations
 from .form import form_radius, undercut_depth
 from .mounting import Mounting, Plane, Values
 from .surface import rack_side
-from .tooth import SHAFTS, SIDES, Recession, Tooth
-
-Scalar = Float[Number, ""]
+from .tooth import SHAFTS, SIDES, Recession, Scalar, Tooth
 
 
 class Flank(eqx.Module):

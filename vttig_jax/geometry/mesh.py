@@ -20,7 +20,6 @@ from .outline import (
     ToothGrid,
     blank_of,
     section_points,
-    space_middle,
 )
 from .surface import PARTS, turned
 from .tooth import Tooth
@@ -285,8 +284,14 @@ def _nondegenerate(triangles: Triangles) -> Triangles:
 
 
 def bore_rotation(profile: GearProfile, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the rotation of the bore with the teeth, rad; 0 if the teeth hardly rotate."""
-    rotation = -space_middle(profile, z)
+    """Return the rotation of the bore with the teeth, rad; 0 if the teeth hardly rotate.
+
+    The middle of a space rotates by as much; for helical teeth it can exceed a turn.
+    """
+    starts, turns = profile.starts(z), profile.rotation(z)
+    halves = enumerate((profile.left, profile.right))
+    left, right = (half(starts[:, k])[1] - turns[:, k] for k, half in halves)
+    rotation = (left - right) / 2
     follows = np.abs(rotation).max() > _FOLLOWS * profile.pitch / 2
     return rotation if follows else np.zeros_like(rotation)
 

@@ -9,11 +9,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from ..base.arrays import Number, Numbers, float64
+from ..base.arrays import Numbers, float64
 from ..kinematics.exact import turned_offset
-from .tooth import Tooth
+from .tooth import Scalar, Tooth
 
-Scalar = Float[Number, ""]
 Values = Float[Array, "..."]
 """Numbers of any shape."""
 

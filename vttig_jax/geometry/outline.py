@@ -338,17 +338,6 @@ class ToothGrid:
         return columns
 
 
-def space_middle(profile: GearProfile, z: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-    """Return the clockwise angle of the middle of the space minus half a pitch, rad.
-
-    For helical teeth it can exceed a turn and is not wrapped.
-    """
-    starts, rotation = profile.starts(z), profile.rotation(z)
-    halves = enumerate((profile.left, profile.right))
-    left, right = (half(starts[:, index])[1] - rotation[:, index] for index, half in halves)
-    return (right - left) / 2
-
-
 def section_points(
     profile: GearProfile, counts: Counts, z: Float[np.ndarray, " rows"], finer: int = 1
 ) -> Float[np.ndarray, "rows columns 2"]:

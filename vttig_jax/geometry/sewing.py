@@ -82,13 +82,11 @@ def closed_solid(
             sewing.Add(BRepBuilderAPI_MakeFace(cylinder, *angles, low, high).Face())
     for end, z in ((0, heights[0]), (-1, heights[-1])):
         outline = [*cuts[end][:1], *around[end], *cuts[end][1:], *bores[end:][:1]]
-        bore = _circle(bore_radius, z) if bore_radius > 0 and not bores else None
+        axis = gp_Ax2(gp_Pnt(0.0, 0.0, z), _UP, gp_Dir(1.0, 0.0, 0.0))
+        bore = gp_Circ(axis, bore_radius) if bore_radius > 0 and not bores else None
         sewing.Add(_end_face(outline, end, z, bore, sector))
     sewing.Perform()
-    return _solid(sewing.SewedShape())
-
-
-def _solid(shell: Shape) -> Shape | None:
+    shell = sewing.SewedShape()
     if shell.ShapeType() != TopAbs_ShapeEnum.TopAbs_SHELL:
         return None
     solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell(shell)).Solid()
@@ -115,10 +113,6 @@ def _end_face(
         hole = BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(bore).Edge()).Wire()
         face.Add(TopoDS.Wire(hole.Reversed()))
     return face.Face()
-
-
-def _circle(radius: float, z: float) -> gp_Circ:
-    return gp_Circ(gp_Ax2(gp_Pnt(0.0, 0.0, z), _UP, gp_Dir(1.0, 0.0, 0.0)), radius)
 
 
 def _end_curve(patch: Patch, end: int) -> Geom_BSplineCurve:

@@ -138,8 +138,8 @@ def step_bytes(solid: GearSolid, name: str) -> bytes:
 
 def _row(pieces: Stretch, blank: Blank, pitch: float) -> list[Patch]:
     """Return the surfaces of all teeth in one stretch of the face, counter-clockwise."""
-    right_root, *right, right_tip, left_tip, left_fillet_flank, left_fillet, left_root = pieces
-    tooth = [*right, _joined(right_tip, left_tip), left_fillet_flank, left_fillet]
+    right_root, *right, right_tip, left_tip, left_flank, left_fillet, left_root = pieces
+    tooth = [*right, _joined(right_tip, left_tip), left_flank, left_fillet]
     row: list[Patch | None] = [] if blank.whole else [right_root]
     for k in range(blank.teeth):
         at_end = k == blank.teeth - 1 and not blank.whole

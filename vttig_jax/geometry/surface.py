@@ -29,9 +29,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Real
 
 from ..base.arrays import Number, Numbers, compiled, namespace
-from .tooth import SIDES, Recession, Side, Tooth
+from .tooth import SIDES, Recession, Scalar, Side, Tooth
 
-Scalar = Float[Number, ""]
 Values = Float[Number, "..."]
 """Numbers of any shape."""
 

@@ -1,6 +1,7 @@
 """Backlash of the tooth thicknesses: (16), other centre distances, crowned teeth by brute force."""
 
 import math
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -9,36 +10,14 @@ import numpy as np
 import pytest
 
 from benchmarks.compiler import fast_to_compile
+from tests.geometry.pairs import pair_of
 from vttig_jax.geometry.backlash import backlash_and_contact, geometric_backlash, section_backlash
 from vttig_jax.geometry.contact import contact_model
-from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, GearPair
 
+make = partial(pair_of, pressure=(20.0, 22.0))
 SHIFTS = np.array([-12.0, -3.0, -0.2, 0.0, 0.1, 0.9, 4.0, 15.0])
 DISTANCES = (124.9, 125.12, 125.6)
-
-
-def make(
-    helix=(3.0, 3.0),
-    crowning=(0.0, 0.0),
-    widths=(20.0, 20.0),
-    distance=125.12,
-    driven_helix=None,
-    shifts=(0.0, 0.0),
-) -> GearPair:
-    first = Gear(
-        45, helix[0], helix[1], widths[0], profile_shift=shifts[0], crowning_um=crowning[0]
-    )
-    other = helix if driven_helix is None else driven_helix
-    second = Gear(
-        80, other[0], other[1], widths[1], profile_shift=shifts[1], crowning_um=crowning[1]
-    )
-    return GearPair(
-        first,
-        second,
-        module_mm=2.0,
-        pressure_angles_deg=(20.0, 22.0),
-        centre_distance_mm=distance,
-    )
 
 
 UNEQUAL: dict[str, Any] = {

@@ -1,5 +1,7 @@
 """Derivatives of first touch, first and second, against central differences; ties and kinks."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,30 +9,25 @@ import numpy as np
 import pytest
 
 from benchmarks.compiler import fast_to_compile
+from tests.geometry.pairs import FLANKS, pair_of
+from tests.laws import checks
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair, Rack
+from vttig_jax.pair.gear_pair import Eccentricities, Flank, GearPair, Rack
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
+gears = partial(
+    pair_of,
+    helix=(3.0, 2.0),
+    crowning=(12.0, 8.0),
+    widths=(20.0, 18.0),
+    pressure=(20.0, 22.0),
+    distance=125.4,
+    rack=Rack(tip_radius=0.38),
+)
 ANGLES = np.array([0.013, 0.094])
 WEIGHTS = np.array([1.0, -0.3])
-
-
-def gears(crowning=(12.0, 8.0), addendum=1.0, helix=(3.0, 2.0), widths=(20.0, 18.0)):
-    first, second = (
-        Gear(count, helix[0], helix[1], width, crowning_um=crown)
-        for count, width, crown in zip((45, 80), widths, crowning, strict=True)
-    )
-    return GearPair(
-        first,
-        second,
-        module_mm=2.0,
-        pressure_angles_deg=(20.0, 22.0),
-        centre_distance_mm=125.4,
-        rack=Rack(addendum=addendum, tip_radius=0.38),
-    )
 
 
 def flank_map(sign: float) -> FlankMap:
@@ -103,7 +100,7 @@ EDGES = {"A": np.array([0.0279, 0.0489]), "B": np.array([0.1082, 0.0873])}
 
 def error(numbers, angles, flank: Flank):
     """Of flanks that do not taper; all tests take the derivative in all of these numbers."""
-    pair = gears((0.0, 0.0), helix=(0.0, 0.0))
+    pair = gears(crowning=(0.0, 0.0), helix=(0.0, 0.0))
     places = lambda pair: (pair.rack.addendum, pair.driven.face_width_mm)  # noqa: E731
     moved = eqx.tree_at(places, pair, (numbers["addendum"], numbers["width"]))
     tilt = Misalignment(0.0, numbers["tilt"])
@@ -113,7 +110,7 @@ def error(numbers, angles, flank: Flank):
 @pytest.mark.slow
 def test_where_everything_ties_the_derivatives_are_those_of_the_exact_relation():
     """All sections and two pairs of teeth touch at once: any of them gives the same."""
-    pair, rig = gears((0.0, 0.0), helix=(3.0, 3.0)), known(RIG)
+    pair, rig = gears(crowning=(0.0, 0.0), helix=(3.0, 3.0)), known(RIG)
 
     def contact(rig, flank):
         model = contact_model(
@@ -165,7 +162,7 @@ def bends_of(function, arguments, direction):
 @pytest.mark.parametrize("flank", ["A", "B"])
 def test_second_derivatives_of_perfect_gears_are_those_of_the_exact_relation(flank):
     """In all eccentricities and in the driving angle, for a batch of angles."""
-    pair = gears((0.0, 0.0), helix=(3.0, 3.0))
+    pair = gears(crowning=(0.0, 0.0), helix=(3.0, 3.0))
 
     def second(build):
         def error(numbers):
@@ -236,9 +233,23 @@ def test_second_derivatives_of_a_point_that_moves_along_the_face():
 
 
 @pytest.mark.slow
+def test_new_values_compile_nothing():
+    def touch(scale):
+        rig = jax.tree.map(lambda leaf: leaf * scale, RIG)
+        pair = gears(crowning=(12.0 * scale, 8.0), helix=(3.0 * scale, 2.0))
+        model = model_of(pair, rig, Misalignment(1e-4 * scale, -2e-4))
+        return model.transmission_error(ANGLES * scale, "A"), model.backlash(ANGLES)
+
+    touch(1.0)
+    with checks.compilations() as seen:
+        touch(1.01)
+    assert not seen
+
+
+@pytest.mark.slow
 def test_many_angles_are_a_few():
     """Longer rows are searched in pieces; an angle does not know of its company."""
-    model = contact_model(gears((0.0, 0.0), helix=(3.0, 3.0)), RIG)
+    model = contact_model(gears(crowning=(0.0, 0.0), helix=(3.0, 3.0)), RIG)
     assert len(model.search_grid.batches(np.zeros(9001))) > 1
     angles = np.linspace(-50.0, 50.0, 9001)
     some = [0, 4543, 4544, 9000]
@@ -251,7 +262,7 @@ def test_many_angles_are_a_few():
 
 def test_a_few_lengths_serve_all():
     """So that another number of angles compiles nothing."""
-    model = contact_model(gears((0.0, 0.0), helix=(3.0, 3.0)), RIG)
+    model = contact_model(gears(crowning=(0.0, 0.0), helix=(3.0, 3.0)), RIG)
     lengths = {model.search_grid.batches(np.zeros(n)).size for n in (1, 64, 65, 129, 1000, 4000)}
     assert lengths == {64, 128, 256, 1024, 4096}
     for count in (4700, 5000, 9700, 20_000, 123_457):

@@ -6,15 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.geometry.pairs import FLANKS
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.mounting import Misalignment
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_model import FlankModel
 from vttig_jax.kinematics.flank_table import tabulate_flanks
-from vttig_jax.pair.gear_pair import Eccentricities, Flank
+from vttig_jax.pair.gear_pair import Eccentricities
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 TABLE_2 = (0.0226, 49.5, 0.0273, 79.3)
 ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
 

@@ -5,31 +5,25 @@ The points are those of a dense grid in NumPy; between them a finer grid of the 
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
+from tests.geometry.pairs import FLANKS, pair_of
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.deviations import Deviations, FlankMap
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
 
 TEETH, DISTANCE = (45, 80), 125.12
 BASE = tuple(count * math.cos(math.radians(20.0)) for count in TEETH)
-PAIR = GearPair(
-    *(Gear(count, face_width_mm=20.0) for count in TEETH),
-    module_mm=2.0,
-    pressure_angles_deg=20.0,
-    centre_distance_mm=DISTANCE,
-)
+PAIR = pair_of((0.0, 0.0), distance=DISTANCE)
 PITCH = 2 * math.pi / TEETH[0]
 MEASURED = {
     "whole": (33, 33, 10.0, ((3.0, 24.0), (12.0, 38.0))),
     "inner": (6, 5, 8.0, ((8.0, 20.0), (18.0, 32.0))),
 }
 """Rows and columns of the maps, half their width, and their first and last rows, mm."""
-
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 
 pytestmark = pytest.mark.slow
 
@@ -83,7 +77,7 @@ def test_first_contact_is_the_highest_of_all_points(measured, flank):
     angles = random.uniform(-PITCH, PITCH, 4)
     drawn = side * float(PAIR.drawing_backlash)
 
-    def found(**grid: int) -> np.ndarray:
+    def found(**grid: Any) -> np.ndarray:
         model = contact_model(PAIR, deviations=Deviations(*((m, m) for m in maps)), **grid)
         return sense * (np.asarray(model.transmission_error(angles, flank)) - drawn)
 

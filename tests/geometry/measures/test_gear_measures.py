@@ -103,14 +103,9 @@ def test_the_slope_of_the_measure_over_balls_is_its_derivative(helix, z, teeth, 
 
 
 NOTES = {
-    "taper": (shop_gear(helix=(3.0, 3.0)), {}, "Hold the centres of the balls at z = 0 mm"),
-    "span": (shop_gear(helix=(3.0, 3.0)), {}, "no micrometer can take it"),
-    "no seat": (shop_gear(), {"ball_mm": 1.0}, "A ball of 1 mm lies below the base circle"),
     "not proud": (shop_gear(), {"ball_mm": 3.0}, "Balls of 3 mm do not stand above the tip circle"),
-    "undercut": (shop_gear(12), {}, "undercut: their involute begins at a diameter of 22.6054 mm"),
     "shifted out": (shop_gear(60, shift=1.2), {}, "reference circle lies outside of the involute"),
     "shifted in": (shop_gear(60, shift=-1.2), {}, "reference circle lies outside of the involute"),
-    "no ends": (shop_gear(width=None), {}, "gives no face_width_mm"),
 }
 
 

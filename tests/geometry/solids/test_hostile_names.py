@@ -52,6 +52,12 @@ def test_stl():
         assert found.is_volume and len(found.faces) == len(mesh.triangles), name
         assert len(data) == len(stl_bytes(mesh, "gear"))
         assert not re.search(rb"[\x1b\x07\x9b]", data[:84])
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    written = np.frombuffer(stl_bytes(mesh, "gear")[84:], record)
+    first, second = np.diff(written["corners"].astype(float), axis=1).swapaxes(0, 1)
+    across = np.cross(first, second)
+    unit = across / np.linalg.norm(across, axis=1, keepdims=True)
+    np.testing.assert_allclose(written["normal"], unit, atol=1e-3)
 
 
 def test_svg(drawing):

@@ -163,7 +163,8 @@ def true_points(gear: Tooth) -> np.ndarray:
             z = generator.uniform(-10, 10, 150)
             roll = flank_roll(gear, generator.uniform(form, tip, 150), side)
             found.append(np.asarray(tooth_surface(gear, roll, z, side=side)))
-            roll = generator.uniform(*np.sort(np.asarray(fillet_span(gear, side))), 150)
+            low, high = np.sort(np.asarray(fillet_span(gear, side)))
+            roll = generator.uniform(low, high, 150)
             fillet = np.asarray(tooth_surface(gear, roll, z, side=side, part="fillet"))
             inside = np.abs(np.arctan2(fillet[:, 0], fillet[:, 1])) < 0.9 * math.pi / gear.teeth
             found.append(fillet[inside & (np.hypot(fillet[:, 0], fillet[:, 1]) < form)])

@@ -97,6 +97,7 @@ def test_a_tolerance_that_sewing_cannot_hold_is_refused(cad):
         gear_solid(SMALL, tolerance_mm=1e-6)
 
 
+@pytest.mark.slow
 def test_a_jump_of_the_recession_is_told():
     def jump(z):
         return np.where(z > 0.3, 0.3, 0.0)
