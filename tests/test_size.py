@@ -21,10 +21,10 @@ PACKAGE = Path(vttig_jax.__file__).parent
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
     "base": (1264, 19),  # 950
-    "pair": (659, 1),  # 560
+    "pair": (658, 1),  # 560
     "kinematics": (1222, 23),  # 780
     "geometry": (3394, 56),  # 2800
-    "logs": (10107, 268),  # 7400
+    "logs": (10103, 268),  # 7400
     "rig": (298, 1),  # 260
     "model": (2141, 44),
     "identify": (3597, 38),  # 9000 together with posterior
