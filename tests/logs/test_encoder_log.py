@@ -111,7 +111,7 @@ def test_gear_pair_serves_like_the_pair_file():
         ({"driven": None}, "neither is given"),
         ({"transmission_error": TIME}, "both are given"),
         ({"unit": "furlong"}, "'furlong'"),
-        ({"unit": ("deg", "inch")}, "'inch'"),
+        ({"unit": ("deg", "furlong")}, "'furlong'"),
         (
             {"driven": None, "transmission_error": TIME, "transmission_error_unit": "counts"},
             "count",

@@ -52,9 +52,16 @@ def test_units(tmp_path, driving, backlash):
     assert_read(read_backlash_readings(write(tmp_path, text)), [2, 3, 4, 5, 6])
 
 
-@pytest.mark.parametrize(("name", "size"), [("Spiel [µm]", 50e3), ("dial_gauge_mm", 50.0)])
-def test_a_length_at_a_radius(tmp_path, name, size):
-    text = table(f"driving_deg,{name}", backlash=BACKLASH * DEG * size)
+@pytest.mark.parametrize(
+    ("names", "size"),
+    [
+        ("driving_deg,Spiel [µm]", 50e3),
+        ("driving_deg,dial_gauge_mm", 50.0),
+        ("driving (deg),Backlash (in)", 50.0 / 25.4),
+    ],
+)
+def test_a_length_at_a_radius(tmp_path, names, size):
+    text = table(names, backlash=BACKLASH * DEG * size)
     readings = read_backlash_readings(write(tmp_path, text), lead_mm=2 * np.pi * 50.0)
     assert_read(readings, [2, 3, 4, 5, 6])
 

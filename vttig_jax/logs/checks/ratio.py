@@ -256,19 +256,12 @@ class SeenRatio:
 
     def _said(self, kind: str, slug: str) -> str:
         """Return a text of `_TEXTS` with the numbers of this ratio."""
-        (turns, inverse), teeth = self._inverse, f"{self.given.denominator}:{self.given.numerator}"
         decimal = decimal_option(abs(self.seen or 1.0), self.std or 0.0)
-        return _TEXTS[kind][slug].format(
-            near=_fraction_or_number(self.seen or 0.0, self.std or 0.0),
-            turns=turns,
-            inverse=inverse,
-            scale=1 / self.given,
-            lead=self.lead,
-            option=self._option,
-            teeth=teeth,
-            decimal=decimal,
-            said="is" if self.cause == "ratio" else "may be",
-        )
+        near = _fraction_or_number(self.seen or 0.0, self.std or 0.0)
+        words = dict(zip(("turns", "inverse"), self._inverse, strict=True))
+        words |= {"lead": self.lead, "option": self._option, "decimal": decimal, "near": near}
+        words["said"] = "is" if self.cause == "ratio" else "may be"
+        return _TEXTS[kind][slug].format(given=self.given, scale=1 / self.given, **words)
 
     @property
     def _cure(self) -> str:

@@ -14,7 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from itertools import islice, zip_longest
+from itertools import accumulate, islice, zip_longest
 from typing import Any
 
 import numpy as np
@@ -593,8 +593,12 @@ def _names(line: str, delimiter: str | None, width: int) -> list[str]:
 
 
 def _names_with_units(lines: Lines, header: int, delimiter: str | None, width: int) -> list[str]:
-    """Return the column names; a row of units as header line is added to the names above it."""
+    """Return the column names; a row of units or directions is added to the names above it."""
     names = _names(lines[header], delimiter, width)
+    first, *ways = split(lines[header], delimiter, trim=False)
+    if header and not first and {*map(fold, ways)} <= WAYS.keys():  # each pair below one name
+        above = accumulate(split(lines[header - 1], delimiter, trim=False), lambda a, b: b or a)
+        return [f"{a} {b}".strip() for a, b in zip(above, ["", *ways], strict=False)]
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
         return names
     above = _names(lines[header - 1], delimiter, width)

@@ -39,7 +39,7 @@ def answer_to(
             option, request = "--counts A,B", replace(request, counts=(1000, 1000))
         case "opposite-directions":
             option, request = "--invert driven", request.with_driven_inverted()
-        case "several-columns" | "several-pairs" | "only-a-setpoint":
+        case "several-columns" | "several-pairs" | "only-a-setpoint" | "driving-open":
             roles = (role,) if role else SHAFTS
             named = (f"{one}={name}" for one, name in zip(roles, columns, strict=False))
             option = " ".join(f"--column {one}=NAME" for one in roles)

@@ -632,10 +632,10 @@ class Search:
             }
             if length and (unit is None or unit in LENGTH_UNITS):
                 raise self._no_lead(role, one)
-            if role not in SHAFTS:
-                continue
             if unit is None:
                 unnamed.append((role, one))
+            if role not in SHAFTS:
+                continue
             counted |= unit == "counts"
             if unit == "counts" and not self.statement.in_file and not self.statement.counted:
                 raise self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
