@@ -11,7 +11,7 @@ from tests.model.rigs import PAIRS, exact_log, fitted, gear_pair, gears_of
 from vttig_jax.base.units import ARCSEC
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.model import ENCODERS, GEARS, Relation, fitted_gears, parameters_of
-from vttig_jax.pair.gear_pair import Flank
+from vttig_jax.pair.schema import Flank
 
 TRUTH = {
     "driving_mm": 0.024,
@@ -28,7 +28,7 @@ FLANKS: tuple[Flank, Flank] = ("A", "B")
 WAVES = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("both", -1): (1, -1)}
 
 
-def _relation(pair, both=True, flank="A", names=(*GEARS, *ENCODERS), gap=0.0) -> Relation:
+def _relation(pair, both=True, flank: Flank = "A", names=(*GEARS, *ENCODERS), gap=0.0) -> Relation:
     return Relation(
         names,
         tuple(WAVES),

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -348,20 +349,18 @@ def reversal_jumps(
         for start in sorted({max(_NEAR_DEG, beyond), _NEAR_DEG}, reverse=True):
             middle = start + _WINDOW_DEG / 2
             inside = np.flatnonzero(np.abs(left - middle) <= _WINDOW_DEG / 2)
-            first, second = inside[inside < turn], inside[inside > turn]
-            if len(first) < 3 or len(second) < 3:
+            passes = inside[inside < turn], inside[inside > turn]
+            if min(map(len, passes)) < 3:
                 continue
-            before_it, after_it = (
-                linregress(left[part] - middle, te[part]) for part in (first, second)
-            )
+            lines: list[Any] = [linregress(left[own] - middle, te[own]) for own in passes]
             jumps.append(
                 Reversal(
                     log=log,
                     driving_deg=float(angle[turn] / DEG - sense * middle),
                     turn_deg=float(angle[turn] / DEG),
-                    jump_deg=sense * float(after_it.intercept - before_it.intercept) / DEG,
+                    jump_deg=sense * float(lines[1].intercept - lines[0].intercept) / DEG,
                     crossing=start < beyond,
-                    std_deg=math.hypot(before_it.intercept_stderr, after_it.intercept_stderr) / DEG,
+                    std_deg=math.hypot(*(one.intercept_stderr for one in lines)) / DEG,
                 )
             )
             break

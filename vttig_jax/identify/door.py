@@ -96,6 +96,6 @@ def usable(
             " record longer strokes at a steady speed.",
             where=where,
         )
-    seen = {run.flank for one in found for run in one.runs}
+    seen: set[Flank] = {run.flank for one in found for run in one.runs}
     kept = [replace(one, runs=tuple(r for r in one.runs if r.flank in long)) for one in shafts]
     return tuple(kept), tuple(seen - long)
