@@ -160,6 +160,7 @@ def _ended(numbers):
     return jnp.stack([ended.depth, ended.rate])
 
 
+@pytest.mark.slow
 def test_gradients_through_an_impact_and_at_the_kinks():
     slopes = jax.jit(jax.jacrev(_ended), **fast_to_compile())
     point, ended = jnp.array([-0.3, 0.8, 0.02, 0.1]), jax.jit(_ended)

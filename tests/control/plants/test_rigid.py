@@ -93,6 +93,7 @@ def test_between_walls_at_rest_it_is_a_ball(restitution, speed, place):
     assert shafts.drift[place] == pytest.approx(rate, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_gradients_are_those_of_differences_in_flight_and_through_an_impact(rig):
     bounds, motion = rig
 

@@ -119,6 +119,7 @@ def test_derivatives_are_those_of_differences_at_two_steps(closing, slopes_of_cl
     assert float(slopes["residual_gap_deg"][0]) == pytest.approx(per_mm, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_reverse_mode_gives_the_same_derivative(closing, slopes_of_closing):
     def left(margin: jax.Array) -> Any:
         return run(with_settings(closing, {MARGIN: margin})).metrics["residual_gap_deg"]

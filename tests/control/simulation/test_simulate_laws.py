@@ -208,6 +208,7 @@ def test_new_values_compile_nothing(on):
     assert not seen
 
 
+@pytest.mark.slow
 def test_a_compiled_period_is_one_computed_step_by_step():
     case, before = case_of(spec_of(BASE), PAIR), 1024
     state, _ = eqx.filter_jit(run_periods)(case, initial_state(case), jnp.arange(before))
