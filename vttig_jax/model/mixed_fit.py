@@ -345,10 +345,8 @@ def told_waves(
     """
     own = lambda wave: max(abs(wave.driving), abs(wave.driven)) + (wave.shaft == "both")  # noqa: E731
     likely = sorted(waves, key=own)
-    first = sum(wave.is_first for wave in waves)
-    told = told_orders(angle, [wave.cycles(ratio) for wave in likely], first)
-    kept = {wave for wave, one in zip(likely, told, strict=True) if one}
-    return tuple(wave for wave in waves if wave in kept)
+    told = told_orders(angle, [w.cycles(ratio) for w in likely], sum(w.is_first for w in waves))
+    return tuple(wave for wave in waves if told[likely.index(wave)])
 
 
 def clear_orders(posterior: Posterior) -> frozenset[RowName]:

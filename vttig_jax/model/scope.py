@@ -63,14 +63,10 @@ def scope_of(shafts: Sequence[Shafts], rows: Sequence[Rows], waves: Sequence[Wav
     # A shaft that turns may have orders that the model does not have; a table tells few anyway, and
     # its two first orders are in the model together, whose spread says how alike they are.
     still = all(one.still for one in shafts)
-    others = () if still else range(1, HIGHEST + 1)
+    others = [w for w in waves if w.shaft in SHAFTS and not (still and w.is_first)]
+    own = [1.0] if still else np.arange(1.0, HIGHEST + 1).tolist()
     for shaft, gain in (("driving", 1.0), ("driven", abs(ratio))):
-        orders = {
-            wave.cycles(ratio) / gain
-            for wave in waves
-            if wave.shaft == shaft or (wave.shaft in SHAFTS and not (still and wave.is_first))
-        }
-        orders = sorted({*(float(f"{order:.9g}") for order in orders), *map(float, others)})
+        orders = sorted({*own, *(float(f"{w.cycles(ratio) / gain:.9g}") for w in others)})
         on_flanks = [
             gain * np.concatenate([one.angle[one.flank == flank] for one in rows])
             for flank in flanks

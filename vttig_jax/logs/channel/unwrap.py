@@ -348,12 +348,14 @@ def common_step(values: Real[np.ndarray, " n"]) -> float:
     gaps = gaps[gaps > rounding]
     if len(gaps) == 0:
         return 0.0
-    step, shown = gaps[0], max(_stored_step(values), rounding)
+    few = values[:: -(-len(values) // _SAMPLE)].astype(np.float64)
+    largest = few[np.abs(few) >= 0.1 * np.abs(few).max()]
+    step, stored = gaps[0], max(_last_place(largest), _binary_step(few), rounding)
     for _ in range(_MOST_DIVISIONS):
         steps = np.rint(gaps / step)
         left = np.abs(gaps - step * steps)
         # Places that a motor goes to are alike within more than what rounding moves a reading by.
-        left = left[left > np.minimum(_STEP_TOLERANCE * step, shown * (1 + steps))]
+        left = left[left > np.minimum(_STEP_TOLERANCE * step, stored * (1 + steps))]
         if len(left) == 0:
             return float(np.ptp(values) / np.rint(np.diff(ordered) / step).sum())
         step = left.min()
@@ -390,13 +392,6 @@ def _binary_step(values: Float[np.ndarray, " n"]) -> float:
     """Return the step of the largest of values that are numbers of 32 bits, else 0."""
     short = values.astype(np.float32)
     return float(np.spacing(np.abs(short).max())) if np.array_equal(short, values) else 0.0
-
-
-def _stored_step(values: Real[np.ndarray, " n"]) -> float:
-    """Return how finely the largest values are stored: their last digit, or that of 32 bits."""
-    few = values[:: -(-len(values) // _SAMPLE)].astype(np.float64)
-    large = few[np.abs(few) >= 0.1 * np.abs(few).max()]
-    return max(_last_place(large), _binary_step(few))
 
 
 def _step_of_digits(values: Float[np.ndarray, " n"]) -> float:

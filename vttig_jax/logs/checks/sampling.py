@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from jaxtyping import Complex, Float, Int64
+from jaxtyping import Float, Int64
 
 from ...base.units import ARCSEC, REV
 from ..channel.channel import GAP
@@ -286,18 +286,10 @@ def _gram(
         part = slice(start, start + CHUNK)
         rows = np.empty((size, len(index[part])))
         rows[0], rows[1], rows[-1] = 1.0, time[part], error[part]
-        powers = {shaft: _powers(angles[shaft][index[part]]) for shaft in shafts}
+        waves = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in shafts}
+        powers = {shaft: np.vander(x, HIGHEST + 1, increasing=True) for shaft, x in waves.items()}
         for k, (shaft, order) in enumerate(terms):
-            power = powers[shaft][order]
+            power = powers[shaft][:, order]
             rows[2 + 2 * k], rows[3 + 2 * k] = np.real(power), np.imag(power)
         gram += rows @ rows.T
     return gram
-
-
-def _powers(angle: Float[np.ndarray, " n"]) -> list[Complex[np.ndarray, " n"]]:
-    """Return exp(jkφ) for k = 0 … `HIGHEST` by repeated multiplication with exp(jφ)."""
-    first = np.exp(1j * angle)
-    powers = [np.ones_like(first)]
-    for _ in range(HIGHEST):
-        powers.append(powers[-1] * first)
-    return powers

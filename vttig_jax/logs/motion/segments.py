@@ -542,15 +542,15 @@ def told_orders(
     basis, told = np.full((1, len(angle)), len(angle) ** -0.5), [False] * len(orders)
     for place, order in enumerate(orders):
         own = np.stack([np.cos(order * angle), np.sin(order * angle)])
-        rest = own - own @ basis.T @ basis
-        beside = own - own @ basis[:1].T @ basis[:1] if place < likely else rest
+        beside, new = (own - own @ known.T @ known for known in (basis[:1], basis))
         # The last factor is the part of the second column that the first one does not have.
-        factor = np.linalg.qr(rest.T)
-        new = np.diag(factor[1]) ** 2 > 1e-9 * len(angle)
-        clear = np.diag(np.linalg.qr(beside.T)[1]) ** 2 >= CLEAR * len(angle) / 2
-        if len(basis) + 2 <= len(angle) / 2 and np.all(clear):
+        part = np.diag(np.linalg.qr((beside if place < likely else new).T)[1]) ** 2
+        if len(basis) + 2 <= len(angle) / 2 and np.all(part >= CLEAR * len(angle) / 2):
             told[place] = True
-            basis = np.concatenate([basis, factor[0].T[new]])
+            factor = np.linalg.qr(new.T)
+            basis = np.concatenate(
+                [basis, factor[0].T[np.diag(factor[1]) ** 2 > 1e-9 * len(angle)]]
+            )
     return told
 
 
