@@ -104,3 +104,17 @@ def test_one_reading_has_no_error(dial, vttig_json):
 def test_what_is_missing_or_makes_no_sense_is_said(dial, options, vttig):
     code, _, said = vttig("fit", "--readings", dial, *options)
     assert code == 2 and said.count("\n") == 1
+
+
+def test_a_first_order_that_the_places_show_little_is_not_taken_for_a_third():
+    """The wheel stands in two opposite parts of its turn, 17° wide: order 3 looks like order 1."""
+    angle = np.add.outer(960.0 * np.arange(6), 330.0 * np.arange(4)).ravel()
+    turned = np.radians(angle)
+    gap = 0.04 + 0.01 * np.sin(turned) + 0.0095 * np.sin(45 / 80 * turned + 2.0)
+    gap = gap + np.random.default_rng(5).normal(0.0, 1e-3, len(gap))
+    drive = pair_from_spec(parse_pair_spec({"drive": {"ratio": "45/80"}}))
+    found = fit_readings(BacklashReadings.from_arrays(angle, gap), drive)
+    orders = {(one.shaft, one.order): one for one in found.orders}
+    assert ("driven", 3) not in orders
+    one = orders["driven", 1]
+    assert abs(one.amplitude_deg - 0.0095) < 3 * one.std_deg < 0.0095

@@ -553,7 +553,7 @@ def _seconds(
         seconds, note = read_stamps(fields, partial(place.at, "time"))
         return seconds, (note,)
     far = values.dtype.kind == "f" and size > 0 and abs(values[0]) > FAR
-    if place.line_of is not None and (far or column.unit == "d"):
+    if place.line_of is not None and column.index < table.own and (far or column.unit == "d"):
         fields = table.texts(column.index)[:size]
         exact = exact_numbers(fields)
         if exact is not None:

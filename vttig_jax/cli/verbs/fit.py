@@ -136,7 +136,7 @@ def _as_length(value_deg: float | None, std_deg: float | None, lead_mm: float | 
     if value_deg is None or std_deg is None or lead_mm is None:
         return []
     value, std = (1e3 * lead_mm / 360 * one for one in (value_deg, std_deg))
-    return [f"gap as a length ({lead_mm:.6g} mm a turn): {value:.4g} ± {std:.2g} µm"]
+    return [f"mean gap over the angles ({lead_mm:.6g} mm a turn): {value:.4g} ± {std:.2g} µm"]
 
 
 _FAILURES = {

@@ -257,7 +257,9 @@ class SeenRatio:
     def _said(self, kind: str, slug: str) -> str:
         """Return a text of `_TEXTS` with the numbers of this ratio."""
         decimal = decimal_option(abs(self.seen or 1.0), self.std or 0.0)
-        near = _fraction_or_number(self.seen or 0.0, self.std or 0.0)
+        seen = self.seen or 0.0
+        found = likely_fraction(abs(seen), self.std or 0.0) if seen else None
+        near = f"{seen:.6g}" if found is None else f"{found if seen > 0 else -found}"
         words = dict(zip(("turns", "inverse"), self._inverse, strict=True))
         words |= {"lead": self.lead, "option": self._option, "decimal": decimal, "near": near}
         words["said"] = "is" if self.cause == "ratio" else "may be"
@@ -301,12 +303,6 @@ class SeenRatio:
         rounded = max(self.given.numerator, self.given.denominator) > MOST_TEETH
         known = self.cause in ("delay", "drift") or not rounded
         return self._said("why", self.cause if known else "rounded")
-
-
-def _fraction_or_number(value: float, std: float) -> str:
-    """Return the likeliest fraction for a ratio of any sign as text, or the number."""
-    found = likely_fraction(abs(value), std) if value else None
-    return f"{value:.6g}" if found is None else f"{found if value > 0 else -found}"
 
 
 def seen_ratio(log: EncoderLog) -> SeenRatio:

@@ -32,7 +32,7 @@ from jaxtyping import Float, Int
 from ...base.numerics.student_noise import fit_student_noise
 from ...base.numerics.well_conditioned import least_squares, orthonormal_basis
 from ...base.units import DEG, REV
-from ..channel.speed import Speed
+from ..channel.speed import Speed, is_at_standstill
 from ..encoder_log import EncoderLog
 from .segments import (
     AFTER_REVERSAL,
@@ -40,7 +40,6 @@ from .segments import (
     Segment,
     Segments,
     find_segments,
-    is_table,
     still_segments,
 )
 
@@ -406,7 +405,8 @@ def assigned_segments(log: EncoderLog, *, still: bool | None = None) -> Segments
     The direction column has priority; the torque must fit better than the motion. A note names the
     choice. `still`: whether the log is a table of readings at standstill; by default the log says.
     """
-    if is_table(log) if still is None else still:
+    steps, clock = np.diff(log.driving.angle), "time" in log.place.columns
+    if is_at_standstill(steps, log.time, clock=clock) if still is None else still:
         return still_segments(log)
     by_torque = find_segments(log)
     if log.direction is not None:

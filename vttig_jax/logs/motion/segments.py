@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int, Int8
 from ...base.units import DEG, REV
 from ...pair.schema import Flank
 from ..channel.channel import GAP
-from ..channel.speed import SAME, Speed, is_at_standstill, runs, usual_step
+from ..channel.speed import SAME, Speed, runs, usual_step
 from ..encoder_log import EncoderLog
 
 SHARE = 0.4
@@ -394,12 +394,6 @@ def _crossing(
     return masked
 
 
-def is_table(log: EncoderLog) -> bool:
-    """Return whether a log holds readings at standstill."""
-    steps = np.diff(log.driving.angle)
-    return is_at_standstill(steps, log.time, clock="time" in log.place.columns)
-
-
 def still_segments(log: EncoderLog) -> Segments:
     """Return the readings of a table as segments, whose flank is that of the approach.
 
@@ -524,8 +518,8 @@ def told_orders(
 
     **Arguments**
     - `angle`: angles in rad. - `orders`: in cycles per turn, the likelier ones first.
-    - `likely`: number of orders that are there for certain: left out, they would be taken for the
-      order that looks like them, so that each is told that a level does not imitate.
+    - `likely`: number of orders that are there for certain, and would be taken for the orders that
+      look like them. Each is told whose two parts differ from a level, however little.
 
     **Example**
     ```python
@@ -543,14 +537,14 @@ def told_orders(
     for place, order in enumerate(orders):
         own = np.stack([np.cos(order * angle), np.sin(order * angle)])
         beside, new = (own - own @ known.T @ known for known in (basis[:1], basis))
+        share, part = (CLEAR**3, beside) if place < likely else (CLEAR, new)
         # The last factor is the part of the second column that the first one does not have.
-        part = np.diag(np.linalg.qr((beside if place < likely else new).T)[1]) ** 2
-        if len(basis) + 2 <= len(angle) / 2 and np.all(part >= CLEAR * len(angle) / 2):
-            told[place] = True
+        clear = np.diag(np.linalg.qr(part.T)[1]) ** 2 >= share * len(angle) / 2
+        told[place] = bool(len(basis) + 2 <= len(angle) / 2 and clear.all())
+        if told[place] or place < likely:  # what is there is not taken for an order that is not
             factor = np.linalg.qr(new.T)
-            basis = np.concatenate(
-                [basis, factor[0].T[np.diag(factor[1]) ** 2 > 1e-9 * len(angle)]]
-            )
+            seen = np.diag(factor[1]) ** 2 > 1e-9 * len(angle)
+            basis = np.concatenate([basis, factor[0].T[seen]])
     return told
 
 

@@ -63,6 +63,7 @@ OTHER_UNITS = frozenset(_WORDS_OF["other_units"].split())
 """Units of quantities other than angle and time, in lower case."""
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+_QUOTIENT = re.compile(r"\s*/\s*(°|deg|[mµμu]?rad|gon|arcsec|arcmin|[″\"′']|[mµμu]m|m?s)\s*$")
 _POWER = r"(?:1e[+-]?\d+|10+|0[.,]0*1)"
 _SCALE = re.compile(
     rf"[x×*·]\s*{_POWER}(?![\d.])|(?<![\d.]){_POWER}\s*[x×*·]|(?<![^\W_])1e-?\d+|1/10+|10\^-?\d"
@@ -105,13 +106,14 @@ def units_of(role: str) -> Sequence[str]:
 
 
 def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str | None]:
-    """Split `driving_deg`, `driving [deg]` or `driving (deg)` into name "driving" and unit "deg".
+    """Split `driving_deg`, `driving [deg]`, `driving (deg)` or `driving/deg` into name and unit.
 
     The unit is None if the name has none of `units`, or if it has a scale such as `motor_milli_deg`
     or `motor x1000 [deg]`. `where` is the position for messages.
 
     **Raises** `LogError` if the name has two units that differ, such as a suffix and a bracket.
     """
+    name = _QUOTIENT.sub(r" [\1]", name)
     bracket = _BRACKET.search(name)
     stem = name[: bracket.start()] if bracket else name
     inside = bracket_of(name)
@@ -142,8 +144,8 @@ def scale_of(name: str) -> str:
 
 
 def bracket_of(name: str) -> str:
-    """Return the text in the bracket at the end of a name, in the spelling of a unit, or ""."""
-    bracket = _BRACKET.search(name)
+    """Return the unit at the end of a name, in brackets or behind a solidus, as it is spelt."""
+    bracket = _BRACKET.search(_QUOTIENT.sub(r" [\1]", name))
     return unit_spelt(bracket[1]) if bracket else ""
 
 

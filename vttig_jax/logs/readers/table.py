@@ -20,6 +20,7 @@ from jaxtyping import Int64, Real, Shaped
 
 from ...base.errors import LogError
 from .column_names import SHAFT_UNITS, TIME, WAYS, index_of, name_and_unit, words_of
+from .times import read_stamps
 
 MOST_COLUMNS = 256
 """Largest number of channels in one matrix, its shorter side, and of columns of a text that has
@@ -228,14 +229,14 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
             except LogError:
                 one = _formula(name, table)
             found = {name_and_unit(table.names[k], SHAFT_UNITS, name)[1] for k in one.of}
-            if len(found) > 1:
+            if len(found) > 1 and found <= {None, *SHAFT_UNITS}:
                 said = ", ".join(f"`{table.names[k]}`" for k in one.of)
                 raise LogError(
                     f"its columns {said} have different units; convert them by factors of the"
                     " formula, and rename them.",
                     where=f"{table.source}: `{name}`",
                 )
-            units.update((name, unit) for unit in found if unit)
+            units.update((name, unit) for unit in found & {*SHAFT_UNITS} if len(found) == 1)
         else:
             continue
         computed.append(one)
@@ -310,7 +311,9 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
     steps, name = edges[0] > 2 * edges[1], f"quadrature({first},{second})"
     counts = _steps(a, b) if steps else _quadrature(a, b, f"{table.source}: `{name}`")
     # Logic analysers export a row for each change of a level; their time is what always rises.
-    others = () if steps else table.own_numeric().values()
+    dated = [] if steps else filter(table.is_dated, range(table.own))
+    stamps = [read_stamps(table.texts(k)[: len(a)], lambda _: table.source)[0] for k in dated]
+    others = [] if steps else [*table.own_numeric().values(), *stamps]
     times = [one for one in others if np.all(one[1:] > one[:-1])]
     changes = [one[1:] != one[:-1] for one in others if set(one.tolist()) <= {0, 1}]
     if len(times) == 1 and np.all(np.any(changes, axis=0)):

@@ -300,10 +300,8 @@ def _without_boot_text(text: str) -> tuple[str, tuple[str, ...]]:
 
 def is_plain(data: bytes) -> bool:
     """Return whether bytes are ASCII without control codes, and each CR is part of a CR LF."""
-    for part in pieces(len(data), _BLOCK):
-        if data[part].translate(None, _PLAIN):
-            return False
-    return data.count(b"\r") == data.count(b"\r\n")
+    plain = all(not data[part].translate(None, _PLAIN) for part in pieces(len(data), _BLOCK))
+    return plain and data.count(b"\r") == data.count(b"\r\n")
 
 
 def printable(text: str) -> str:
