@@ -109,7 +109,7 @@ def refuse_values(role: str, values: Real[np.ndarray, " n"], source: Source) -> 
             f"{values[row]} is not a number; correct the reading, {SKIP}.",
             where=source.at(role, row),
         )
-    if values.dtype.kind == "f" and np.abs(values).max(initial=0.0) > LARGEST:
+    if values.dtype.kind == "f" and max(values.max(initial=0), -values.min(initial=0)) > LARGEST:
         row = int(np.argmax(np.abs(values) > LARGEST))
         raise LogError(
             f"{values[row]:g} is too large for a reading; correct it, or the unit of its column.",
