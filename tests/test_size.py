@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (658, 1),  # 560
     "kinematics": (1222, 23),  # 780
     "geometry": (3369, 55),  # 2800
-    "logs": (10105, 268),  # 7400
+    "logs": (10107, 268),  # 7400
     "rig": (298, 1),  # 260
     "model": (2141, 44),
     "identify": (3582, 38),  # 9000 together with posterior

@@ -189,13 +189,13 @@ def looks_like_speed(values: Real[np.ndarray, " n"]) -> bool:
 
     An angle seldom does, because its zero is arbitrary and a shaft that is measured moves.
     """
+    values = values[:: 1 + len(values) // 5000]  # which show the levels
     bins = np.rint(values / (_LEVEL * np.abs(values).max(initial=1e-300))).astype(np.int64)
     levels, counts = np.unique(bins, return_counts=True)
     held = counts > _LEVEL * len(bins)
     top = int(levels[held].max(initial=0))
-    if top < 2 or np.sum(counts[held]) < 0.6 * len(bins):
-        return False
-    return all(np.abs(levels[held] - level).min() <= 1 for level in (0, top, -top))
+    rests = bool(top >= 2 and np.sum(counts[held]) >= 0.6 * len(bins))
+    return rests and all(np.abs(levels[held] - level).min() <= 1 for level in (0, top, -top))
 
 
 def is_at_standstill(
@@ -217,16 +217,18 @@ def is_at_standstill(
     if np.sum(small[1:] * small[:-1]) > 0:  # noise turns back more often than not
         return False
     took = np.diff(time)
-    slow = bool(np.median(took) >= LONG_S)
+    slow = bool(np.mean(took >= LONG_S) >= 0.5)
     if not clock or (moved[:-1].any() and np.mean(~moved[1:][moved[:-1]]) >= _RESTS):
         held = np.diff(time[:-1][moved], prepend=-np.inf)
         return slow or (clock and bool(np.median(held) >= LONG_S))
+    if not slow:
+        return False
     step, took = np.abs(signed[moved]), took[moved]
     uneven, steps, speeds = (
         float(np.std(one)) / max(float(np.mean(one)), 1e-300)
         for one in (took, step, step / np.maximum(took, 1e-300))
     )
-    return slow and uneven > _UNEVEN and speeds**2 > 2 * steps**2
+    return uneven > _UNEVEN and speeds**2 > 2 * steps**2
 
 
 HALF = 5

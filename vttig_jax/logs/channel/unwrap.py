@@ -51,12 +51,12 @@ def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.nda
     - `reading`: counts (int64) or angles (float64) in one unit, shape (n,).
     - `modulus`: M in that unit; the shaft must turn less than M/2 between samples.
     """
-    wraps = wrap_steps(reading, modulus)
-    np.cumsum(wraps, out=wraps)
-    found = reading.copy()
+    found, turns = reading.copy(), 0
     whole = (int if reading.dtype.kind in "iu" else float)(modulus)
-    for part in pieces(len(wraps)):
-        found[part.start + 1 : part.stop + 1] += whole * wraps[part]
+    for part in pieces(max(len(reading) - 1, 0)):
+        wraps = turns + np.cumsum(wrap_steps(reading[part.start : part.stop + 1], modulus))
+        found[part.start + 1 : part.stop + 1] += whole * wraps
+        turns = wraps[-1]
     return found
 
 
