@@ -90,6 +90,8 @@ def test_what_is_quick_imports_nothing_heavy():
     inspect = "import vttig_jax.cli.verbs.inspect, vttig_jax.logs.read, vttig_jax.pair.pair_file\n"
     inspect += "vttig_jax.pair.pair_file.parse_pair_spec({'drive': {'ratio': '1/2'}})"
     assert imported(inspect) & {"jax", "equinox"} == set()
+    fit = "import vttig_jax.runs.fit_run, vttig_jax.identify.checking\n"
+    assert "scipy" in imported(fit + "assert 'scipy.stats' not in sys.modules")  # 0.2 s
 
 
 def test_no_verb_imports_jax_before_it_begins():

@@ -3,12 +3,10 @@
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import msgspec
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import linregress
 
 from ..base.units import ARCSEC, DEG, REV
 from ..kinematics.flank_model import FlankModel, flank_index
@@ -352,16 +350,25 @@ def reversal_jumps(
             passes = inside[inside < turn], inside[inside > turn]
             if min(map(len, passes)) < 3:
                 continue
-            lines: list[Any] = [linregress(left[own] - middle, te[own]) for own in passes]
+            levels, variances = zip(*(_level(left[k] - middle, te[k]) for k in passes), strict=True)
             jumps.append(
                 Reversal(
                     log=log,
                     driving_deg=float(angle[turn] / DEG - sense * middle),
                     turn_deg=float(angle[turn] / DEG),
-                    jump_deg=sense * float(lines[1].intercept - lines[0].intercept) / DEG,
+                    jump_deg=sense * (levels[1] - levels[0]) / DEG,
                     crossing=start < beyond,
-                    std_deg=math.hypot(*(one.intercept_stderr for one in lines)) / DEG,
+                    std_deg=math.sqrt(sum(variances)) / DEG,
                 )
             )
             break
     return jumps
+
+
+def _level(off_deg: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return the transmission error at `off_deg` = 0 from a straight line, and its variance."""
+    design = np.stack([off_deg, np.ones(len(off_deg))], axis=1)
+    inverse = np.linalg.pinv(design)
+    line = inverse @ error
+    scatter = np.sum((error - design @ line) ** 2) / (len(error) - 2)
+    return float(line[1]), float(scatter * inverse[1] @ inverse[1])
