@@ -42,6 +42,7 @@ _SEXAGESIMAL = re.compile(
 )
 """Degrees, minutes and seconds of an angle, such as 12°30'05.2"."""
 
+_QUOTED_COMMA = re.compile(r'"[^"\n]*\d,\d')
 _UNIT_BEHIND = re.compile(r"(?<=\d) +[^\W\d]+$")
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity|∞)", re.IGNORECASE)
 
@@ -203,6 +204,7 @@ class TextTable(Table):
         super().__init__(tuple(names), (), source)
         self.lines, self.header, self.delimiter, self.decimal = lines, header, delimiter, decimal
         self._nulls = NO_NUMBERS if missing else frozenset()
+        self._no_row_is_too_long = False
         self._parsed: dict[tuple[int, str], np.ndarray] = {}
         head = [fields for _, fields in islice(self.rows(), PREAMBLE)]
         self._first = [  # as a column of numbers may begin with `-`
@@ -397,7 +399,9 @@ class TextTable(Table):
         first = self.header + 1
         if self.decimal is not None:
             return self.decimal
-        if not self.lines.have('"' if self.delimiter == "," else ",", first):
+        quoted = self.delimiter == ","  # a comma in a field is then between quotes
+        has_mark = self.lines.have('"' if quoted else ",", first)
+        if not has_mark or (quoted and not self.lines.match(_QUOTED_COMMA, first)):
             return "."
         fields = (row[k] for _, row in self.rows() for k in indices if k < len(row))
         if self.delimiter in (";", "\t") and not self.lines.have(".", first):
@@ -411,13 +415,14 @@ class TextTable(Table):
         """
         found = dict(zip(indices, self._by_arrow(indices, decimal) or (), strict=False))
         if len(indices) > 1 and not found:
-            alone = {k: self._by_arrow([k], decimal) for k in indices}
-            found = {k: one[0] for k, one in alone.items() if one is not None}
+            found = {k: one[0] for k in indices if (one := self._by_arrow([k], decimal))}
         last, fields = self._last[0][0] + 1, self._last[0][2]
         slow = [k for k in indices if k not in found]
-        for number, row in self.rows() if slow else [(last, fields)]:
+        all_rows = slow and not self._no_row_is_too_long
+        for number, row in self.rows() if all_rows else [(last, fields)]:
             if len(row) > self.own:
                 raise _more_fields(row, self.names, self.delimiter, f"{self.source}: line {number}")
+        self._no_row_is_too_long |= bool(slow)
         rows = [
             [self._value(number, row, k, decimal) for k in slow]
             for number, row in (self.rows() if slow else ())
@@ -724,8 +729,7 @@ def _headerless(
     `starts` is delimiter → index of the first row. `given` is true if the user stated the
     delimiter; a comma between digits is then a delimiter.
     """
-    decimal = marks["decimal"]
-    if decimal == "," and not given and not any('"' in line for line in lines[:PREAMBLE]):
+    if marks["decimal"] == "," and not given and not any('"' in line for line in lines[:PREAMBLE]):
         starts = {mark: start for mark, start in starts.items() if mark != ","}
     rows = {mark: split(lines[k], mark) for mark, k in starts.items() if k is not None}
     numeric = [m for m, row in rows.items() if all(map(looks_like_number, row[:MOST_COLUMNS]))]
@@ -735,7 +739,7 @@ def _headerless(
         names = [f"#{k + 1}" for k in range(len(rows[delimiter]))]
         _check_width(lines, start, names, delimiter, marks["source"])
         table = TextTable(names, lines, start - 1, delimiter, **marks)
-        if delimiter == "," and decimal is None and not given:
+        if delimiter == "," and marks["decimal"] is None and not given:
             _refuse_ambiguous_commas(table, highest)
         return table
     return _single_column(lines, tuple(starts), marks)
@@ -776,9 +780,7 @@ def _single_column(
             if not line.strip() or line.lstrip().startswith(COMMENTS):
                 continue
             fields = split(line, delimiter)
-            if (delimiter is not None and delimiter not in line) or len(fields) != 1:
-                continue
-            if looks_like_number(fields[0]):
+            if (delimiter or "") in line and len(fields) == 1 and looks_like_number(fields[0]):
                 above = _names(lines[k - 1], delimiter, 1) if k else []
                 names = above if len(above) == 1 else ["#1"]
                 return TextTable(names, lines, k - 1, delimiter, **marks)

@@ -112,9 +112,9 @@ class Candidate:
     @property
     def has_levels(self) -> bool:
         """Whether nearly all values are near the lowest or the highest one, such as 0 or 5 V."""
-        values = np.zeros(1) if self.values is None else self.values
+        values = np.zeros(1) if self.values is None or not self.turns else self.values
         off = np.abs(values - values.min() - 0.5 * np.ptp(values)) > 0.4 * np.ptp(values)
-        return self.turns and self.rows > SHOWN**2 and float(np.mean(off)) > 0.99
+        return self.rows > SHOWN**2 and float(np.mean(off)) > 0.99
 
     @property
     def span(self) -> float:
