@@ -42,7 +42,7 @@ _SEXAGESIMAL = re.compile(
 )
 """Degrees, minutes and seconds of an angle, such as 12°30'05.2"."""
 
-_QUOTED_COMMA = re.compile(r'"[^"\n]*\d,\d')
+_QUOTED_COMMA = re.compile(r'"[^"\n]*,')
 _UNIT_BEHIND = re.compile(r"(?<=\d) +[^\W\d]+$")
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity|∞)", re.IGNORECASE)
 
