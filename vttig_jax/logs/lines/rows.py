@@ -6,11 +6,11 @@ of unknown frequency) are fitted by least squares together with regressors.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, lru_cache, partial
 from itertools import groupby, pairwise
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -69,21 +69,6 @@ Wave = Float[np.ndarray, "n 2"]
 
 
 @dataclass(frozen=True, eq=False)
-class KnownWaves:
-    """Cache of the columns of the lines that were computed last; the key is the frequency."""
-
-    last: dict[float, Wave] = field(default_factory=dict)
-
-    def of(self, cycles: float, compute: Callable[[float], Wave]) -> Float[np.ndarray, "n 2"]:
-        """Return the columns of the line at `cycles`, computed only if not in the cache."""
-        if cycles not in self.last:
-            if len(self.last) >= _KNOWN:
-                del self.last[next(iter(self.last))]
-            self.last[cycles] = compute(cycles)
-        return self.last[cycles]
-
-
-@dataclass(frozen=True)
 class Rows:
     """Rows of all runs, one run after the other.
 
@@ -93,7 +78,6 @@ class Rows:
     - `value`: transmission error or residual in rad, shape (n,).
     - `nuisance`: for every group the slice of its rows, and its regressors, shape (rows, q).
     - `starts`: index of the first row of every run, and n at the end.
-    - `waves`: cache of the columns of lines.
     """
 
     turns: Float[np.ndarray, " n"]
@@ -102,7 +86,6 @@ class Rows:
     value: Float[np.ndarray, " n"]
     nuisance: tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]
     starts: tuple[int, ...]
-    waves: KnownWaves = field(default_factory=KnownWaves, repr=False, compare=False)
 
     @property
     def runs(self) -> list[slice]:
@@ -113,6 +96,32 @@ class Rows:
     def span(self) -> float:
         """Revolutions between the lowest and the highest angle."""
         return float(np.ptp(self.turns))
+
+    @cached_property
+    def wave(self) -> Callable[[float], Wave]:
+        """Function from the frequency of a line to its columns, which keeps the last ones.
+
+        Both columns are averaged over the angle `width` over which the row itself was averaged.
+        """
+        return lru_cache(_KNOWN)(partial(_wave, self.turns, self.width))
+
+    def slope(self, cycles: float) -> Wave:
+        """Return the derivatives of the columns of a line with respect to its frequency."""
+        cosine, sine = self.wave(cycles).T
+        turns = REV * self.turns
+        return np.stack([-turns * sine, turns * cosine]).T
+
+
+def _wave(turns: Float[np.ndarray, " n"], width: Float[np.ndarray, " n"], cycles: float) -> Wave:
+    angle = cycles * turns
+    angle -= np.rint(angle)  # NumPy is faster for small angles
+    angle *= REV
+    table = np.empty((2, len(angle)))
+    np.cos(angle, out=table[0])
+    np.sin(angle, out=table[1])
+    if width.any():
+        table *= np.sinc(cycles * width)
+    return table.T
 
 
 def stack(runs: Sequence[Stretch], highest: float) -> Rows:
@@ -368,43 +377,6 @@ def orthonormal(
     return basis[:, :rank], mixing / size[:, None]
 
 
-def waves(rows: Rows, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
-    """Return cosine and sine of every line at every row, two columns for each frequency.
-
-    Both are averaged over the angle `rows.width` over which the row itself was averaged.
-    """
-    return _columns(partial(_known_wave, rows), frequencies, rows)
-
-
-def _known_wave(rows: Rows, cycles: float) -> Wave:
-    return rows.waves.of(cycles, partial(_wave, rows))
-
-
-def _wave(rows: Rows, cycles: float) -> Wave:
-    angle = cycles * rows.turns
-    angle -= np.rint(angle)  # NumPy is faster for small angles
-    angle *= REV
-    table = np.empty((2, len(angle)))
-    np.cos(angle, out=table[0])
-    np.sin(angle, out=table[1])
-    if rows.width.any():
-        table *= np.sinc(cycles * rows.width)
-    return table.T
-
-
-def _columns(
-    wave: Callable[[float], Wave], frequencies: Sequence[float] | np.ndarray, rows: Rows
-) -> Float[np.ndarray, "n k"]:
-    """Return cosine and sine of all lines, in column-major memory order.
-
-    `wave` computes the two columns of one frequency.
-    """
-    table = np.empty((2 * len(frequencies), len(rows.turns)))
-    for place, cycles in enumerate(frequencies):
-        table[2 * place : 2 * place + 2] = wave(float(cycles)).T
-    return table.T
-
-
 def fitted(
     columns: Float[np.ndarray, "n q"], value: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
@@ -447,7 +419,6 @@ class LineRegression:
     - `residual`: value minus its fit by the regressors, then whitened, rad, shape (n,).
     - `plain`: the same regression without whitening, which keeps the projected columns; None if
       this one is not whitened.
-    - `waves`, `slopes`: caches of the whitened columns of lines and of their derivatives.
     """
 
     rows: Rows
@@ -455,8 +426,6 @@ class LineRegression:
     taps: Float[np.ndarray, " taps"]
     residual: Float[np.ndarray, " n"]
     plain: "LineRegression | None" = None
-    waves: KnownWaves = field(default_factory=KnownWaves)
-    slopes: KnownWaves = field(default_factory=KnownWaves)
 
     @classmethod
     def of(
@@ -475,17 +444,28 @@ class LineRegression:
 
     def columns(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
         """Return cosine and sine of every line, made orthogonal to the regressors and whitened."""
-        return _columns(self._wave, frequencies, self.rows)
+        table = np.empty((2 * len(frequencies), len(self.residual)))
+        for place, cycles in enumerate(frequencies):
+            table[2 * place : 2 * place + 2] = self.wave(float(cycles)).T
+        return table.T
 
-    def _wave(self, cycles: float) -> Wave:
-        return self.waves.of(cycles, self._projected if self.plain is None else self._white)
+    @cached_property
+    def wave(self) -> Callable[[float], Wave]:
+        """Function from a frequency to the columns of its line, which keeps the last ones."""
+        return self._made("wave")
 
-    def _projected(self, cycles: float) -> Wave:
-        return self.regressors.residual(_known_wave(self.rows, cycles))
+    @cached_property
+    def slope(self) -> Callable[[float], Wave]:
+        """Function from a frequency to the derivatives of these columns with respect to it."""
+        return self._made("slope")
 
-    def _white(self, cycles: float) -> Wave:
-        assert self.plain is not None
-        return whitened(self.rows, self.plain._wave(cycles), self.taps)
+    def _made(self, name: Literal["wave", "slope"]) -> Callable[[float], Wave]:
+        """Return a function that keeps its last results, and not this regression, in memory."""
+        rows, regressors, taps = self.rows, self.regressors, self.taps
+        of_rows = getattr(rows if self.plain is None else self.plain, name)
+        if self.plain is None:
+            return lru_cache(_KNOWN)(lambda cycles: regressors.residual(of_rows(cycles)))
+        return lru_cache(_KNOWN)(lambda cycles: whitened(rows, of_rows(cycles), taps))
 
     def after(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, " n"]:
         """Return the whitened residual of a fit of regressors and lines."""
@@ -565,23 +545,12 @@ class LineRegression:
         moved = np.empty((len(found.frequencies), len(self.residual)))
         for place, cycles in enumerate(found.frequencies):
             wave = slice(2 * place, 2 * place + 2)
-            np.matmul(found.pairs[wave], self._slopes(float(cycles)).T, out=moved[place])
+            np.matmul(found.pairs[wave], self.slope(float(cycles)).T, out=moved[place])
         crossed = moved @ found.columns
         products = np.block([[found.products, crossed.T], [crossed, moved @ moved.T]])
         right = np.concatenate([found.right, moved @ self.residual])
         solved = _of_products(products, right)
         return solved or _by_factors(np.hstack([found.columns, moved.T]), self.residual)
-
-    def _slopes(self, cycles: float) -> Wave:
-        """Return the derivatives of the columns of a line with respect to its frequency."""
-        return self.slopes.of(cycles, self._slopes_now)
-
-    def _slopes_now(self, cycles: float) -> Wave:
-        if self.plain is not None:
-            return whitened(self.rows, self.plain._slopes(cycles), self.taps)
-        cosine, sine = _known_wave(self.rows, cycles).T
-        turns = REV * self.rows.turns
-        return self.regressors.residual(np.stack([-turns * sine, turns * cosine]).T)
 
 
 class _Fitted(NamedTuple):
