@@ -13,7 +13,7 @@ from jaxtyping import Float, Int64
 from ...base.units import ARCSEC, REV
 from ..channel.channel import GAP
 from ..encoder_log import EncoderLog
-from ..motion.segments import HIGHEST, Segment, turns_of
+from ..motion.segments import HIGHEST, Segment, groups_of_speed, turns_of
 from ..readers.column_names import ROW
 
 _STRAYED = 16
@@ -115,17 +115,10 @@ def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
 
 def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
     """Return plateaus: segments of one flank and nearly equal speed, in the order of the log."""
-    groups: list[list[Segment]] = []
-    for segment in segments:
-        for group in groups:
-            same = abs(segment.speed / group[0].speed - 1) < SAME_SPEED if group[0].speed else False
-            if segment.flank == group[0].flank and same:
-                group.append(segment)
-                break
-        else:
-            groups.append([segment])
+    numbers = groups_of_speed(segments, SAME_SPEED)
     found = []
-    for group in groups:
+    for number in dict.fromkeys(numbers):
+        group = [one for one, k in zip(segments, numbers, strict=True) if k == number]
         sizes = [s.stop - s.start for s in group]
         rpm = 60 * float(np.average([s.speed for s in group], weights=sizes)) / REV
         found.append(SpeedPlateau(rpm, group[0].flank, len(group), sum(sizes)))

@@ -21,7 +21,7 @@ from ...base.numerics.student_noise import NoiseFit, fit_student_noise
 from ...base.numerics.well_conditioned import orthonormal_basis, pseudo_inverse
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
-from ..motion.segments import Segment, Segments
+from ..motion.segments import Segments, groups_of_speed
 
 ORDERS = 4
 """Number of orders of each shaft in the fit."""
@@ -441,8 +441,7 @@ def _rows(
     a spike. A long log is thinned to about `MOST_ROWS` samples.
 
     **Returns** the index of the sample in the log, the number of its segment in the order of time,
-    the number of its group (segments of one flank and one speed, see `_groups`), and True if flank
-    A is in contact.
+    the number of its group of one flank and one speed, and True if flank A is in contact.
     """
     spikes = log.spikes
     thin = max(1, (segments.forward + segments.backward) // MOST_ROWS)
@@ -455,25 +454,8 @@ def _rows(
     forward = [segment.flank == "A" for segment in ordered]
     rows = np.concatenate([np.zeros(0, np.int64), *kept])
     segment_of = np.repeat(np.arange(len(ordered), dtype=np.int64), lengths)
-    group = np.repeat(np.array(_groups(ordered), np.int64), lengths)
+    group = np.repeat(np.array(groups_of_speed(ordered, SAME_SPEED), np.int64), lengths)
     return rows, segment_of, group, np.repeat(np.array(forward, bool), lengths)
-
-
-def _groups(segments: list[Segment]) -> list[int]:
-    """Return a number for each segment, equal for segments of one flank and one speed."""
-    representatives: list[Segment] = []
-    numbers = []
-    for segment in segments:
-        alike = [
-            number
-            for number, first in enumerate(representatives)
-            if first.flank == segment.flank
-            and abs(segment.speed - first.speed) <= SAME_SPEED * abs(first.speed)
-        ]
-        numbers.append(alike[0] if alike else len(representatives))
-        if not alike:
-            representatives.append(segment)
-    return numbers
 
 
 def _huber_residual(

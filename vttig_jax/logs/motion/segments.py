@@ -577,6 +577,25 @@ def tells_first_order(
     return bool(own.any() and share[own].min() >= CLEAR)
 
 
+def groups_of_speed(segments: Sequence[Segment], tolerance: float) -> list[int]:
+    """Return a number for each segment, equal for segments of one flank and nearly one speed.
+
+    The speed differs from that of the first segment of its group by at most the share `tolerance`.
+    """
+    firsts: list[Segment] = []
+    numbers = []
+    for one in segments:
+        alike = (
+            number
+            for number, first in enumerate(firsts)
+            if first.flank == one.flank
+            and abs(one.speed - first.speed) <= tolerance * abs(first.speed)
+        )
+        numbers.append(next(alike, len(firsts)))
+        firsts += [one] * (numbers[-1] == len(firsts))
+    return numbers
+
+
 def turns_of(angle: Float[np.ndarray, " n"], segments: Sequence[Segment]) -> float:
     """Return the turns of a shaft over segments; a part that tells its orders counts as one."""
     ends = [angle[k] for s in segments for k in (s.start, s.stop - 1)]
