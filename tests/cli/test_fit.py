@@ -1,4 +1,3 @@
-import json
 import shutil
 import tomllib
 
@@ -11,17 +10,6 @@ from tests.cli.commands import fit_into
 @pytest.fixture
 def call(rig_folder) -> tuple:
     return ("fit", rig_folder / "log.csv", "--pair", rig_folder / "pair.toml")
-
-
-@pytest.fixture
-def copied(rig_folder, run_folder, tmp_path):
-    """A copy of the run folder, beside a copy of its log as the run names it."""
-    shutil.copytree(rig_folder, tmp_path / rig_folder.name)
-    return shutil.copytree(run_folder, tmp_path / run_folder.relative_to(run_folder.parents[1]))
-
-
-def record_of(run) -> dict:
-    return json.loads((run / "fit.json").read_text())
 
 
 @pytest.mark.portable
@@ -43,13 +31,6 @@ def test_prints_parameters_with_errors_and_writes_nothing(
         one = record["parameters"][name]
         assert abs(one["value"] - true) < 4 * one["std"]
         assert one["low95"] < one["value"] < one["high95"]
-
-
-def test_perfect_encoders_are_a_condition(found, call, run_folder):
-    record = found(*call, "--perfect-encoders")
-    assert record["flanks"] == ["A", "B"]
-    assert record["conditional_on"] == ["perfect_encoders"]
-    assert record_of(run_folder)["conditional_on"] == []
 
 
 def test_run_folder_holds_what_the_next_steps_need(rig_folder, run_folder):
@@ -75,19 +56,8 @@ def test_figures_are_written_unless_left_out(told, call, tmp_path):
 
 
 @pytest.mark.portable
-def test_run_toml_repeats_the_run_bit_for_bit(found, run_folder):
-    again, before = found("fit", "--run", run_folder / "run.toml"), record_of(run_folder)
-    assert all(again[key] == before[key] for key in ("parameters", "orders"))
-
-
-def test_a_changed_log_is_not_repeated(refused, rig_folder, copied, tmp_path):
-    with (tmp_path / rig_folder.name / "log.csv").open("a") as log:
-        log.write("99,1,1\n")
-    refused(3, "has changed since the run", "fit", "--run", copied)
-
-
-@pytest.mark.portable
-def test_an_existing_result_is_refused_and_kept(refused, vttig, told, call, copied, tmp_path):
+def test_an_existing_result_is_refused_and_kept(refused, vttig, told, call, run_folder, tmp_path):
+    copied = shutil.copytree(run_folder, tmp_path / "run")
     options = ("--out", copied, "--no-figures", "--flank", "A")
     before = (copied / "fit.json").read_bytes()
     refused(2, "--overwrite", *call, *options)
@@ -99,7 +69,7 @@ def test_an_existing_result_is_refused_and_kept(refused, vttig, told, call, copi
     # It is refused before anything is read.
     missing = ("fit", tmp_path / "no.csv", "--ratio", "1:2")
     assert vttig(*missing, "--out", copied)[0] == 2
-    assert vttig(*missing, "--out", tmp_path / "run")[0] == 3
+    assert vttig(*missing, "--out", tmp_path / "new")[0] == 3
 
 
 def test_a_result_may_stand_beside_other_files_and_replaces_none(refused, rig_folder, tmp_path):

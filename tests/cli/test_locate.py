@@ -1,4 +1,3 @@
-import json
 import shutil
 
 import numpy as np
@@ -186,12 +185,7 @@ def test_the_unit_of_the_first_reading_is_asked_of_names_then_of_the_log(
     assert record["driving_deg"] == pytest.approx((driving[300] - driving[0]) % 720, abs=1e-4)
 
 
-def test_drives_that_have_no_such_reading(refused, tmp_path):
+def test_a_drive_has_no_counts_unless_its_file_says_so(refused, tmp_path):
     run, *_ = fitted_drive(tmp_path)
     words = "how many counts make a revolution of the driving shaft"
     refused(2, words, "locate", run, "--driving-counts", "5", "--driven-deg", "1.00")
-    record = json.loads((run / "fit.json").read_text())
-    record["zero_readings"]["driven"] = None  # a curve in place of the driven channel
-    (run / "fit.json").write_text(json.dumps(record))
-    call = ("locate", run, "--driving-deg", "1.00", "--driven-deg", "1.00")
-    refused(4, "fit a log of both encoders", *call)

@@ -138,11 +138,11 @@ def test_the_controller_may_believe_another_constant(model):
     """[map] shifts the gap of a named map as a whole; nothing else of it means anything there."""
     scenario = {"motion": MOTION, "controller": "predictive"}
     mean = float(np.degrees(np.mean(model.backlash(np.radians(WHOLE)))))
-    one, other = (
+    left: Any = [
         vttig_jax.simulate(scenario | {"map": own}, PAIR, plant_map=model).metrics
         for own in ({}, {"constant_backlash_deg": mean - 0.003})
-    )
-    more: Any = other["residual_gap_deg"] - one["residual_gap_deg"]
+    ]
+    more = left[1]["residual_gap_deg"] - left[0]["residual_gap_deg"]
     assert more == pytest.approx(0.003, abs=1e-5)
 
 
