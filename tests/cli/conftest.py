@@ -5,13 +5,12 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-import tomli_w
 
+from tests.cli.commands import fit_into, write_paper_pair
+from tests.cli.known_error import error_arcsec, fitted, worm_arcsec
 from tests.schemas import load_schema
 from vttig_jax.cli.main import main
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.gear_pair import spec_of
-from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
 
@@ -37,27 +36,31 @@ def rig_folder(tmp_path_factory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("rig")
     rig = paper_rig(1, PassMotion(speed_rpm=120.0, reversal_deg=2880.0))
     (folder / "log.csv").write_text(log_csv(rig.log(1)))
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(rig.pair))))
+    write_paper_pair(folder / "pair.toml")
     yield from _shared(folder)
+
+
+def _fitted(rig_folder: Path, place: Path, *options: str) -> Iterator[Path]:
+    log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
+    yield from _shared(fit_into(place / "run", log, pair, *options))
 
 
 @pytest.fixture(scope="session")
 def run_folder(rig_folder, tmp_path_factory) -> Iterator[Path]:
     """Run folder with a fit of the log in `rig_folder`, outside of it: other tests copy that."""
-    out = tmp_path_factory.mktemp("fitted") / "run"
-    log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
-    assert main(["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]) == 0
-    yield from _shared(out)
+    yield from _fitted(rig_folder, tmp_path_factory.mktemp("fitted"))
 
 
 @pytest.fixture(scope="session")
 def one_flank_folder(rig_folder, tmp_path_factory) -> Iterator[Path]:
     """Run folder with a fit of flank A alone, which determines no constant backlash."""
-    out = tmp_path_factory.mktemp("one_flank") / "run"
-    log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
-    arguments = ["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]
-    assert main([*arguments, "--flank", "A"]) == 0
-    yield from _shared(out)
+    yield from _fitted(rig_folder, tmp_path_factory.mktemp("one_flank"), "--flank", "A")
+
+
+@pytest.fixture(scope="session")
+def half_folder(rig_folder, tmp_path_factory) -> Iterator[Path]:
+    """A fit of a part of the log in `rig_folder`: the same rig, another noise."""
+    yield from _fitted(rig_folder, tmp_path_factory.mktemp("half"), "--cut", "0rev:1rev")
 
 
 @pytest.fixture(scope="session")
@@ -66,6 +69,19 @@ def sampled_folder(run_folder, tmp_path_factory) -> Iterator[Path]:
     out = Path(shutil.copytree(run_folder, tmp_path_factory.mktemp("sampled") / "run"))
     assert main(["sample", "--out", str(out), "--steps", "60", "--no-figures"]) == 5
     yield from _shared(out)
+
+
+@pytest.fixture(scope="session")
+def both(tmp_path_factory) -> Path:
+    """Run of a drive 1 : 2 of known error, whose axis repeats after one turn; both flanks."""
+    return fitted(tmp_path_factory.mktemp("both") / "drive", error_arcsec, "--delay", "off")
+
+
+@pytest.fixture(scope="session")
+def worm(tmp_path_factory) -> Path:
+    """Run of a worm 1 : 40 of known error, in one direction, at one speed."""
+    folder = tmp_path_factory.mktemp("worm") / "drive"
+    return fitted(folder, worm_arcsec, "--ratio-within", "0", ratio=1 / 40, back=False)
 
 
 @pytest.fixture
@@ -93,6 +109,34 @@ def vttig(capsys):
 
 
 @pytest.fixture
+def told(vttig):
+    """Function that runs `vttig`, which has to succeed, and returns stdout."""
+
+    def run(*arguments) -> str:
+        code, out, err = vttig(*arguments)
+        assert code == 0, err
+        return out
+
+    return run
+
+
+@pytest.fixture
+def refused(vttig):
+    """Function that checks that a call ends with an exit code, one sentence and no result.
+
+    It returns the sentence, which has to contain some words.
+    """
+
+    def check(code: int, words: str, *arguments) -> str:
+        found, out, err = vttig(*arguments)
+        assert (found, out) == (code, ""), (arguments, out, err)
+        assert words in err and err.count("\n") == 1, (arguments, err)
+        return err
+
+    return check
+
+
+@pytest.fixture
 def vttig_json(vttig):
     """Function that runs `vttig --json` and returns the exit code and the JSON object on stdout.
 
@@ -101,12 +145,24 @@ def vttig_json(vttig):
 
     def run(*arguments) -> tuple[int, dict]:
         code, out, _ = vttig(*arguments, "--json")
-        record = json.loads(out, parse_constant=_refuse)
+        record = json.loads(out, parse_constant=_no_json)
         jsonschema.validate(record, load_schema(record["schema"]))
         return code, record
 
     return run
 
 
-def _refuse(constant: str):
+@pytest.fixture
+def found(vttig_json):
+    """Function that runs `vttig --json`, which has to succeed, and returns the object."""
+
+    def run(*arguments) -> dict:
+        code, record = vttig_json(*arguments)
+        assert code == 0, record
+        return record
+
+    return run
+
+
+def _no_json(constant: str):
     raise AssertionError(f"{constant} is no strict JSON")

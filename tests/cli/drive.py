@@ -32,13 +32,12 @@ def write_drive(
     delay_s: float = DELAY_S,
     torque_arcsec: float = 0.0,
     hum_arcsec: float = 0.0,
-    outliers: int = 0,
     ratio: float = 0.5,
 ) -> Path:
     """Ten turns forward at two speeds and back; the angles count from `start_deg` of the shafts.
 
-    Noise of 1″, and `outliers` single samples 0.1° above the rest. `ratio` is driven over driving
-    speed. `hum_arcsec` is the size of a line of 3.7 cycles per driving turn.
+    Noise of 1″. `ratio` is driven over driving speed. `hum_arcsec` is the size of a line of 3.7
+    cycles per driving turn.
     """
     generator = np.random.default_rng(seed)
     speeds_rpm = np.array([0, 60, 60, 100, 100, 0, 0, -100, -100, -60, -60, 0, 0])
@@ -60,7 +59,6 @@ def write_drive(
         + hum_arcsec * np.sin(3.7 * late)
         + generator.standard_normal(len(time))
     )
-    arcsec[generator.choice(len(time), outliers, replace=False)] += 360.0
     driven = late * ratio + np.radians(arcsec / 3600)
     columns = {
         "time_s": time,

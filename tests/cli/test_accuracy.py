@@ -8,29 +8,19 @@ import pytest
 
 
 @pytest.mark.portable
-def test_a_run(vttig, vttig_json, run_folder):
-    code, record = vttig_json("accuracy", run_folder)
-    assert code == 0 and {row["period"] for row in record["single_flank"]} == {
-        "driving shaft",
-        "driven shaft",
-        "pair",
-    }
+def test_a_run_and_its_report(told, found, run_folder, tmp_path):
+    record = found("accuracy", run_folder)
+    periods = {row["period"] for row in record["single_flank"]}
+    assert periods == {"driving shaft", "driven shaft", "pair"}
     assert record["axis"]["numbers"]["A"] is None
-    code, text, _ = vttig("accuracy", run_folder)
-    assert code == 0 and "not a conformity statement" in text
-    size = record["single_flank"][0]["F_is"]["value_arcsec"]
-    assert f"{size:.4g}" in text
+    size = f"{record['single_flank'][0]['F_is']['value_arcsec']:.4g}"
+    text = told("accuracy", run_folder)
+    assert "not a conformity statement" in text and size in text
+    assert "accuracy" in found("report", run_folder, "--out", tmp_path / "r.html")["sections"]
+    assert size in (tmp_path / "r.html").read_text("utf-8")
 
 
-def test_a_report_shows_it(vttig, vttig_json, run_folder, tmp_path):
-    _, record = vttig_json("accuracy", run_folder)
-    code, report = vttig_json("report", run_folder, "--out", tmp_path / "r.html")
-    page = (tmp_path / "r.html").read_text("utf-8")
-    assert code == 0 and "accuracy" in report["sections"]
-    assert f"{record['single_flank'][0]['F_is']['value_arcsec']:.4g}" in page
-
-
-def test_a_run_of_an_older_version(vttig, vttig_json, run_folder, tmp_path):
+def test_a_run_of_an_older_version(refused, found, run_folder, tmp_path):
     run = shutil.copytree(run_folder, tmp_path / "run")
     with np.load(run / "summary.npz") as arrays:
         kept = {name: arrays[name] for name in arrays if not name.startswith("measured_")}
@@ -38,7 +28,5 @@ def test_a_run_of_an_older_version(vttig, vttig_json, run_folder, tmp_path):
     fit = json.loads((run / "fit.json").read_text())
     del fit["arrays"]  # the older version kept no digest of them
     (run / "fit.json").write_text(json.dumps(fit))
-    code, out, err = vttig("accuracy", run)
-    assert code == 4 and out == "" and "older version" in err
-    code, report = vttig_json("report", run, "--out", tmp_path / "r.html")
-    assert code == 0 and "accuracy" not in report["sections"]
+    refused(4, "older version", "accuracy", run)
+    assert "accuracy" not in found("report", run, "--out", tmp_path / "r.html")["sections"]

@@ -9,18 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from vttig_jax.cli.main import main
+from tests.cli.commands import fit_into
+from tests.cli.drive import write_drive, write_pair
 from vttig_jax.report import compare_runs
-
-
-@pytest.fixture(scope="module")
-def half_folder(rig_folder, tmp_path_factory) -> Path:
-    """A fit of a part of the log in `rig_folder`: the same rig, another noise."""
-    out = tmp_path_factory.mktemp("half") / "run"
-    log, pair = str(rig_folder / "log.csv"), str(rig_folder / "pair.toml")
-    arguments = ["fit", log, "--pair", pair, "--out", str(out), "--no-figures"]
-    assert main([*arguments, "--cut", "0rev:1rev"]) == 0
-    return out
 
 
 def rows(record: dict) -> dict[str, dict]:
@@ -28,9 +19,8 @@ def rows(record: dict) -> dict[str, dict]:
 
 
 @pytest.mark.portable
-def test_a_run_and_itself_do_not_differ(vttig, vttig_json, run_folder):
-    code, record = vttig_json("compare", run_folder, run_folder)
-    assert code == 0
+def test_a_run_and_itself_do_not_differ(vttig, found, run_folder):
+    record = found("compare", run_folder, run_folder)
     judged = [row for row in record["differences"] if row["counts"]]
     assert len(judged) > 10 and {row["counts"] for row in judged} == {"no"}
     assert all(row["difference"] == 0 for row in judged)
@@ -39,8 +29,8 @@ def test_a_run_and_itself_do_not_differ(vttig, vttig_json, run_folder):
     assert code == 0 and err == "" and out.splitlines()[:3] == record["verdict"]
 
 
-def test_differences_have_the_errors_of_both(vttig_json, run_folder, half_folder):
-    _, record = vttig_json("compare", run_folder, half_folder)
+def test_differences_have_the_errors_of_both(found, run_folder, half_folder):
+    record = found("compare", run_folder, half_folder)
     fits = [json.loads((f / "fit.json").read_text()) for f in (run_folder, half_folder)]
     row = rows(record)["driving_eccentricity_mm"]
     first, second = (fit["parameters"][row["name"]] for fit in fits)
@@ -66,8 +56,8 @@ def moved(folder: Path, place: Path, stds: float) -> Path:
 @pytest.mark.parametrize(
     ("stds", "counts"), [(1.5, "no"), (2.5, "perhaps"), (3.5, "yes"), (-4.0, "yes")]
 )
-def test_what_counts(vttig_json, run_folder, tmp_path, stds, counts):
-    _, record = vttig_json("compare", run_folder, moved(run_folder, tmp_path, stds))
+def test_what_counts(found, run_folder, tmp_path, stds, counts):
+    record = found("compare", run_folder, moved(run_folder, tmp_path, stds))
     row = rows(record)["constant_backlash_deg"]
     assert row["counts"] == counts and row["difference"] / row["std"] == pytest.approx(stds)
     assert ("constant_backlash_deg" in record["verdict"][1]) is (counts == "yes")
@@ -76,43 +66,40 @@ def test_what_counts(vttig_json, run_folder, tmp_path, stds, counts):
 def test_the_verdict_says_which_way_and_names_few(run_folder):
     comparison = compare_runs(run_folder, run_folder)
     judged = [one for one in comparison.differences if one.counts]
-    assert len(judged) > 10
-    fallen = [replace(one, difference=-0.1, std=0.01, counts="yes") for one in judged]
-    first, second, _ = replace(comparison, differences=tuple(fallen)).verdict
+
+    def verdict(change: float, count: int) -> tuple[str, str, str]:
+        """Of a comparison whose first numbers differ by this change, which counts."""
+        moved = [replace(one, difference=change, std=0.01, counts="yes") for one in judged[:count]]
+        return replace(comparison, differences=tuple(moved)).verdict
+
+    first, second, _ = verdict(-0.1, len(judged))
     assert "falls from" in first and "which counts" in first
     assert second.endswith(f", and {len(judged) - 7} more.") and second.count(",") == 7
-    risen = [replace(one, difference=0.1) for one in fallen]
-    assert "rises from" in replace(comparison, differences=tuple(risen[:3])).verdict[0]
-    assert "more." not in replace(comparison, differences=tuple(risen[:3])).verdict[1]
+    first, second, _ = verdict(0.1, 3)
+    assert "rises from" in first and "more." not in second
     assert "goes from" in comparison.verdict[0]
 
 
-def test_what_one_run_does_not_tell(vttig_json, run_folder, one_flank_folder):
-    _, record = vttig_json("compare", run_folder, one_flank_folder)
+def test_what_one_run_does_not_tell(found, run_folder, one_flank_folder):
+    record = found("compare", run_folder, one_flank_folder)
     gap = rows(record)["constant_backlash_deg"]
     assert gap["second"] is None and gap["counts"] is None and "first" in gap["reason"]
     assert "peak to peak of flank B" in rows(record)
 
 
-def test_runs_of_two_drives(vttig, run_folder, tmp_path, monkeypatch):
-    from tests.cli.drive import write_drive, write_pair
-
-    monkeypatch.chdir(tmp_path)
-    write_drive(tmp_path / "log.csv")
-    write_pair(tmp_path / "pair.toml")
-    assert vttig("fit", "log.csv", "--pair", "pair.toml", "--out", "run", "--no-figures")[0] == 0
-    code, out, err = vttig("compare", run_folder, "run")
-    assert (code, out) == (2, "") and "9/16" in err and err.count("\n") == 1
+def test_runs_of_two_drives(refused, run_folder, tmp_path):
+    drive = write_drive(tmp_path / "log.csv"), write_pair(tmp_path / "pair.toml")
+    refused(2, "9/16", "compare", run_folder, fit_into(tmp_path / "run", *drive))
 
 
-def test_the_page_of_two_runs(vttig_json, run_folder, half_folder, tmp_path):
+def test_the_page_of_two_runs(found, run_folder, half_folder, tmp_path):
     out, half = tmp_path / "two.html", tmp_path / "half"
     shutil.copytree(half_folder, half)
     (half / "large.csv").write_text(random.Random(0).randbytes(400_000).hex())
-    code, record = vttig_json("report", run_folder, half, "--out", out)
+    record = found("report", run_folder, half, "--out", out)
     page = out.read_text("utf-8")
-    assert code == 0 and len(page) < 3_000_000 and "differences" in record["sections"]
-    assert record["comparison"] == vttig_json("compare", run_folder, half)[1]
+    assert len(page) < 3_000_000 and "differences" in record["sections"]
+    assert record["comparison"] == found("compare", run_folder, half)
     assert record["verdict"] == record["comparison"]["verdict"]
     # Two runs share the room that the files of one may take.
     assert "large.csv (800000 bytes, too large" in page and 'download="large.csv' not in page

@@ -6,14 +6,12 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-import tomli_w
 
 import vttig_jax
+from tests.cli.commands import write_paper_pair
 from vttig_jax.cli.verbs.demo import log_csv
-from vttig_jax.pair.gear_pair import spec_of
-from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.motion import PassMotion
-from vttig_jax.rig.paper import paper_pair, paper_rig
+from vttig_jax.rig.paper import paper_rig
 from vttig_jax.runs import cluster, many_fits
 
 
@@ -27,7 +25,7 @@ def rigs(tmp_path_factory) -> Path:
         (folder / f"rig{number}.csv").write_text(log_csv(rig.log(number)))
     (folder / "empty.csv").write_text("time_s,driving_counts,driven_counts\n")
     (folder / "broken.csv").write_text("time_s,driving_counts,driven_counts\n0,1,nonsense\n")
-    (folder / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
+    write_paper_pair(folder / "pair.toml")
     return folder
 
 
@@ -38,12 +36,12 @@ def command(rigs) -> tuple:
 
 
 def test_each_log_has_a_row_and_resuming_changes_nothing(
-    vttig_json, command, rigs, tmp_path, monkeypatch
+    found, refused, command, rigs, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(many_fits, "_BLOCK", 2)
     out, table = tmp_path / "out", tmp_path / "fits.csv"
-    code, record = vttig_json(*command, "--out", out, "--resume", "--csv", table)
-    assert code == 0 and record["fitted"] == 3 and record["table"] == "fits.parquet"
+    record = found(*command, "--out", out, "--resume", "--csv", table)
+    assert record["fitted"] == 3 and record["table"] == "fits.parquet"
     (failed,) = record["failed"]
     assert Path(failed["log"]).name == "broken.csv" and failed["code"] == "refused"
     assert "nonsense" in failed["reason"]
@@ -57,7 +55,6 @@ def test_each_log_has_a_row_and_resuming_changes_nothing(
             if known.std is not None:
                 assert float(row[name]) == pytest.approx(known.value, abs=1e-6 * known.std)
     assert rows[1]["driving_eccentricity_mm"] == ""
-    written = (out / "fits.parquet").read_bytes()
     assert pq.read_table(out / "fits.parquet").column("code").to_pylist()[0] == "ok"
 
     # A block is missing, as after a kill; then the table is complete and only read.
@@ -67,67 +64,55 @@ def test_each_log_has_a_row_and_resuming_changes_nothing(
     (out / "fits.parquet").unlink()
     fitted = []
     own = many_fits.ManyFits.columns
-    monkeypatch.setattr(
-        many_fits.ManyFits,
-        "columns",
-        lambda self, block, **rest: fitted.append(block) or own(self, block, **rest),
-    )
-    for expected in ([1], [1]):
-        code, again = vttig_json(*command, "--out", out, "--resume")
-        assert code == 0 and fitted == expected and again == record
-    assert pq.read_table(out / "fits.parquet").equals(kept) and written
+
+    def columns(self, block, **rest):
+        fitted.append(block)
+        return own(self, block, **rest)
+
+    monkeypatch.setattr(many_fits.ManyFits, "columns", columns)
+    for _ in range(2):
+        assert found(*command, "--out", out, "--resume") == record and fitted == [1]
+    assert pq.read_table(out / "fits.parquet").equals(kept)
 
     # Another task is another table.
-    code, error = vttig_json(*command, "--out", out, "--resume", "--delay", "off")
-    assert code == 3 and "settings differ" in error["message"]
-    code, error = vttig_json(*command, "--out", out)
-    assert code == 2 and "holds a table of fits" in error["message"]
+    refused(3, "settings differ", *command, "--out", out, "--resume", "--delay", "off")
+    refused(2, "holds a table of fits", *command, "--out", out)
 
 
 def test_no_fitted_log_is_no_answer(vttig, rigs, tmp_path):
-    out = tmp_path / "out"
-    code, text, err = vttig(
-        "fit-many",
-        rigs / "broken.csv",
-        rigs / "empty.csv",
-        "--pair",
-        rigs / "pair.toml",
-        "--out",
-        out,
-    )
+    logs, out = (rigs / "broken.csv", rigs / "empty.csv"), tmp_path / "out"
+    code, text, err = vttig("fit-many", *logs, "--pair", rigs / "pair.toml", "--out", out)
     assert code == 4 and "no log could be fitted" in err
     assert "broken.csv" in text and "empty.csv" in text
     assert json.loads((out / "fits.json").read_text())["block"] == 16
     assert len(pq.read_table(out / "fits.parquet")) == 2
 
 
-def test_refusals(vttig, command):
-    for options, code, words in (
-        (["--resume"], 2, "--resume without --out"),
-        (["--out", "x", "--resume", "--overwrite"], 2, "exclude each other"),
-        (["--delay", "free"], 2, "--delay"),
-        (["--dask", "tcp://127.0.0.1:1"], 2, "--jobs and --dask exclude each other"),
-        (["--jobs", "0"], 2, "--jobs"),
+@pytest.mark.portable
+def test_refusals(refused, command, rigs, monkeypatch):
+    for options, words in (
+        ("--resume", "--resume without --out"),
+        ("--out x --resume --overwrite", "exclude each other"),
+        ("--delay free", "--delay"),
+        ("--dask tcp://127.0.0.1:1", "--jobs and --dask exclude each other"),
+        ("--jobs 0", "--jobs"),
     ):
-        found, out, err = vttig(*command, *options)
-        assert (found, out) == (code, "") and words in err and err.count("\n") == 1
-
-
-def test_a_scheduler_that_does_not_answer_is_named(vttig, command, monkeypatch):
+        refused(2, words, *command, *options.split())
+    refused(2, "given twice", "fit-many", command[1], command[1], *command[-4:])
+    said = refused(3, "none.csv", "fit-many", rigs / "none.csv", *command[-4:])
+    assert "cannot be read" in said
     monkeypatch.setattr(cluster, "_WAIT_S", 0.2)
-    code, out, err = vttig(*command[:-2], "--dask", "tcp://127.0.0.1:1")
-    assert (code, out) == (3, "") and "no scheduler answers" in err
+    refused(3, "no scheduler answers", *command[:-2], "--dask", "tcp://127.0.0.1:1")
 
 
 # Two processes import JAX and compile the programs of a batch each.
 @pytest.mark.slow
-def test_processes_fit_the_same_table(vttig_json, command, tmp_path, monkeypatch):
+def test_processes_fit_the_same_table(found, command, tmp_path, monkeypatch):
     monkeypatch.setattr(many_fits, "_BLOCK", 2)
     tables = []
     for jobs in ("1", "2"):
         table = tmp_path / f"{jobs}.csv"
-        code, _ = vttig_json(*command[:-1], jobs, "--csv", table)
-        assert code == 0
+        found(*command[:-1], jobs, "--csv", table)
         tables.append(list(csv.DictReader(table.open())))
     for one, other in zip(*tables, strict=True):
         for name, value in one.items():
@@ -137,18 +122,10 @@ def test_processes_fit_the_same_table(vttig_json, command, tmp_path, monkeypatch
                 assert other[name] == value
 
 
-@pytest.mark.portable
-def test_a_log_is_given_once_and_exists(vttig, command, rigs):
-    code, _, err = vttig("fit-many", command[1], command[1], *command[-4:])
-    assert code == 2 and "given twice" in err
-    code, _, err = vttig("fit-many", rigs / "none.csv", *command[-4:])
-    assert code == 3 and "none.csv" in err and "cannot be read" in err
-
-
-def test_a_path_that_cannot_be_read_has_a_row(vttig_json, command, rigs, tmp_path):
+def test_a_path_that_cannot_be_read_has_a_row(found, command, rigs, tmp_path):
     (tmp_path / "folder.csv").mkdir()
     logs = (tmp_path / "folder.csv", rigs / "none.csv", rigs / "rig0.csv")
-    code, record = vttig_json("fit-many", *logs, *command[-4:])
-    assert code == 0 and record["fitted"] == 1
+    record = found("fit-many", *logs, *command[-4:])
+    assert record["fitted"] == 1
     assert [one["code"] for one in record["failed"]] == ["refused"] * 2
     assert "this is a folder" in record["failed"][0]["reason"]

@@ -32,6 +32,7 @@ def hidden(text: str) -> list[str]:
 def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     write_drive(tmp_path / "log.csv")
+    (tmp_path / "pair.toml").write_text(tomli_w.dumps(PAIR))
     return tmp_path
 
 
@@ -52,13 +53,12 @@ def test_names_of_pairs(folder, vttig, name):
     for kind, said in (("plain", "rig"), ("hostile", name)):
         (folder / "pair.toml").write_text(tomli_w.dumps({"name": said} | PAIR))
         out = folder / kind
-        calls = (
+        for call in (
             ("inspect", "log.csv", "--pair", "pair.toml"),
             ("fit", "log.csv", "--pair", "pair.toml", "--out", out, "-v", "--log-file", "log.txt"),
             ("map", out, "--out", f"{kind}.csv"),
             ("export", out, "--out", f"{kind}-export.json", "--constant-backlash-deg", "0.03"),
-        )
-        for call in calls:
+        ):
             code, text, err = vttig(*call)
             assert code == 0, (call, err)
             assert hidden(text + err) == [] and max(map(len, text.split("\n"))) < 1000
@@ -70,30 +70,24 @@ def test_names_of_pairs(folder, vttig, name):
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_names_in_messages(folder, vttig, name):
-    (folder / "pair.toml").write_text(tomli_w.dumps(PAIR))
     (folder / "key.toml").write_text(tomli_w.dumps(PAIR | {name: 1}))
     (folder / "value.toml").write_text(tomli_w.dumps({"log": {"encoding": name}} | PAIR))
     rows = (folder / "log.csv").read_text().splitlines()
     cell = name.replace("\n", " ").replace("\r", " ")
     (folder / "cell.csv").write_text("\n".join([*rows[:9], f"0.3,{cell},1,1,1,1", *rows[9:]]))
     (folder / "head.csv").write_text("\n".join([rows[0].replace("driven_deg", cell), *rows[1:]]))
+    pair = ("--pair", "pair.toml")
     for call in (
         ("inspect", name),
-        ("inspect", "log.csv", "--pair", name),
-        ("inspect", "log.csv", "--pair", "key.toml"),
-        ("inspect", "log.csv", "--pair", "value.toml"),
-        ("inspect", "cell.csv", "--pair", "pair.toml"),
-        ("inspect", "head.csv", "--pair", "pair.toml"),
+        *(("inspect", "log.csv", "--pair", file) for file in (name, "key.toml", "value.toml")),
+        *(("inspect", file, *pair) for file in ("cell.csv", "head.csv")),
         ("inspect", "log.csv", "--column", f"driving={name}"),
-        ("fit", "log.csv", "--pair", "pair.toml", "--require", name),
-        ("fit", "log.csv", "--pair", "pair.toml", f"--{name}"),
+        ("fit", "log.csv", *pair, "--require", name),
+        ("fit", "log.csv", *pair, f"--{name}"),
         ("export", name, "--out", "x.json"),
         ("export", "none", "--out", name),
-        ("map", name),
+        *((verb, name) for verb in ("map", "simulate", "sweep", "measure")),
         (name,),
-        ("simulate", name),
-        ("sweep", name),
-        ("measure", name),
         ("surface", name, "--gear", "driving", "--out", "a.stl"),
         ("sample", "--out", name),
     ):
@@ -105,22 +99,19 @@ def test_names_in_messages(folder, vttig, name):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="names are UTF-16 or UTF-8")
-def test_names_of_files_that_are_no_utf_8(folder, vttig, vttig_json):
+def test_names_of_files_that_are_no_utf_8(folder, refused, told, found):
     name = os.fsdecode(b"log\xff.csv")
     (folder / "log.csv").rename(folder / name)
-    (folder / "pair.toml").write_text(tomli_w.dumps(PAIR))
-    code, record = vttig_json("fit", name, "--pair", "pair.toml")
-    assert code == 0 and record["source"].endswith("log\\udcff.csv")
-    code, _, err = vttig("fit", name, "--pair", "pair.toml", "--out", "run")
-    assert code == 2 and "is no UTF-8 text" in err and not (folder / "run" / "fit.json").exists()
-    code = vttig("fit-many", name, "--pair", "pair.toml", "--csv", "many.csv", "--out", "m")[0]
-    assert code == 0
+    fit = ("fit", name, "--pair", "pair.toml")
+    assert found(*fit)["source"].endswith("log\\udcff.csv")
+    refused(2, "is no UTF-8 text", *fit, "--out", "run")
+    assert not (folder / "run" / "fit.json").exists()
+    told("fit-many", name, "--pair", "pair.toml", "--csv", "many.csv", "--out", "m")
     assert "log\\udcff.csv" in (folder / "many.csv").read_text(encoding="utf-8")
 
 
 def test_names_in_a_table_are_no_formulas(folder, vttig):
     """A spreadsheet computes no cell, and the names that need nothing are as they were."""
-    (folder / "pair.toml").write_text(tomli_w.dumps(PAIR))
     names = {"=1+1.csv": "'=1+1.csv", "+1.csv": "'+1.csv", "@a.csv": "'@a.csv"}
     names |= {"esc\x1b[2J.csv": "esc\\x1b[2J.csv", "a=b.csv": "a=b.csv"}
     for name in names:

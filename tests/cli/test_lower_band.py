@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import vttig_jax
+from tests.cli.commands import table_of
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.cli.main import main
 
@@ -27,7 +28,7 @@ def table(sampled_folder, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def rows(table):
-    return np.genfromtxt(table, delimiter=",", names=True)
+    return table_of(table)
 
 
 def left_deg(sampled, believed, gap) -> Any:
@@ -72,11 +73,11 @@ def test_a_sweep_has_it_as_an_axis(sampled_folder, rows):
 
 
 @pytest.mark.slow
-def test_exported_harmonics_are_nowhere_above_the_edge(vttig_json, sampled_folder, rows, tmp_path):
+def test_exported_harmonics_are_nowhere_above_the_edge(found, sampled_folder, rows, tmp_path):
     for edge in EDGES:
         path = tmp_path / f"{edge}.json"
-        code, record = vttig_json("export", sampled_folder, "--out", path, "--gap", edge)
-        assert code == 0 and record == json.loads(path.read_text()) and record["gap"] == edge
+        record = found("export", sampled_folder, "--out", path, "--gap", edge)
+        assert record == json.loads(path.read_text()) and record["gap"] == edge
         angle = np.radians(rows["driving_deg"])
         gap = np.full(len(angle), record["constant_rad"])
         for one in record["harmonics"]:
@@ -84,18 +85,15 @@ def test_exported_harmonics_are_nowhere_above_the_edge(vttig_json, sampled_folde
             gap += one["cos_rad"] * np.cos(phase) + one["sin_rad"] * np.sin(phase)
         room = rows[f"{edge}_deg"] - np.degrees(gap)
         assert -5e-5 < room.min() < 1e-5  # the edge was read at other angles
-        assert record["lowered_deg"] == pytest.approx(
-            np.max(rows["backlash_deg"] - rows[f"{edge}_deg"]), rel=0.01
-        )
+        lowered = np.max(rows["backlash_deg"] - rows[f"{edge}_deg"])
+        assert record["lowered_deg"] == pytest.approx(lowered, rel=0.01)
 
 
-def test_the_header_says_so(vttig, sampled_folder, tmp_path):
-    texts = []
-    for arguments in ((), ("--gap", "low95")):
-        path = tmp_path / "gap.h"
-        assert vttig("export", sampled_folder, "--out", path, "--overwrite", *arguments)[0] == 0
-        texts.append(path.read_text())
-    assert "low95" not in texts[0] and "low95" in texts[1]
+def test_the_header_says_so(told, sampled_folder, tmp_path):
+    for number, arguments in enumerate(((), ("--gap", "low95"))):
+        path = tmp_path / f"{number}.h"
+        told("export", sampled_folder, "--out", path, *arguments)
+        assert ("low95" in path.read_text()) is bool(arguments)
 
 
 def test_what_has_no_band_is_refused(vttig, run_folder, sampled_folder, tmp_path):

@@ -1,3 +1,4 @@
+import io
 import json
 import logging
 import os
@@ -17,31 +18,29 @@ from vttig_jax.base.errors import InputError, LogError, NoAnswerError, UsageErro
 from vttig_jax.base.files.run_folder import RunFolder
 from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module
-from vttig_jax.cli.main import GROUPS, VERBS, main
+from vttig_jax.cli.main import GROUPS, VERBS
 from vttig_jax.cli.options import Argument, verb
 from vttig_jax.cli.output import Output
 
 pytestmark = pytest.mark.smoke
 
 
+ERRORS: dict[str, BaseException] = {
+    "log": LogError("column `driven` is missing; name it with --column.", where="log.csv"),
+    "usage": UsageError("needs the extra `sample`; pip install vttig-jax[sample]."),
+    "answer": NoAnswerError("the shaft stands still;\nturn it.", where="log.csv: driven"),
+    "defect": KeyError("two\nlines"),
+    "disk": OSError(28, "No space left on device", "x.csv"),
+    "memory": MemoryError(),
+    "device memory": RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 671 GiB."),
+    "interrupt": KeyboardInterrupt(),
+}
+
+
 def boom(kind: str, out: str) -> None:
     """End a toy command in the way asked for."""
-    if kind == "log":
-        raise LogError("column `driven` is missing; name it with --column.", where="log.csv")
-    if kind == "usage":
-        raise UsageError("needs the extra `sample`; pip install vttig-jax[sample].")
-    if kind == "answer":
-        raise NoAnswerError("the shaft stands still;\nturn it.", where="log.csv: driven")
-    if kind == "defect":
-        raise KeyError("two\nlines")
-    if kind == "disk":
-        raise OSError(28, "No space left on device", "x.csv")
-    if kind == "memory":
-        raise MemoryError
-    if kind == "device memory":
-        raise RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 671 GiB.")
-    if kind == "interrupt":
-        raise KeyboardInterrupt
+    if kind in ERRORS:
+        raise ERRORS[kind]
     if kind == "terminate":
         with RunFolder(out) as run:
             run.write_text("fit.json", "{}")
@@ -77,28 +76,26 @@ def toy_verb(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def only_object(text: str) -> Any:
-    """The one JSON object stdout holds; a second one, or a NaN, is an error."""
+    """The one JSON object that stdout holds; a second one is an error.
+
+    NaN is one too, and so is an object of a failure that breaks its schema.
+    """
 
     def refuse(name: str) -> None:
         raise AssertionError(f"{name} is not JSON")
 
-    return json.loads(text, parse_constant=refuse)
+    found = json.loads(text, parse_constant=refuse)
+    if "exit" in found:
+        jsonschema.validate(found, load_schema("vttig.error/1"))
+    return found
 
 
-def test_the_reader_of_one_object_sees_two():
+def test_a_result_goes_to_stdout_and_narration_to_stderr(vttig):
     with pytest.raises(json.JSONDecodeError):
         only_object("{}\n{}\n")
-
-
-def test_a_result_goes_to_stdout_and_narration_to_stderr(capsys):
-    assert main(["toy", "3"]) == 0
-    assert capsys.readouterr() == ("twice: 6″\n", "warning: a toy\n")
-
-
-def test_json_is_one_strict_object(capsys):
-    assert main(["toy", "3", "--json"]) == 0
-    out = capsys.readouterr().out
-    assert out.isascii()
+    assert vttig("toy", 3) == (0, "twice: 6″\n", "warning: a toy\n")
+    code, out, _ = vttig("toy", 3, "--json")
+    assert code == 0 and out.isascii()
     assert only_object(out) == {"schema": "toy/1", "twice": 6, "none": None}
 
 
@@ -117,38 +114,27 @@ ENDS = [
 ]
 
 
-def test_a_failure_is_one_sentence_and_one_object(capsys):
-    for late in ([], ["--late"]):
-        for kind, code, where, message in ENDS:
-            sentence = f"error: {where}: {message}\n" if where else f"error: {message}\n"
-            assert main(["toy", "3", "-q", "--kind", kind, *late]) == code
-            assert capsys.readouterr() == ("twice: 6″\n" if late else "", sentence)
-            assert main(["toy", "3", "-q", "--kind", kind, "--json", *late]) == code
-            out, err = capsys.readouterr()
-            assert err == sentence
-            failure = only_object(out)
-            jsonschema.validate(failure, load_schema("vttig.error/1"))
-            assert failure == {
-                "schema": "vttig.error/1",
-                "exit": code,
-                "message": message,
-                "where": where,
-            }
+@pytest.mark.parametrize("late", [(), ("--late",)])
+def test_a_failure_is_one_sentence_and_one_object(vttig, late):
+    for kind, code, where, message in ENDS:
+        call = ("toy", 3, "-q", "--kind", kind, *late)
+        sentence = f"error: {where}: {message}\n" if where else f"error: {message}\n"
+        assert vttig(*call) == (code, "twice: 6″\n" if late else "", sentence)
+        found, out, err = vttig(*call, "--json")
+        assert (found, err) == (code, sentence)
+        failure = {"schema": "vttig.error/1", "exit": code, "message": message, "where": where}
+        assert only_object(out) == failure
 
 
-def test_a_defect_is_one_sentence_with_the_traceback_in_the_log_file(capsys, tmp_path):
-    log = tmp_path / "vttig.log"
-    assert main(["toy", "3", "-q", "--kind", "defect"]) == 1
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert "defect of vttig (KeyError: 'two\\nlines'); run it again with --log-file FILE" in err
-    assert main(["toy", "3", "-q", "--kind", "defect", "--json", "--log-file", str(log)]) == 1
-    out, err = capsys.readouterr()
-    assert f"report the traceback in {log}." in err
-    assert "Traceback" not in out + err
-    jsonschema.validate(only_object(out), load_schema("vttig.error/1"))
+def test_a_defect_is_one_sentence_with_the_traceback_in_the_log_file(vttig, refused, tmp_path):
+    log, call = tmp_path / "vttig.log", ("toy", 3, "-q", "--kind", "defect")
+    said = refused(1, "defect of vttig (KeyError: 'two\\nlines')", *call)
+    assert "run it again with --log-file FILE" in said
+    code, out, err = vttig(*call, "--json", "--log-file", log)
+    assert code == 1 and f"report the traceback in {log}." in err
+    assert only_object(out)["exit"] == 1 and "Traceback" not in out + err
     assert "Traceback (most recent call last)" in log.read_text()
-    assert 'raise KeyError("two\\nlines")' in log.read_text()
+    assert "raise ERRORS[kind]" in log.read_text()
 
 
 USAGES = [
@@ -163,54 +149,28 @@ USAGES = [
 ]
 
 
-def test_wrong_usage_is_exit_2_with_the_command_to_ask(capsys):
+def test_wrong_usage_is_exit_2_with_the_command_to_ask(vttig, refused):
     for arguments, command, seen in USAGES:
-        assert main(arguments) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith(f"error: {command}: ")
-        assert seen in err
-        assert err.endswith(f"`{command} --help`.\n")
-        assert err.count("\n") == 1
-        assert main([*arguments, "--json"]) == 2
-        failure = only_object(capsys.readouterr().out)
-        jsonschema.validate(failure, load_schema("vttig.error/1"))
-        assert failure["exit"] == 2
+        err = refused(2, seen, *arguments)
+        assert err.startswith(f"error: {command}: ") and err.endswith(f"`{command} --help`.\n")
+        code, out, _ = vttig(*arguments, "--json")
+        assert code == only_object(out)["exit"] == 2
+    refused(2, "", "toy", "--", "--json")  # behind two dashes it is a name
 
 
-def test_json_behind_two_dashes_is_a_name_and_not_the_option(capsys):
-    assert main(["toy", "--", "--json"]) == 2
-    assert capsys.readouterr().out == ""
-
-
-def test_verbosity(capsys):
-    for options, heard in (
-        (["-q"], []),
-        ([], ["warning: a toy"]),
-        (["-v"], ["doubling 3", "warning: a toy"]),
-        (["-vv"], ["details of 3", "doubling 3", "warning: a toy"]),
-    ):
-        assert main(["toy", "3", *options]) == 0
-        assert capsys.readouterr().err.splitlines() == heard
-
-
-def test_the_log_file_hears_everything_and_is_appended_to(tmp_path):
+def test_verbosity_and_the_log_file_that_hears_everything(vttig, refused, tmp_path):
     log = tmp_path / "vttig.log"
     log.write_text("before\n")
-    assert main(["toy", "3", "-q", "--log-file", str(log)]) == 0
-    lines = log.read_text().splitlines()
-    assert lines[0] == "before"
-    assert [line.partition(": ")[2] for line in lines[1:]] == [
-        "details of 3",
-        "doubling 3",
-        "a toy",
-    ]
-
-
-def test_a_log_file_that_cannot_be_written_is_refused(capsys, tmp_path):
-    path = tmp_path / "none" / "vttig.log"
-    assert main(["toy", "3", "--log-file", str(path)]) == 3
-    assert f"error: {path}: the log file cannot be written" in capsys.readouterr().err
+    before = (LOGGER.level, list(LOGGER.handlers), signal.getsignal(signal.SIGTERM))
+    heard = ["details of 3", "doubling 3", "warning: a toy"]
+    for option, first in (("-q", 3), ("--late", 2), ("-v", 1), ("-vv", 0)):
+        assert vttig("toy", 3, option)[2].splitlines() == heard[first:]
+    assert vttig("toy", 3, "-v", "--log-file", log)[0] == 0
+    lines = [line.partition(": ")[2] or line for line in log.read_text().splitlines()]
+    assert lines == ["before", "details of 3", "doubling 3", "a toy"]
+    assert (LOGGER.level, LOGGER.handlers, signal.getsignal(signal.SIGTERM)) == before
+    nowhere = tmp_path / "none" / "vttig.log"
+    refused(3, f"{nowhere}: the log file cannot be written", "toy", 3, "--log-file", nowhere)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in the file system")
@@ -222,24 +182,10 @@ def test_a_log_file_that_is_a_pipe_is_refused_at_once(tmp_path):
     assert done.stderr == "error: pipe: the log file is a pipe and no regular file.\n"
 
 
-def test_the_logger_is_left_as_it_was(tmp_path):
-    before = (LOGGER.level, list(LOGGER.handlers), signal.getsignal(signal.SIGTERM))
-    main(["toy", "3", "-v", "--log-file", str(tmp_path / "vttig.log")])
-    assert (LOGGER.level, LOGGER.handlers, signal.getsignal(signal.SIGTERM)) == before
-
-
-def test_sigterm_is_143_and_leaves_nothing_unfinished(capsys, tmp_path):
-    out = tmp_path / "run"
-    assert main(["toy", "3", "-q", "--kind", "terminate", "--out", str(out)]) == 143
-    assert capsys.readouterr().err == "error: terminated before it was done.\n"
+def test_sigterm_is_143_and_leaves_nothing_unfinished(vttig, tmp_path):
+    call = ("toy", 3, "-q", "--kind", "terminate", "--out", tmp_path / "run")
+    assert vttig(*call) == (143, "", "error: terminated before it was done.\n")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_emit_gives_one_object_only():
-    output = Output(json=True)
-    output.emit({"a": 1}, "")
-    with pytest.raises(RuntimeError, match="`emit` was called twice"):
-        output.emit({"a": 2}, "")
 
 
 def test_text_is_not_made_when_json_is_asked_for(capsys):
@@ -249,6 +195,8 @@ def test_text_is_not_made_when_json_is_asked_for(capsys):
 
     output = Output(json=True)
     output.emit({"a": 1}, Unprintable())
+    with pytest.raises(RuntimeError, match="`emit` was called twice"):
+        output.emit({"a": 2}, "")
     assert capsys.readouterr().out == ""
     output.finish()
     assert only_object(capsys.readouterr().out) == {"a": 1}
@@ -262,55 +210,34 @@ def test_a_verb_works_without_main(capsys):
     assert LOGGER.handlers == []
 
 
-def test_help_lists_verbs_and_shows_examples(capsys):
-    assert main(["--help"]) == 0
-    help_ = capsys.readouterr().out
+def test_help_lists_verbs_and_shows_examples(vttig, told, monkeypatch):
+    out = told("--help")
     for title, verbs in GROUPS.items():
-        assert f"{title}:" in help_
-        assert all(f"  {name} " in help_ and text in help_ for name, text in verbs.items())
-    assert main(["toy", "-h"]) == 0
-    help_ = capsys.readouterr().out
-    assert "Example:\n    vttig toy 3 --kind log\n    vttig toy 4\n" in help_
-    assert all(option in help_ for option in ("--json", "-v", "-q", "--log-file", "--kind"))
-
-
-def test_a_verb_that_cannot_be_imported_is_a_defect_and_help_still_works(capsys, monkeypatch):
+        assert f"{title}:" in out
+        assert all(f"  {name} " in out and text in out for name, text in verbs.items())
+    out = told("toy", "-h")
+    assert "Example:\n    vttig toy 3 --kind log\n    vttig toy 4\n" in out
+    assert all(option in out for option in ("--json", "-v", "-q", "--log-file", "--kind"))
+    # A verb that cannot be imported is a defect, and help still works.
     monkeypatch.setitem(VERBS, "toy", ("vttig_jax.cli.nonesuch_verb:command", "Nothing."))
-    assert main(["--help"]) == 0
-    assert main(["toy"]) == 1
-    assert "ModuleNotFoundError" in capsys.readouterr().err
+    told("--help")
+    code, _, err = vttig("toy")
+    assert code == 1 and "ModuleNotFoundError" in err
 
 
-class Terminal:
+class Terminal(io.StringIO):
     """A stderr that says it is a terminal."""
-
-    def __init__(self) -> None:
-        self.text = ""
-
-    def write(self, text: str) -> int:
-        self.text += text
-        return len(text)
-
-    def flush(self) -> None:
-        pass
 
     def isatty(self) -> bool:
         return True
 
 
-@pytest.mark.parametrize("quiet", [False, True])
-def test_progress_shows_on_a_terminal_unless_quiet(monkeypatch, quiet):
-    terminal = Terminal()
-    monkeypatch.setattr(output_module.sys, "stderr", terminal)
-    with Output(quiet=quiet).progress(3, "fitting") as bar:
-        bar.update(3)
-    assert ("fitting" in terminal.text) != quiet
-
-
-def test_progress_shows_nothing_off_a_terminal(capsys):
-    with Output().progress(3, "fitting") as bar:
-        bar.update(3)
-    assert capsys.readouterr().err == ""
+def test_progress_shows_on_a_terminal_unless_quiet(monkeypatch):
+    for stream, quiet in ((Terminal(), False), (Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr(output_module.sys, "stderr", stream)
+        with Output(quiet=quiet).progress(3, "fitting") as bar:
+            bar.update(3)
+        assert ("fitting" in stream.getvalue()) is (stream.isatty() and not quiet)
 
 
 def run_help(**options: Any) -> subprocess.CompletedProcess[str]:
@@ -340,15 +267,15 @@ def test_a_full_disk_behind_stdout_is_exit_3(unbuffered, monkeypatch):
 
 
 def test_a_terminal_without_greek_gets_a_mark():
-    environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
     code = (
         "import click\nfrom vttig_jax.cli.main import _tolerate_encodings\n"
         "_tolerate_encodings()\nclick.echo('3.77″')"
     )
+    environment = os.environ | {"PYTHONIOENCODING": "latin-1"}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+        [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, check=True
     )
-    assert done.stdout == "3.77?\n"
+    assert done.stdout == b"3.77?\n"
 
 
 def test_results_that_cannot_be_printed_are_an_input_error(monkeypatch):
@@ -360,7 +287,6 @@ def test_results_that_cannot_be_printed_are_an_input_error(monkeypatch):
         output_module.print_text("text")
 
 
-def test_the_library_itself_is_silent(capsys):
+def test_the_library_itself_is_silent(told):
     assert logging.getLogger("vttig_jax").handlers == []
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("vttig ")
+    assert told("--version").startswith("vttig ")

@@ -37,43 +37,17 @@ def loaded(store: Path, tmp_path: Path) -> dict[str, bytes]:
     return found
 
 
-def test_programs_come_back_as_they_were(store: Path, tmp_path: Path) -> None:
-    assert loaded(store, tmp_path) == {name: name.encode() * 50 for name in NAMES}
-
-
-def truncated(store: Path) -> None:
-    path = store / NAMES[0]
-    path.write_bytes(path.read_bytes()[:-7])
-
-
-def emptied(store: Path) -> None:
-    (store / NAMES[0]).write_bytes(b"")
-
-
-def flipped(store: Path) -> None:
-    path = store / NAMES[0]
-    data = bytearray(path.read_bytes())
-    data[100] ^= 1
-    path.write_bytes(bytes(data))
-
-
-def replaced(store: Path) -> None:
-    (store / NAMES[0]).write_bytes((store / NAMES[1]).read_bytes())
-
-
 def test_a_damaged_program_is_left_out_and_removed(store: Path, tmp_path: Path):
-    whole = (store / NAMES[0]).read_bytes()
-    for damage in (truncated, emptied, flipped, replaced):
-        (store / NAMES[0]).write_bytes(whole)
-        damage(store)
+    path = store / NAMES[0]
+    whole, other = (store / NAMES[0]).read_bytes(), (store / NAMES[1]).read_bytes()
+    assert loaded(store, tmp_path) == {name: name.encode() * 50 for name in NAMES}
+    flipped = bytes([*whole[:100], whole[100] ^ 1, *whole[101:]])
+    for damaged in (whole[:-7], b"", flipped, other):
+        path.write_bytes(damaged)
         assert set(loaded(store, tmp_path)) == {NAMES[1]}
-        assert not (store / NAMES[0]).exists()
-
-
-def test_two_exchanged_programs_are_both_left_out(store: Path, tmp_path: Path) -> None:
-    first, second = ((store / name).read_bytes() for name in NAMES)
-    (store / NAMES[0]).write_bytes(second)
-    (store / NAMES[1]).write_bytes(first)
+        assert not path.exists()
+    path.write_bytes(other)  # two that are exchanged
+    (store / NAMES[1]).write_bytes(whole)
     assert loaded(store, tmp_path) == {}
 
 

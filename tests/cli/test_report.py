@@ -10,20 +10,13 @@ import numpy as np
 import pytest
 import tomli_w
 
+from tests.cli.commands import fit_into
 from tests.cli.drive import write_drive
 
-ALL = (
-    "verdict",
-    "numbers",
-    "error",
-    "accuracy",
-    "orders",
-    "residual",
-    "findings",
-    "open",
-    "made",
-    "data",
-)
+SECTIONS = {
+    *("verdict", "numbers", "error", "accuracy", "orders", "residual", "findings", "open", "made"),
+    *("data", "backlash"),
+}
 PAIR = {"drive": {"ratio": "1/2"}, "fit": {"driving_orders": [1, 2], "driven_orders": [1, 2]}}
 
 
@@ -37,86 +30,76 @@ def copied(folder: Path, place: Path) -> Path:
     return Path(shutil.copytree(folder, place / "run"))
 
 
+def visible(page: str) -> str:
+    return re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+
+
+@pytest.fixture
+def reported(found, tmp_path):
+    """Function that writes a report, and returns its object and its page."""
+
+    def report(*runs):
+        out = tmp_path / "r.html"
+        return found("report", *runs, "--out", out), out.read_text("utf-8")
+
+    return report
+
+
 @pytest.mark.portable
-def test_a_page_of_a_run(vttig, vttig_json, run_folder, tmp_path):
+def test_a_page_of_a_run(refused, told, reported, run_folder, tmp_path):
+    record, page = reported(run_folder)
     out = tmp_path / "r.html"
-    code, record = vttig_json("report", run_folder, "--out", out)
-    page = out.read_text("utf-8")
-    assert code == 0 and record["report"] == str(out) and record["comparison"] is None
-    assert set(record["sections"]) == {*ALL, "backlash"}
+    assert record["report"] == str(out) and record["comparison"] is None
+    assert set(record["sections"]) == SECTIONS
     assert len(page.encode()) == record["bytes"] <= 3_000_000
     assert all(sentence in page for sentence in record["verdict"])
     fit = json.loads((run_folder / "fit.json").read_text())
-    for name, parameter in fit["parameters"].items():
-        assert name in page, parameter
+    assert [name for name in fit["parameters"] if name not in page] == []
     assert links(page) and all(link.startswith("data:") for link in links(page))
+    # A link out of the page would be seen.
+    assert links('<a href="http://x">') == ["http://x"] and links("a{b:url(//x/y)}") == ["//x/y"]
     policy = re.search('Content-Security-Policy" content="([^"]*)"', page)
     assert policy and "default-src 'none'" in policy[1] and "http" not in policy[1]
-    code, out_, err = vttig("report", run_folder, "--out", out)
-    assert code == 2 and "--overwrite" in err and out_ == ""
-    code, text, _ = vttig("report", run_folder, "--out", out, "--overwrite")
-    assert code == 0 and text.splitlines()[:3] == record["verdict"]
+    refused(2, "--overwrite", "report", run_folder, "--out", out)
+    text = told("report", run_folder, "--out", out, "--overwrite")
+    assert text.splitlines()[:3] == record["verdict"]
 
 
-def test_a_link_out_of_the_page_is_seen():
-    assert links('<a href="http://x">') == ["http://x"] and links("a{b:url(//x/y)}") == ["//x/y"]
-
-
-def test_draws_add_their_band_and_their_intervals(vttig_json, sampled_folder, tmp_path):
-    out = tmp_path / "r.html"
-    code, record = vttig_json("report", sampled_folder, "--out", out)
-    page = out.read_text("utf-8")
-    assert code == 0 and "draws" in record["sections"]
+def test_draws_add_their_band_and_their_intervals(reported, sampled_folder):
+    record, page = reported(sampled_folder)
+    assert "draws" in record["sections"]
     assert "95 % of the draws" in page and "95 % band of the whole map" in page
     assert "have not converged" in page and "map.csv" in page
     gap = json.loads((sampled_folder / "map.json").read_text())["smallest_gap"]["backlash_deg"]
     assert f"{gap['low95']:.5f}" in page
 
 
-def test_one_direction(vttig_json, one_flank_folder, tmp_path):
-    out = tmp_path / "r.html"
-    code, record = vttig_json("report", one_flank_folder, "--out", out)
-    page = out.read_text("utf-8")
-    assert code == 0 and "not the backlash" in record["verdict"][0]
+def test_one_direction(reported, one_flank_folder):
+    record, page = reported(one_flank_folder)
+    assert "not the backlash" in record["verdict"][0]
     assert "from peak to peak" in record["verdict"][1]
-    assert "flank B" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert "flank B" not in visible(page)
     assert "Record both directions" in page and "backlash" in record["sections"]
 
 
-def test_fit_and_demo_end_with_a_report(vttig, rig_folder, tmp_path):
-    log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
-    code, _, err = vttig("fit", log, "--pair", pair, "--report")
-    assert code == 2 and "--report without --out" in err
-    made = ("fit", log, "--pair", pair, "--out", tmp_path / "run", "--no-figures", "--report")
-    code, out, _ = vttig(*made)
+def test_fit_ends_with_a_report(refused, told, rig_folder, tmp_path):
+    fit = ("fit", rig_folder / "log.csv", "--pair", rig_folder / "pair.toml")
+    refused(2, "--report without --out", *fit, "--report")
+    made = (*fit, "--out", tmp_path / "run", "--no-figures")
     report = tmp_path / "run" / "report.html"
-    assert code == 0 and out.splitlines()[-1] == f"report: {report}" and report.is_file()
-    assert vttig(*made[:-1], "--overwrite")[0] == 0
+    out = told(*made, "--report")
+    assert out.splitlines()[-1] == f"report: {report}" and report.is_file()
+    told(*made, "--overwrite")
     assert not report.exists()  # it was that of the fit before
 
 
-@pytest.fixture
-def drive_run(tmp_path, vttig, monkeypatch):
-    """Function that fits a small drive with a name and orders, and returns its run folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def fitted(name: str, **orders) -> Path:
-        write_drive(tmp_path / "log.csv")
-        pair = {"name": name} | PAIR | ({"fit": orders} if orders else {})
-        (tmp_path / "pair.toml").write_text(tomli_w.dumps(pair))
-        made = ("log.csv", "--pair", "pair.toml", "--out", "run", "--no-figures", "--overwrite")
-        assert vttig("fit", *made)[0] in (0, 4)
-        return tmp_path / "run"
-
-    return fitted
-
-
 @pytest.mark.parametrize("name", ["</script><script>alert(1)</script>", "n" * 10_000])
-def test_text_of_files_is_text(vttig, drive_run, name):
-    run = drive_run(name)
+def test_text_of_files_is_text(reported, tmp_path, name):
+    log, pair, run = write_drive(tmp_path / "log.csv"), tmp_path / "pair.toml", tmp_path / "run"
+    pair.write_text(tomli_w.dumps({"name": name} | PAIR))
+    fit_into(run, log, pair)
     (run / "<script>b.csv").write_text("a,b\n")
-    assert vttig("report", run)[0] == 0
-    page = (run / "report.html").read_text("utf-8")
+    _, page = reported(run)
     assert "<script>alert" not in page and "<script>b" not in page
     assert "n" * 1000 not in re.sub('href="data:[^"]*"', "", page)  # the files hold it as it is
     assert page.count("<script") == 3 and len(page) < 3_000_000
@@ -124,58 +107,44 @@ def test_text_of_files_is_text(vttig, drive_run, name):
     assert name.startswith("n") or f"<h1>{shown}</h1>" in page
 
 
-def test_sixty_parameters(vttig, drive_run):
-    orders = list(range(1, 16))
-    run = drive_run("many", driving_orders=orders, driven_orders=[k for k in orders if k % 2])
-    assert vttig("report", run)[0] == 0
-    page = (run / "report.html").read_text("utf-8")
-    assert len(page) < 3_000_000 and "driving 15" in page
-
-
-def test_nothing_determined(vttig, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_nothing_determined(vttig, reported, tmp_path):
+    log, pair = tmp_path / "log.csv", tmp_path / "pair.toml"
     time = np.arange(4000) * 1e-3
-    angle = 40.0 * time
-    rows = np.stack([time, angle, angle / 2], axis=1)
-    np.savetxt("log.csv", rows, delimiter=",", header="time_s,driving_deg,driven_deg", comments="")
-    (tmp_path / "pair.toml").write_text(tomli_w.dumps(PAIR))
-    code, _, err = vttig("fit", "log.csv", "--pair", "pair.toml", "--out", "run", "--no-figures")
-    assert code == 4, err
-    assert vttig("report", "run")[0] == 0
-    page = (tmp_path / "run" / "report.html").read_text("utf-8")
+    rows, head = np.outer(time, [1.0, 40.0, 20.0]), "time_s,driving_deg,driven_deg"
+    np.savetxt(log, rows, delimiter=",", header=head, comments="")
+    pair.write_text(tomli_w.dumps(PAIR))
+    run = tmp_path / "run"
+    assert vttig("fit", log, "--pair", pair, "--out", run, "--no-figures")[0] == 4
+    _, page = reported(run)
     assert "The log does not tell" in page and "record" in page.lower()
 
 
-def test_an_older_version_and_folders_that_hold_no_fit(vttig, run_folder, tmp_path):
+def test_folders_that_hold_no_fit_of_this_version(refused, run_folder, tmp_path):
     run = copied(run_folder, tmp_path)
     with np.load(run / "summary.npz") as arrays:
         kept = {name: arrays[name] for name in arrays.files if name != "core"}
     np.savez(run / "summary.npz", **kept)
     before = {path.name for path in run.iterdir()}
-    for folder, code, said in (
-        (run, 3, "older version"),
-        (tmp_path / "none", 2, "no such folder"),
-        (tmp_path, 2, "run.toml"),
-    ):
-        found, out, err = vttig("report", folder)
-        assert (found, out) == (code, "") and said in err and err.count("\n") == 1
+    refused(3, "older version", "report", run)
+    refused(2, "no such folder", "report", tmp_path / "none")
+    refused(2, "run.toml", "report", tmp_path)
     assert {path.name for path in run.iterdir()} == before
 
 
-def test_no_file_outside_the_folder_is_read(vttig, run_folder, tmp_path):
+def test_no_file_outside_the_folder_is_read(told, run_folder, tmp_path):
     run = copied(run_folder, tmp_path)
     (tmp_path / "secret.csv").write_text("the secret\n")
     (run / "link.csv").symlink_to(tmp_path / "secret.csv")
     (run / "own.csv").write_text("the own\n")
-    assert vttig("report", run)[0] == 0
+    told("report", run)
     page = (run / "report.html").read_text("utf-8")
     assert "secret" not in page and "own.csv" in page and "link.csv" not in page
 
 
-def test_without_the_extra(vttig, run_folder, rig_folder, tmp_path, monkeypatch):
+def test_without_the_extra(refused, run_folder, rig_folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "bokeh.plotting", None)
-    code, out, err = vttig("report", run_folder, "--out", tmp_path / "r.html")
-    assert (code, out) == (2, "") and 'pip install "vttig-jax[report]"' in err
-    log, pair = rig_folder / "log.csv", rig_folder / "pair.toml"
-    assert vttig("fit", log, "--pair", pair, "--out", tmp_path / "run", "--report")[0] == 2
+    words = 'pip install "vttig-jax[report]"'
+    refused(2, words, "report", run_folder, "--out", tmp_path / "r.html")
+    fit = ("fit", rig_folder / "log.csv", "--pair", rig_folder / "pair.toml")
+    refused(2, words, *fit, "--out", tmp_path / "run", "--report")
     assert list(tmp_path.iterdir()) == []

@@ -8,18 +8,15 @@ import pytest
 import tomli_w
 
 import vttig_jax
+from tests.cli.commands import table_of, write_paper_pair
 from vttig_jax.base.errors import UsageError
 from vttig_jax.base.files.json_io import dumps
 from vttig_jax.cli.verbs.simulate import _stride
 from vttig_jax.control.scenario.spec import default_toml
 from vttig_jax.control.simulation import simulate as simulate_module
 from vttig_jax.identify.backlash import contact_map
-from vttig_jax.pair.gear_pair import spec_of
-from vttig_jax.pair.pair_file import spec_table
-from vttig_jax.rig.paper import paper_pair
 from vttig_jax.runs.run import open_run
 
-DOCS = Path(__file__).parents[2] / "docs"
 SCENARIO = """
 pair = "gears/pair.toml"
 [eccentricities]
@@ -42,8 +39,7 @@ COLUMNS = (
 def scenario(tmp_path) -> Path:
     """A scenario of the paper's rig; its pair file lies in a folder beside it."""
     (tmp_path / "gears").mkdir()
-    table = spec_table(spec_of(paper_pair()))
-    (tmp_path / "gears" / "pair.toml").write_text(tomli_w.dumps(table))
+    write_paper_pair(tmp_path / "gears" / "pair.toml")
     path = tmp_path / "scenario.toml"
     path.write_text(SCENARIO)
     return path
@@ -58,15 +54,23 @@ def elsewhere(tmp_path, monkeypatch) -> Path:
     return folder
 
 
+@pytest.fixture
+def simulated(found):
+    """Function that simulates with values of `--set`."""
+
+    def simulate(scenario, *settings, options=()):
+        arguments = (part for setting in settings for part in ("--set", setting))
+        return found("simulate", scenario, "-q", *arguments, *options)
+
+    return simulate
+
+
 def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-def rows_of(path: Path) -> np.ndarray:
-    return np.genfromtxt(path, delimiter=",", names=True)
-
-
-def test_prints_the_run_and_writes_nothing(vttig, scenario, elsewhere):
+@pytest.mark.portable
+def test_prints_the_run_of_the_library_and_writes_nothing(vttig, found, scenario, elsewhere):
     before = names(scenario.parent)
     code, out, err = vttig("simulate", scenario)
     assert (code, err) == (0, "")
@@ -75,50 +79,31 @@ def test_prints_the_run_and_writes_nothing(vttig, scenario, elsewhere):
     assert "reversal at 720°, trapezoid of 60 rpm, 5.4 s at 1000 Hz" in out
     assert re.search(r"[78] ms after the motor brakes, at 632\.\d+°, 87\.\d+° before the turn", out)
     assert "further than the gap allows" in out
-    assert names(elsewhere) == set() and names(scenario.parent) == before
-
-
-@pytest.mark.portable
-def test_text_and_object_are_those_of_the_library(vttig, vttig_json, scenario):
-    found = vttig_jax.simulate(scenario)
-    code, record = vttig_json("simulate", scenario)
-    assert code == 0
-    assert record == json.loads(dumps(found.to_json()))
-    assert vttig("simulate", scenario)[1] == f"{found}\n"
+    record, run = found("simulate", scenario), vttig_jax.simulate(scenario)
+    assert record == json.loads(dumps(run.to_json())) and out == f"{run}\n"
     assert record["metrics"]["interference_mm"] > 0.1
     assert record["turn"]["driving_deg"] == pytest.approx(720.0)
     assert record["turn"]["time_s"] == pytest.approx(2.7)
     assert record["scenario"]["motion"]["dwell_s"] == 0.2
+    assert names(elsewhere) == set() and names(scenario.parent) == before
+    assert vttig("simulate", "--print-defaults") == (0, default_toml(), "")
 
 
-def test_the_page_shows_what_is_printed(vttig, tmp_path, monkeypatch):
-    section = (DOCS / "reversals.md").read_text("utf-8")
-    pair = (DOCS / "pair_file.md").read_text("utf-8")
-    for name, part in (("pair.toml", pair), ("scenario.toml", section)):
-        (tmp_path / name).write_text(part.partition("```toml\n")[2].partition("```")[0])
-    monkeypatch.chdir(tmp_path)
-    printed = section.partition("```\n\n```\n")[2].partition("\n```")[0]
-    assert "jump" in printed
-    assert vttig("simulate", "scenario.toml") == (0, f"{printed}\n", "")
-
-
-def test_settings_are_those_of_a_file(vttig_json, scenario):
-    settings = {
-        "motion.event": "emergency_stop",
-        "motion.reversal_deg": "1080",
-        "actuator.stroke_mm": "0.5",
-        "judgement.threshold_rad_s2": "1e9",
-    }
-    arguments = [part for item in settings.items() for part in ("--set", "=".join(item))]
-    _, record = vttig_json("simulate", scenario, *arguments)
+def test_settings_are_those_of_a_file(simulated, scenario):
+    record = simulated(
+        scenario,
+        "motion.event=emergency_stop",
+        "motion.reversal_deg=1080",
+        "actuator.stroke_mm=0.5",
+        "judgement.threshold_rad_s2=1e9",
+    )
     text = SCENARIO.replace("720.0", '1080\nevent = "emergency_stop"')
     scenario.write_text(f"{text}[actuator]\nstroke_mm = 0.5\n[judgement]\nthreshold_rad_s2 = 1e9\n")
-    _, other = vttig_json("simulate", scenario)
-    assert record == other
+    assert simulated(scenario) == record
     assert record["metrics"]["detection_deg"] is None
     # Left open, the flanks change while the shaft still turns forward.
-    jump, gap = record["metrics"]["jump_deg"], record["turn"]["backlash_deg"]
-    assert jump == pytest.approx(gap, abs=2e-3)
+    gap = record["turn"]["backlash_deg"]
+    assert record["metrics"]["jump_deg"] == pytest.approx(gap, abs=2e-3)
     assert record["crossing_deg"] < 1079
 
 
@@ -131,124 +116,95 @@ def test_settings_are_those_of_a_file(vttig_json, scenario):
         ("mesh.friction_coefficient=0.1", "bound", "The drive blocks after 2.0"),
     ],
 )
-def test_whatever_comes_of_a_run_is_a_result(vttig, vttig_json, scenario, setting, outcome, words):
+def test_whatever_comes_of_a_run_is_a_result(
+    vttig, simulated, scenario, elsewhere, setting, outcome, words
+):
     code, out, err = vttig("simulate", scenario, "--set", setting)
-    assert (code, err) == (0, "")
-    assert words in out and "nan" not in out
-    code, record = vttig_json("simulate", scenario, "--set", setting)
-    assert (code, record["metrics"]["outcome"]) == (0, outcome)
-    assert words in record["remarks"][0]
+    assert (code, err) == (0, "") and words in out and "nan" not in out
+    record = simulated(scenario, setting, options=("--trace", "trace.csv"))
+    assert record["metrics"]["outcome"] == outcome and words in record["remarks"][0]
+    if outcome == "bound":  # the trace ends where the drive blocks
+        last = table_of(Path("trace.csv"))["time_s"][-1]
+        assert 0 <= record["blocked_s"] - last < 0.002
+        assert record["blocked_s"] < record["duration_s"] / 2
 
 
-def test_trace_and_figure_of_one_run(vttig, vttig_json, scenario, elsewhere):
+def test_trace_and_figure_of_one_run(refused, told, simulated, scenario, elsewhere):
     files = ("--trace", "new/trace.csv", "--figure", "run.png")
-    code, record = vttig_json("simulate", scenario, *files)
-    assert code == 0
+    record = simulated(scenario, options=files)
     assert Path("run.png").read_bytes().startswith(b"\x89PNG")
-    table = rows_of(Path("new/trace.csv"))
-    assert table.dtype.names == COLUMNS
-    assert len(table) == record["samples"] == 5401
+    table, metrics = table_of(Path("new/trace.csv")), record["metrics"]
+    assert table.dtype.names == COLUMNS and len(table) == record["samples"] == 5401
     shown = table["te_shown_deg"] - table["te_shown_deg"][0]
-    assert shown.max() == pytest.approx(record["metrics"]["te_max_deg"], abs=1e-8)
-    assert shown.mean() == pytest.approx(record["metrics"]["te_mean_deg"], abs=1e-8)
+    assert shown.max() == pytest.approx(metrics["te_max_deg"], abs=1e-8)
+    assert shown.mean() == pytest.approx(metrics["te_mean_deg"], abs=1e-8)
     first = table[table["command_mm"] > 0][0]
-    assert first["driving_deg"] == pytest.approx(record["metrics"]["detection_deg"], abs=1e-6)
+    assert first["driving_deg"] == pytest.approx(metrics["detection_deg"], abs=1e-6)
     assert (table["te_deg"] >= table["flank_a_deg"] - 1e-9).all()
     assert (table["te_deg"] <= table["flank_b_deg"] + 1e-9).all()
-
-    code, _, err = vttig("simulate", scenario, *files)
-    assert code == 2 and "new/trace.csv: already exists; add --overwrite" in err
-    assert vttig("simulate", scenario, *files[:2], "--every", 7, "--overwrite")[0] == 0
-    np.testing.assert_array_equal(rows_of(Path("new/trace.csv")), table[::7])
-
-
-def test_the_trace_ends_where_the_drive_blocks(vttig_json, scenario, elsewhere):
-    blocks = ("--set", "mesh.friction_coefficient=0.1")
-    _, record = vttig_json("simulate", scenario, *blocks, "--trace", "trace.csv")
-    last = rows_of(Path("trace.csv"))["time_s"][-1]
-    assert 0 <= record["blocked_s"] - last < 0.002
-    assert record["blocked_s"] < record["duration_s"] / 2
+    refused(2, "new/trace.csv: already exists; add --overwrite", "simulate", scenario, *files)
+    told("simulate", scenario, *files[:2], "--every", 7, "--overwrite")
+    np.testing.assert_array_equal(table_of(Path("new/trace.csv")), table[::7])
 
 
 def test_a_recorded_motion_lies_beside_the_scenario(vttig, scenario, elsewhere, monkeypatch):
+    """What the run costs is spared: it is interrupted, and then writes nothing."""
     built = []
 
     def run(case, *_):
         built.append(case)
-        raise KeyboardInterrupt  # what a run costs is spared
+        raise KeyboardInterrupt
 
     monkeypatch.setattr(simulate_module, "run_in_chunks", run)
     motion = scenario.parent / "gears" / "motion.csv"
     motion.write_text("time_s,driving_deg\n0,0\n1,90\n2,180\n3,90\n4,0\n")
-    settings = ("motion.kind=recorded", "motion.file=gears/motion.csv")
-    assert vttig("simulate", scenario, "--set", settings[0], "--set", settings[1])[0] == 130
+    settings = ("--set", "motion.kind=recorded", "--set", "motion.file=gears/motion.csv")
+    code, out, err = vttig("simulate", scenario, *settings, "--trace", "trace.csv")
+    assert (code, out) == (130, "") and "interrupted" in err and names(elsewhere) == set()
     (case,) = built
     assert case.motion.duration_s == 4.0
     assert float(case.motion.at(2.0).angle) == pytest.approx(np.pi)
 
 
-def with_rig(folder: Path, run: str) -> Path:
+def with_rig(folder: Path, run: str, **more: int) -> Path:
     """A scenario whose rig is that of a run folder."""
     kept = tomllib.loads(SCENARIO)
     del kept["eccentricities"]
     path = folder / "fitted.toml"
-    path.write_text(tomli_w.dumps(kept | {"rig": {"from": run}}))
+    path.write_text(tomli_w.dumps(kept | {"rig": {"from": run, **more}}))
     return path
 
 
-def test_the_rig_of_a_run_folder(vttig, vttig_json, scenario, run_folder):
-    path = with_rig(scenario.parent, str(run_folder))
-    code, found = vttig_json("simulate", path, "-q", "--set", "controller=none")
-    assert code == 0 and found["scenario"]["rig"] == {"from": str(run_folder)}
+def test_the_rig_of_a_run_folder_which_is_a_scenario_itself(simulated, scenario, run_folder):
+    record = simulated(with_rig(scenario.parent, str(run_folder)), "controller=none")
+    assert record["scenario"]["rig"] == {"from": str(run_folder)}
     _, model = contact_map(open_run(run_folder).fit)
-    gap = model.backlash(np.radians(found["crossing_deg"]))
-    assert found["metrics"]["jump_deg"] == pytest.approx(np.degrees(float(gap)), abs=1e-9)
+    gap = np.degrees(float(model.backlash(np.radians(record["crossing_deg"]))))
+    assert record["metrics"]["jump_deg"] == pytest.approx(gap, abs=1e-9)
+    record = simulated(run_folder, "motion.reversal_deg=720")
+    assert record["scenario"]["rig"] == {"from": str(run_folder)}
+    assert record["controller"] == "acceleration" and record["metrics"]["detection_deg"] > 600
 
 
-def test_a_run_folder_is_a_scenario(vttig_json, run_folder):
-    """The gears, the map and default values."""
-    code, found = vttig_json("simulate", run_folder, "-q", "--set", "motion.reversal_deg=720")
-    assert code == 0 and found["scenario"]["rig"] == {"from": str(run_folder)}
-    assert found["controller"] == "acceleration" and found["metrics"]["detection_deg"] > 600
-
-
-@pytest.mark.parametrize(
-    ("more", "code", "words"),
-    [
-        ("", 3, "map 'nowhere': no map can be read here"),
-        ("draws = 3", 3, "rig.draws: one case runs with the fitted rig; remove this key"),
-        ("seed = 3", 3, "rig.seed"),
-    ],
-)
-def test_a_rig_that_one_case_cannot_have(vttig, scenario, more, code, words):
-    path = with_rig(scenario.parent, "nowhere")
-    path.write_text(path.read_text().replace("[rig]\n", f"[rig]\n{more}\n"))
-    got, out, err = vttig("simulate", path)
-    assert (got, out) == (code, "") and words in err
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
+def test_a_rig_that_one_case_cannot_have(refused, scenario, run_folder):
+    folder = scenario.parent
+    for more, words in (
+        ({}, "map 'nowhere': no map can be read here"),
+        ({"draws": 3}, "rig.draws: one case runs with the fitted rig; remove this key"),
+        ({"seed": 3}, "rig.seed"),
+    ):
+        refused(3, words, "simulate", with_rig(folder, "nowhere", **more))
+    path, gears = with_rig(folder, str(run_folder)), folder / "gears" / "pair.toml"
+    text = gears.read_text()
+    for old, new, words in (
         ("teeth = 45", "teeth = 44", "teeth 44/80 here, 45/80 there"),
         ("module_mm = 2.0", "module_mm = 1.99", "module 1.99 mm here, 2 mm there"),
-    ],
-)
-def test_a_rig_of_other_gears_is_refused(vttig, scenario, run_folder, old, new, words):
-    path = with_rig(scenario.parent, str(run_folder))
-    gears = scenario.parent / "gears" / "pair.toml"
-    text = gears.read_text()
-    assert old in text
+    ):
+        assert old in text
+        (folder / "other.toml").write_text(text.replace(old, new))
+        refused(3, words, "simulate", path, "--set", "pair=other.toml")
     gears.write_text(text.replace(old, new))
-    code, out, err = vttig("simulate", path)
-    assert (code, out) == (3, "") and words in err
-    gears.write_text(text)
-    (scenario.parent / "other.toml").write_text(text.replace(old, new))
-    assert vttig("simulate", path, "--set", "pair=other.toml")[0] == 3
-
-
-def test_print_defaults_is_a_scenario_of_all_keys(vttig):
-    assert vttig("simulate", "--print-defaults") == (0, default_toml(), "")
+    refused(3, words, "simulate", path)
 
 
 def test_one_run_serves_trace_and_figure():
@@ -262,14 +218,13 @@ def test_one_run_serves_trace_and_figure():
         (6e9, 600, False, 600),
     ):
         assert _stride(periods, every, draws) == kept
-
-
-def test_a_trace_beyond_any_disk_is_refused():
     with pytest.raises(UsageError, match="thin it out with --every 300"):
         _stride(6e9, 299, False)
 
 
 def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch):
+    monkeypatch.chdir(scenario.parent)
+    before = names(scenario.parent)
     for options, code, words in (
         ("", 2, "SCENARIO is missing; --print-defaults prints one"),
         ("none.toml", 3, "none.toml: no such file"),
@@ -278,11 +233,8 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch):
         ("S --set reversal_deg=9", 2, "did you mean `motion.reversal_deg`?"),
         ("S --set motion.reversal_deg=20", 2, "--set motion.reversal_deg: 20 lies inside"),
         ("S --set motion.speed_rpm=6e4", 2, "with --set: motion.reversal_deg: 720 lies inside"),
-        ("S --set motion.reversal_deg=nan", 2, "--set motion.reversal_deg: expected a number"),
-        ("S --set controller=acc", 2, "--set controller: expected 'acceleration' or"),
         ("S --set seed=1.5", 2, "--set seed: expected a whole number"),
         ("S --set seed", 2, "'seed' is not of the form key=value"),
-        ("S --set seed=", 2, "not of the form key=value"),
         ("S --set controller=\udced\udcff", 2, "the value of 'controller' is not UTF-8"),
         ("S --set controller=[none", 2, "the value of 'controller' is no TOML"),
         (f"S --set seed={'9' * 5000}", 2, "--set seed: expected a whole number"),
@@ -299,44 +251,26 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch):
         ("S --figure run.pdf", 2, "choose a name that ends with .png"),
         ("S --trace S/trace.csv", 3, "a file is in the way of this folder"),
     ):
-        monkeypatch.chdir(scenario.parent)
-        before = names(scenario.parent)
-        arguments = [
-            part.replace("S", "scenario.toml").replace("\x00", "\n") for part in options.split()
-        ]
-        found, out, err = vttig("simulate", *arguments)
-        assert found == code
-        assert words in err
-        assert len(err.strip().splitlines()) == 1
+        text = options.replace("S", "scenario.toml")
+        ended, out, err = vttig("simulate", *(one.replace("\x00", "\n") for one in text.split()))
+        assert ended == code and words in err and len(err.strip().splitlines()) == 1
         assert out == "" or json.loads(out)["exit"] == code
         assert names(scenario.parent) == before
 
 
-def test_a_bad_scenario_is_named_with_its_key(vttig, scenario, monkeypatch):
+def test_a_bad_scenario_is_named_with_its_key(refused, scenario, monkeypatch):
+    folder = scenario.parent
+    monkeypatch.chdir(folder)
+    (folder / "drive.toml").write_text('[drive]\nratio = "1/2"\n')
+    gears = (folder / "gears" / "pair.toml").read_text()
+    (folder / "spur.toml").write_text(gears.replace("_deg = 3.0", "_deg = 0.0"))
     for old, new, words in (
-        ("reversal_deg", "reversal_dg", "scenario.toml: motion.reversal_dg: unknown key"),
-        ("720.0", "nan", "scenario.toml: motion.reversal_deg: expected a number"),
-        ("720.0", "20", "scenario.toml: motion.reversal_deg: 20 lies inside the ramps"),
-        ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "scenario.toml: sweep: this file has many"),
-        ("gears/pair", "drive", "scenario.toml: pair: names a [drive] without gears"),
-        ("gears/pair", "spur", "scenario.toml: controller: the controller 'acceleration' shifts"),
+        ("reversal_deg", "reversal_dg", "motion.reversal_dg: unknown key"),
+        ("720.0", "nan", "motion.reversal_deg: expected a number"),
+        ("720.0", "20", "motion.reversal_deg: 20 lies inside the ramps"),
+        ("0.2\n", "0.2\n[sweep]\nseed = [1, 2]", "sweep: this file has many"),
+        ("gears/pair", "drive", "pair: names a [drive] without gears"),
+        ("gears/pair", "spur", "controller: the controller 'acceleration' shifts"),
     ):
-        folder = scenario.parent
-        monkeypatch.chdir(folder)
-        (folder / "drive.toml").write_text('[drive]\nratio = "1/2"\n')
-        gears = (folder / "gears" / "pair.toml").read_text()
-        (folder / "spur.toml").write_text(gears.replace("_deg = 3.0", "_deg = 0.0"))
         scenario.write_text(SCENARIO.replace(old, new))
-        code, out, err = vttig("simulate", "scenario.toml")
-        assert (code, out) == (3, "")
-        assert words in err
-
-
-def test_interrupted_it_writes_nothing(vttig, scenario, elsewhere, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(simulate_module, "run_in_chunks", interrupted)
-    code, out, err = vttig("simulate", scenario, "--trace", "trace.csv")
-    assert (code, out) == (130, "") and "interrupted" in err
-    assert names(elsewhere) == set()
+        refused(3, f"scenario.toml: {words}", "simulate", "scenario.toml")

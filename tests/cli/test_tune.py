@@ -3,11 +3,9 @@ from pathlib import Path
 import pytest
 import tomli_w
 
+from tests.cli.commands import write_paper_pair
 from tests.control.texts import RIG
 from vttig_jax.control.scenario.spec import load_sweep_spec
-from vttig_jax.pair.gear_pair import spec_of
-from vttig_jax.pair.pair_file import spec_table
-from vttig_jax.rig.paper import paper_pair
 
 SWEEP = """
 pair = "pair.toml"
@@ -28,63 +26,58 @@ MARGIN = "judgement.margin_mm"
 
 @pytest.fixture
 def sweep(tmp_path) -> Path:
-    (tmp_path / "pair.toml").write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
+    write_paper_pair(tmp_path / "pair.toml")
     path = tmp_path / "sweep.toml"
     path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
     return path
 
 
 @pytest.mark.portable
-def test_it_tunes_and_writes_a_sweep_that_runs(vttig, vttig_json, sweep):
+def test_it_tunes_and_writes_a_sweep_that_runs(vttig, found, sweep):
     out = sweep.parent / "tuned.toml"
-    code, record = vttig_json("tune", sweep, "--free", MARGIN, "--out", out, "-q")
-    assert code == 0 and record["improved"] and record["notes"] == []
+    record = found("tune", sweep, "--free", MARGIN, "--out", out, "-q")
+    assert record["improved"] and record["notes"] == []
     # The map has 0.0003° more than there is: 0.0040 mm.
     value = record["values"][MARGIN]["after"]
     assert value == pytest.approx(0.0040, abs=1.5e-3)
     assert record["after"]["cost_deg"] < record["before"]["cost_deg"]
     spec = load_sweep_spec(out)
     assert spec.judgement.margin_mm == value and spec.sweep == load_sweep_spec(sweep).sweep
-    code, swept = vttig_json("sweep", out, "-q")
-    mean = swept["groups"][0]["residual_gap_deg"]["mean"]
-    assert code == 0 and mean == pytest.approx(record["after"]["gap_mean_deg"], rel=1e-9)
+    mean = found("sweep", out, "-q")["groups"][0]["residual_gap_deg"]["mean"]
+    assert mean == pytest.approx(record["after"]["gap_mean_deg"], rel=1e-9)
     assert vttig("tune", sweep, "--free", MARGIN, "--out", out)[0] == 2
 
 
 @pytest.mark.slow
-def test_limits_weight_and_objective_reach_the_search(vttig, vttig_json, sweep):
+def test_limits_weight_and_objective_reach_the_search(vttig, found, sweep):
     before = set(sweep.parent.iterdir())
     code, text, err = vttig("tune", sweep, "--free", f"{MARGIN}=0.006:0.02")
     assert (code, err) == (0, "") and set(sweep.parent.iterdir()) == before
     assert "confirmed by the full simulation" in text and "0.006" in text
     assert "ends at its limit" in text
-    options = ["--interference-weight", "0", "--objective", "worst"]
-    code, record = vttig_json("tune", sweep, "--free", MARGIN, *options, "-q")
-    assert code == 0 and record["objective"] == "worst" and record["interference_weight"] == 0
+    options = ("--interference-weight", "0", "--objective", "worst")
+    record = found("tune", sweep, "--free", MARGIN, *options, "-q")
+    assert record["objective"] == "worst" and record["interference_weight"] == 0
     assert record["values"][MARGIN]["after"] < 0.004  # what interferes costs nothing
 
 
-def test_wrong_options_are_usage_errors(vttig, sweep, monkeypatch):
+def test_bad_calls_and_files_are_one_sentence(refused, sweep, monkeypatch):
+    monkeypatch.chdir(sweep.parent)
     for options, words in (
-        (["--free", "judgement.margn_mm"], "did you mean"),
-        (["--free", "judgement.observer"], "is none of"),
-        (["--free", "judgement.threshold_rad_s2"], "none of predictive"),
-        (["--free", f"{MARGIN}=1"], "key=low:high"),
-        (["--free", f"{MARGIN}=1:0"], "must be a range around its value 0.01"),
-        (["--free", f"{MARGIN}=nan:1"], "must be a range around its value 0.01"),
-        (["--interference-weight", "-1"], "interference-weight"),
-        (["--objective", "best"], "objective"),
-        (["--overwrite"], "--overwrite without --out"),
-        (["--out", "tuned.txt"], "ends with .toml"),
-        (["--out", "elsewhere/tuned.toml"], "relative to its folder"),
-        (["--out", "sweep.toml"], "already exists"),
+        ("--free judgement.margn_mm", "did you mean"),
+        ("--free judgement.observer", "is none of"),
+        ("--free judgement.threshold_rad_s2", "none of predictive"),
+        (f"--free {MARGIN}=1", "key=low:high"),
+        (f"--free {MARGIN}=1:0", "must be a range around its value 0.01"),
+        (f"--free {MARGIN}=nan:1", "must be a range around its value 0.01"),
+        ("--interference-weight -1", "interference-weight"),
+        ("--objective best", "objective"),
+        ("--overwrite", "--overwrite without --out"),
+        ("--out tuned.txt", "ends with .toml"),
+        ("--out elsewhere/tuned.toml", "relative to its folder"),
+        ("--out sweep.toml", "already exists"),
     ):
-        monkeypatch.chdir(sweep.parent)
-        code, out, err = vttig("tune", sweep, *options)
-        assert (code, out) == (2, "") and words in err and err.count("\n") == 1
-
-
-def test_bad_files_are_one_sentence(vttig, sweep):
+        refused(2, words, "tune", sweep, *options.split())
     text = sweep.read_text()
     for old, new, words in (
         ('"predictive"', '"none"', "nothing to tune"),
@@ -94,5 +87,4 @@ def test_bad_files_are_one_sentence(vttig, sweep):
         ("pair.toml", "other.toml", "there is no file"),
     ):
         sweep.write_text(text.replace(old, new))
-        code, printed, err = vttig("tune", sweep)
-        assert (code, printed) == (3, "") and words in err and err.count("\n") == 1
+        refused(3, words, "tune", sweep)

@@ -1,38 +1,43 @@
 """`vttig verify`: an axis that stands where a known error puts it, with tables right and wrong."""
 
-import jsonschema
 import numpy as np
 import pytest
 
-from tests.cli.test_error_quantity import error_arcsec, fitted
-from tests.schemas import load_schema
+from tests.cli.known_error import error_arcsec, fitted
 
 SPEED_DEG_S, RATE_HZ = 180.0, 50.0
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """Drive 1 : 2, whose axis repeats after one turn; both flanks."""
-    return fitted(tmp_path_factory.mktemp("both") / "drive", error_arcsec, "--delay", "off")
+@pytest.fixture
+def exported(found, tmp_path):
+    """Function that exports the table of an axis: positions, and corrections by direction, °."""
+
+    def export(run, *options) -> np.ndarray:
+        out = tmp_path / "axis.json"
+        record = found("export", run, "--for", "json", "--out", out, "--overwrite", *options)
+        return np.array([record["positions_deg"], *record["corrections_deg"].values()])
+
+    return export
 
 
 @pytest.fixture
-def table(vttig_json, run, tmp_path):
-    """Positions and corrections forward and back, °."""
-    _, record = vttig_json("export", run, "--for", "json", "--out", tmp_path / "axis.json")
-    return np.array([record["positions_deg"], *record["corrections_deg"].values()])
+def table(exported, both):
+    return exported(both)
+
+
+@pytest.fixture
+def verified(found):
+    """Function that returns what `vttig verify` says of one log."""
+
+    def verify(run, log, *options) -> dict:
+        (one,) = found("verify", run, log, *options)["logs"]
+        return one
+
+    return verify
 
 
 def commanded(
-    path,
-    table,
-    noise_arcsec=1.0,
-    *,
-    zero_deg=0.0,
-    gain=0.5,
-    name="command_deg",
-    turn=0,
-    size=1.0,
+    path, table, noise_arcsec=1.0, *, zero_deg=0.0, gain=0.5, name="command_deg", turn=0, size=1.0
 ):
     """Write an axis that moves from 5° to 355° and back, as a control commands it with a table.
 
@@ -52,90 +57,74 @@ def commanded(
     added = np.where(sign > 0, *(np.interp(command, table[0], one) for one in table[1:]))
     driving_deg = (command + added - zero_deg + 360 * turn) / gain
     error = [error_arcsec(flank, np.radians(driving_deg)) for flank in "AB"]
-    error = size * np.where(sign * gain > 0, *error) + noise_arcsec * rng.standard_normal(
-        len(command)
-    )
-    driven = 0.5 * driving_deg + error / 3600 + 17.0
-    columns = {"time_s": moment, name: command, "driven_deg": driven}
-    rows = np.stack(list(columns.values()), axis=1)
-    np.savetxt(path, rows, "%.9f", ",", header=",".join(columns), comments="")
+    noise = noise_arcsec * rng.standard_normal(len(command))
+    error = size * np.where(sign * gain > 0, *error) + noise
+    rows = np.stack([moment, command, 0.5 * driving_deg + error / 3600 + 17.0], axis=1)
+    np.savetxt(path, rows, "%.9f", ",", header=f"time_s,{name},driven_deg", comments="")
     return path
 
 
 CHANGES = {
-    "right": (lambda table: table, {}),
-    "nothing_loaded": (lambda table: table * [[1], [0], [0]], {}),
-    "sign_reversed": (lambda table: table * [[1], [-1], [-1]], {}),
-    "directions_exchanged": (lambda table: table[[0, 2, 1]], {}),
-    "zero_shifted": (lambda table: table, {"zero_deg": 25.0}),
+    "right": (1, 1, 1),
+    "nothing_loaded": (1, 0, 0),
+    "sign_reversed": (1, -1, -1),
+    "directions_exchanged": None,
+    "zero_shifted": (1, 1, 1),
 }
+"""Name of a fault → factors of positions and of both corrections."""
+
+
+def changed(table: np.ndarray, name: str) -> np.ndarray:
+    factors = CHANGES[name]
+    return table[[0, 2, 1]] if factors is None else table * np.array(factors)[:, None]
 
 
 @pytest.mark.parametrize("name", CHANGES)
-def test_what_is_wrong_has_its_name(vttig, vttig_json, run, table, tmp_path, name):
-    change, more = CHANGES[name]
-    log = commanded(tmp_path / "log.csv", change(table), **more)
-    code, record = vttig_json("verify", run, log)
-    assert code == 0
-    jsonschema.validate(record, load_schema("vttig.verify/1"))
-    (found,) = record["logs"]
-    assert found["likely"] == name and found["not_excluded"] == []
-    if name == "zero_shifted":
-        assert found["value"] == pytest.approx(25.0, abs=0.5)
-        assert f"--axis-zero-deg {found['value']:.4f}" in found["sentence"]
-    forward = found["left_arcsec"]["forward"]
+def test_what_is_wrong_has_its_name(told, verified, both, table, tmp_path, name):
+    zero_deg = 25.0 if name == "zero_shifted" else 0.0
+    log = commanded(tmp_path / "log.csv", changed(table, name), zero_deg=zero_deg)
+    one = verified(both, log)
+    assert one["likely"] == name and one["not_excluded"] == []
+    forward = one["left_arcsec"]["forward"]
     assert forward["low95"] <= forward["rms"] <= forward["high95"]
-    whole = error_arcsec("A", np.linspace(0, 4 * np.pi, 1000)).std()
+    if name == "zero_shifted":
+        assert one["value"] == pytest.approx(25.0, abs=0.5)
+        assert f"--axis-zero-deg {one['value']:.4f}" in one["sentence"]
+    if name == "sign_reversed":
+        assert forward["rms"] > 1.5 * error_arcsec("A", np.linspace(0, 4 * np.pi, 1000)).std()
     if name == "right":
         assert forward["rms"] < 1.0 and forward["predicted95"][1] < 2.0
-    if name == "sign_reversed":
-        assert forward["rms"] > 1.5 * whole
-    if name == "right":
-        code, out, _ = vttig("verify", run, log)
-        assert code == 0 and found["sentence"] in out and "predicted" in out
+        out = told("verify", both, log)
+        assert one["sentence"] in out and "predicted" in out
 
 
-@pytest.mark.parametrize("name", ["nothing_loaded", "sign_reversed", "directions_exchanged"])
-def test_an_error_that_is_larger_today_hides_no_fault(vttig_json, run, table, tmp_path, name):
+@pytest.mark.parametrize("name", list(CHANGES)[:4])
+def test_an_error_that_is_larger_today_hides_no_fault(verified, both, table, tmp_path, name):
     """Another load adds a twentieth to the error: 60 times what the noise of the log is."""
-    log = commanded(tmp_path / "log.csv", CHANGES[name][0](table), size=1.05)
-    _, record = vttig_json("verify", run, log)
-    assert record["logs"][0]["likely"] == name
+    one = verified(both, commanded(tmp_path / "log.csv", changed(table, name), size=1.05))
+    assert one["likely"] == ("changed" if name == "right" else name)
+    assert name != "right" or one["left_arcsec"]["forward"]["rms"] < 3
 
 
-def test_an_axis_that_has_changed_since_its_log(vttig_json, run, table, tmp_path):
-    log = commanded(tmp_path / "log.csv", table, size=1.05)
-    _, record = vttig_json("verify", run, log)
-    jsonschema.validate(record, load_schema("vttig.verify/1"))
-    (found,) = record["logs"]
-    assert found["likely"] == "changed" and found["left_arcsec"]["forward"]["rms"] < 3
-
-
-def test_a_log_that_goes_beyond_the_table(vttig, vttig_json, run, tmp_path):
+def test_a_log_that_goes_beyond_the_table(told, found, exported, both, tmp_path):
     """The control holds the ends of the table, and verify predicts what is left there."""
     travel = ("--travel", "60", "300")
-    _, record = vttig_json("export", run, "--for", "json", "--out", tmp_path / "a.json", *travel)
-    table = np.array([record["positions_deg"], *record["corrections_deg"].values()])
-    log = commanded(tmp_path / "log.csv", table)
-    _, record = vttig_json("verify", run, log, *travel)
+    log = commanded(tmp_path / "log.csv", exported(both, *travel))
+    record = found("verify", both, log, *travel)
     assert record["table_deg"] == pytest.approx([60, 300], abs=1e-4)
-    (found,) = record["logs"]
-    assert found["likely"] == "right" and found["travel_deg"] == pytest.approx([5, 355], abs=15)
-    assert found["left_arcsec"]["forward"]["low95"] > 3
-    _, out, _ = vttig("verify", run, log, *travel)
-    assert "beyond the table" in out
+    (one,) = record["logs"]
+    assert one["likely"] == "right" and one["travel_deg"] == pytest.approx([5, 355], abs=15)
+    assert one["left_arcsec"]["forward"]["low95"] > 3
+    assert "beyond the table" in told("verify", both, log, *travel)
 
 
 @pytest.mark.parametrize("places", [30, 85, 128])
-def test_another_table_does_not_work_as_predicted(vttig_json, run, table, tmp_path, places):
+def test_another_table_does_not_work_as_predicted(verified, both, table, tmp_path, places):
     """A table that was exported with another zero stands where the log has the right one."""
     other = np.vstack([table[:1], np.roll(table[1:, :-1], places, axis=1)[:, [*range(255), 0]]])
-    log = commanded(tmp_path / "log.csv", other)
-    _, record = vttig_json("verify", run, log)
-    jsonschema.validate(record, load_schema("vttig.verify/1"))
-    (found,) = record["logs"]
-    forward = found["left_arcsec"]["forward"]
-    assert forward["low95"] > forward["predicted95"][1] and found["likely"] == "unexplained"
+    one = verified(both, commanded(tmp_path / "log.csv", other))
+    forward = one["left_arcsec"]["forward"]
+    assert forward["low95"] > forward["predicted95"][1] and one["likely"] == "unexplained"
 
 
 AXES = [
@@ -146,69 +135,52 @@ AXES = [
 
 
 @pytest.mark.parametrize(("options", "axis"), AXES)
-def test_any_axis(vttig_json, run, tmp_path, options, axis):
-    out, log = tmp_path / "axis.json", tmp_path / "log.csv"
-    _, record = vttig_json("export", run, "--for", "json", "--out", out, *options)
-    table = np.array([record["positions_deg"], *record["corrections_deg"].values()])
-    _, record = vttig_json("verify", run, commanded(log, table, **axis), *options)
-    assert record["logs"][0]["likely"] == "right"
-    commanded(log, table * [[1], [-1], [-1]], **axis)
-    _, record = vttig_json("verify", run, log, *options)
-    assert record["logs"][0]["likely"] == "sign_reversed"
+def test_any_axis(verified, exported, both, tmp_path, options, axis):
+    table, log = exported(both, *options), tmp_path / "log.csv"
+    for name in ("right", "sign_reversed"):
+        commanded(log, changed(table, name), **axis)
+        assert verified(both, log, *options)["likely"] == name
     if "--travel" in options:
         commanded(log, table, turn=1, **axis)
-        _, record = vttig_json("verify", run, log, *options)
-        assert record["logs"][0]["likely"] == "another_turn" and record["logs"][0]["value"] == 1
+        one = verified(both, log, *options)
+        assert one["likely"] == "another_turn" and one["value"] == 1
 
 
-def test_an_axis_that_counts_against_its_command(vttig, run, table, tmp_path):
-    """Exported as it is and verified as reversed, or the other way round."""
-    log = commanded(tmp_path / "log.csv", table)
-    code, out, err = vttig("verify", run, log, "--reversed")
-    assert (code, out) == (2, "") and err.count("\n") == 1
-    assert "command" in err and "--reversed" in err and "--invert" not in err
-
-
-def test_one_direction(vttig_json, tmp_path):
+def test_one_direction(verified, exported, tmp_path):
     """The run knows the way forward alone, and so does what it says of a log of both."""
     run = fitted(tmp_path / "drive", error_arcsec, "--delay", "off", "--flank", "A")
-    _, record = vttig_json("export", run, "--for", "json", "--out", tmp_path / "axis.json")
-    added = record["corrections_deg"]["forward"]
-    log = commanded(tmp_path / "log.csv", np.array([record["positions_deg"], added, added]))
-    _, record = vttig_json("verify", run, log)
-    (found,) = record["logs"]
-    assert found["likely"] == "right" and list(found["left_arcsec"]) == ["forward"]
+    log = commanded(tmp_path / "log.csv", exported(run)[[0, 1, 1]])
+    one = verified(run, log)
+    assert one["likely"] == "right" and list(one["left_arcsec"]) == ["forward"]
 
 
-def test_before_and_after(vttig_json, run, table, tmp_path):
-    bare = table * [[1], [0], [0]]
+def test_before_and_after(found, both, table, tmp_path):
+    bare = changed(table, "nothing_loaded")
     logs = [commanded(tmp_path / f"{k}.csv", one) for k, one in enumerate((bare, table))]
-    _, record = vttig_json("verify", run, *logs)
-    assert {one["outcome"] for one in record["change"].values()} == {"better"}
-    _, record = vttig_json("verify", run, *logs[::-1])
-    assert {one["outcome"] for one in record["change"].values()} == {"worse"}
-    _, same = vttig_json("verify", run, logs[1], logs[1])
-    assert {one["outcome"] for one in same["change"].values()} == {"open"}
+    for two, outcome in ((logs, "better"), (logs[::-1], "worse"), ([logs[1]] * 2, "open")):
+        change = found("verify", both, *two)["change"]
+        assert {one["outcome"] for one in change.values()} == {outcome}
     # A log with as much noise as error tells nothing, and says how much longer it has to be.
     loud = [commanded(tmp_path / f"loud{k}.csv", one, 600.0) for k, one in enumerate((bare, table))]
-    _, record = vttig_json("verify", run, *loud)
+    record = found("verify", both, *loud)
     assert record["logs"][0]["not_excluded"]
     for one in record["change"].values():
         assert one["outcome"] == "open" and one["needed_s"] > record["logs"][1]["span_s"]
 
 
 @pytest.mark.portable
-def test_two_encoders_alone_do_not_see_a_compensation(vttig, run):
-    code, out, err = vttig("verify", run, run.parent / "log.csv")
-    assert (code, out) == (4, "") and err.count("\n") == 1 and "--column command=" in err
-
-
-def test_the_column_and_the_unit_of_the_command_are_stated(vttig, vttig_json, run, table, tmp_path):
+def test_refusals(refused, vttig, verified, both, table, tmp_path):
+    # Two encoders alone do not see a compensation.
+    refused(4, "--column command=", "verify", both, both.parent / "log.csv")
+    # Exported as it is and verified as reversed, or the other way round.
+    log = commanded(tmp_path / "log.csv", table)
+    said = refused(2, "command", "verify", both, log, "--reversed")
+    assert "--reversed" in said and "--invert" not in said
+    assert vttig("verify", both, log, log, log)[0] == 2
+    # The column and the unit of the command are stated.
     log = commanded(tmp_path / "log.csv", table, name="joint.0.pos-cmd")
-    assert vttig("verify", run, log)[0] == 4
-    code, _, err = vttig("verify", run, log, "--column", "command=joint.0.pos-cmd")
-    assert code == 3 and "unit" in err
-    log = commanded(tmp_path / "other.csv", table, name="joint.0.pos-cmd [deg]")
-    code, record = vttig_json("verify", run, log, "--column", "command=joint.0.pos-cmd [deg]")
-    assert code == 0 and record["logs"][0]["likely"] == "right"
-    assert vttig("verify", run, log, log, log)[0] == 2
+    assert vttig("verify", both, log)[0] == 4
+    refused(3, "unit", "verify", both, log, "--column", "command=joint.0.pos-cmd")
+    log = commanded(tmp_path / "log.csv", table, name="joint.0.pos-cmd [deg]")
+    one = verified(both, log, "--column", "command=joint.0.pos-cmd [deg]")
+    assert one["likely"] == "right"

@@ -7,6 +7,7 @@ import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,8 @@ FEW = {"motion.reversal_deg": [200.0, 250.0, 300.0, 360.0]}
 """As many lanes as the sweeps of `test_sweep.py` have, so that the compiled programs are shared."""
 
 SMALL = 4
+QUIET: dict[str, Any] = {"dashboard_address": None, "silence_logs": 50}
+LOCAL: dict[str, Any] = {"protocol": "tcp://", "host": "127.0.0.1", **QUIET}
 
 
 @pytest.mark.slow
@@ -37,9 +40,7 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
     expected = vttig_jax.sweep(spec, PAIR)
     root = str(Path(__file__).parents[2])
     monkeypatch.setenv("PYTHONPATH", root)
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **QUIET) as cluster:
         with distributed.Client(cluster, set_as_default=False) as client:
             client.register_worker_callbacks(partial(small_blocks, SMALL))
             victim = next(iter(client.run(os.getpid).values()))
@@ -63,16 +64,12 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
     assert table.lane_steps == expected.lane_steps and table.devices == 2
 
 
-def test_no_scheduler_is_said(monkeypatch):
+def test_no_scheduler_and_no_extra_are_said(monkeypatch):
     monkeypatch.setattr(sweep_dask, "_WAIT_S", 0.5)
-    with pytest.raises(InputError, match="no scheduler answers") as caught:
-        vttig_jax.sweep(sweep_spec(FEW), PAIR, dask="tcp://127.0.0.1:9")
-    assert caught.value.where == "tcp://127.0.0.1:9"
-    with pytest.raises(InputError, match="no scheduler answers"):
-        vttig_jax.sweep(sweep_spec(FEW), PAIR, dask="nonsense://1")
-
-
-def test_without_the_extra(monkeypatch):
+    for address in ("tcp://127.0.0.1:9", "nonsense://1"):
+        with pytest.raises(InputError, match="no scheduler answers") as caught:
+            vttig_jax.sweep(sweep_spec(FEW), PAIR, dask=address)
+        assert caught.value.where == address
     monkeypatch.setattr(sweep_dask, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install vttig-jax\[dask\]"):
         vttig_jax.sweep(sweep_spec(FEW), PAIR, dask="tcp://127.0.0.1:9")
@@ -88,14 +85,7 @@ def test_a_lost_scheduler_is_said(monkeypatch):
     monkeypatch.setattr(sweeps, "_block", _nothing)
     monkeypatch.setattr(distributed, "as_completed", lambda *_, **__: iter([(lost, None)]))
     with (
-        distributed.LocalCluster(
-            n_workers=1,
-            processes=False,
-            protocol="tcp://",
-            host="127.0.0.1",
-            dashboard_address=None,
-            silence_logs=50,
-        ) as cluster,
+        distributed.LocalCluster(n_workers=1, processes=False, **LOCAL) as cluster,
         pytest.raises(InputError, match="the scheduler was lost") as caught,
     ):
         vttig_jax.sweep(sweep_spec(FEW), PAIR, dask=cluster.scheduler_address)

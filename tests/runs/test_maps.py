@@ -43,14 +43,11 @@ def model(quick_fit: Fit) -> Any:
 def write_map(path: Path, model: Any, degrees: np.ndarray, *columns: str) -> Path:
     """A CSV of these columns in degrees."""
     angle = np.radians(degrees)
-    values = {"driving_deg": degrees, "backlash_deg": np.degrees(model.backlash(angle))}
-    values |= {
-        f"te_{flank.lower()}_deg": np.degrees(model.transmission_error(angle, flank))
-        for flank in "AB"
-    }
-    table = np.stack([values[name] for name in ("driving_deg", *columns)], axis=1)
-    header = ",".join(("driving_deg", *columns))
-    np.savetxt(path, table, "%.15g", ",", header=header, comments="")
+    values = {"driving_deg": angle, "backlash_deg": model.backlash(angle)}
+    values |= {f"te_{f.lower()}_deg": model.transmission_error(angle, f) for f in "AB"}
+    names = ("driving_deg", *columns)
+    table = np.degrees(np.stack([values[name] for name in names], axis=1))
+    np.savetxt(path, table, "%.15g", ",", header=",".join(names), comments="")
     return path
 
 
@@ -61,9 +58,9 @@ BOTH = ("te_a_deg", "te_b_deg", "backlash_deg")
 def assert_flanks(run: Any, model: Any, atol: float) -> None:
     """The plant of a run has the flanks of the model."""
     flanks = run.case.bounds.at(ANGLES)
-    for flank, found in (("A", flanks.lower), ("B", flanks.upper)):
+    for flank, seen in (("A", flanks.lower), ("B", flanks.upper)):
         known = model.transmission_error(ANGLES, flank)
-        np.testing.assert_allclose(found, known, rtol=0, atol=atol)
+        np.testing.assert_allclose(seen, known, rtol=0, atol=atol)
 
 
 def test_a_run_folder_a_fit_and_a_map_are_the_same_flanks(run_folder, quick_fit, model):
@@ -112,34 +109,26 @@ def test_the_controller_has_a_map_of_its_own(tmp_path, model):
 OTHER_GEARS = GearPair(
     Gear(44, 3.0, 3.0), Gear(80, 3.0, 3.0), module_mm=2.0, pressure_angles_deg=20.0
 )
-CSV = "driving_deg,te_a_deg,te_b_deg\n"
-FILES: dict[str, str] = {
-    "columns": "driving_deg,gap\n0,1\n1,1\n2,1\n3,1\n",
-    "rows": CSV + "0,0,1\n1,0,1\n",
-    "cells": CSV + "0,0,1\n1,,1\n2,0,1\n3,0,1\n",
-    "steps": CSV + "0,0,1\n1,0,1\n2,0,1\n4,0,1\n",
-    "short": CSV + "".join(f"{angle},0,1\n" for angle in range(-90, 200)),
-    "empty": "",
-    "arcsec": CSV + "".join(f"{angle},0,{100 + angle}\n" for angle in range(-90, 400)),
-    "crossing": CSV + "".join(f"{angle},0,{0.1 - 0.001 * angle}\n" for angle in range(-90, 400)),
-}
 
 
 def test_what_is_no_map_is_one_sentence(tmp_path):
-    for name, words in (
-        ("missing", "no map can be read here"),
-        ("columns", "but this file has driving_deg, gap"),
-        ("rows", "here are 2 rows"),
-        ("cells", "empty cells"),
-        ("steps", "even, rising steps"),
-        ("short", "covers -90.00° … 199.00°"),
-        ("empty", "no map can be read here"),
-        ("arcsec", "more than 90° apart"),
-        ("crossing", "before flank A"),
+    def te(rows) -> str:
+        return "driving_deg,te_a_deg,te_b_deg\n" + "".join(f"{a},0,{b}\n" for a, b in rows)
+
+    path, whole = tmp_path / "map.csv", range(-90, 400)
+    for text, words in (
+        (None, "no map can be read here"),
+        ("", "no map can be read here"),
+        ("driving_deg,gap\n0,1\n1,1\n2,1\n3,1\n", "but this file has driving_deg, gap"),
+        (te([(0, 1), (1, 1)]), "here are 2 rows"),
+        (te([(0, 1), (1, ""), (2, 1), (3, 1)]), "empty cells"),
+        (te([(0, 1), (1, 1), (2, 1), (4, 1)]), "even, rising steps"),
+        (te((angle, 1) for angle in range(-90, 200)), "covers -90.00° … 199.00°"),
+        (te((angle, 100 + angle) for angle in whole), "more than 90° apart"),
+        (te((angle, 0.1 - 0.001 * angle) for angle in whole), "before flank A"),
     ):
-        path = tmp_path / f"{name}.csv"
-        if name in FILES:
-            path.write_text(FILES[name])
+        if text is not None:
+            path.write_text(text)
         with pytest.raises(ScenarioError, match=words) as caught:
             simulated(path)
         assert "\n" not in str(caught.value) and "map" in str(caught.value)
@@ -155,36 +144,29 @@ def test_the_controller_may_believe_another_constant(model):
     ]
     more = left[1]["residual_gap_deg"] - left[0]["residual_gap_deg"]
     assert more == pytest.approx(0.003, abs=1e-5)
-    with pytest.raises(ScenarioError, match="eccentricities of"):
-        vttig_jax.simulate(scenario | {"map": {"driving_mm": 0.1}}, PAIR, plant_map=model)
 
 
-def test_a_constant_of_a_run_needs_a_run():
+def test_maps_that_do_not_belong_to_the_scenario(run_folder, model):
     rig = dict.fromkeys(("driving_mm", "driving_phase_deg", "driven_mm"), 0.0)
     rig |= {"driven_phase_deg": 0.0, "constant_backlash_deg": 0.04}
-    with pytest.raises(ScenarioError, match="none is named"):
-        vttig_jax.simulate({"pair": "p", "eccentricities": rig, "constant_backlash_deg": 0.1}, PAIR)
+    predictive = {"motion": MOTION, "controller": "predictive"}
+    stated = {"pair": "p", "eccentricities": rig, "constant_backlash_deg": 0.1}
+    drawn = {"rig": {"from": str(run_folder)}, "motion": MOTION, "sweep": {"seed": [0, 1]}}
 
-
-def test_flanks_in_the_wrong_order_are_refused_for_the_controller_too(model):
     def swapped(angle, flank):
         return model.transmission_error(angle, "A" if flank == "B" else "B")
 
-    scenario = {"motion": MOTION, "controller": "predictive"}
-    with pytest.raises(ScenarioError, match="on the average"):
-        vttig_jax.simulate(scenario, PAIR, plant_map=model, controller_map=swapped)
-
-
-def test_the_map_of_other_gears_is_refused(run_folder):
-    with pytest.raises(ScenarioError, match="not the gears of the run") as caught:
-        simulated(run_folder, OTHER_GEARS)
-    assert "teeth 44/80 here, 45/80 there" in str(caught.value)
-
-
-def test_a_sweep_needs_draws(run_folder):
-    table = {"rig": {"from": str(run_folder)}, "motion": MOTION, "sweep": {"seed": [0, 1]}}
-    with pytest.raises(ScenarioError, match="vttig sample"):
-        vttig_jax.sweep(table)
+    maps: Any = {"plant_map": model, "controller_map": swapped}
+    own = predictive | {"map": {"driving_mm": 0.1}}
+    for words, run in (
+        ("eccentricities of", lambda: vttig_jax.simulate(own, PAIR, plant_map=model)),
+        ("none is named", lambda: vttig_jax.simulate(stated, PAIR)),
+        ("on the average", lambda: vttig_jax.simulate(predictive, PAIR, **maps)),
+        ("teeth 44/80 here, 45/80 there", lambda: simulated(run_folder, OTHER_GEARS)),
+        ("vttig sample", lambda: vttig_jax.sweep(drawn)),
+    ):
+        with pytest.raises(ScenarioError, match=words):
+            run()
 
 
 @pytest.fixture(scope="module")

@@ -48,24 +48,18 @@ def test_every_block_is_done_once_in_another_process():
     assert os.getpid() not in {rows["process"] for rows in found.values()} and steps == [3] * 4
 
 
-def test_an_error_in_a_block_reaches_the_caller():
-    with pytest.raises(ValueError, match=r"block \d of 7"):
-        run(failing, 7)
-    assert not multiprocessing.active_children()
-
-
-def test_a_process_that_is_killed_is_an_error_with_a_cure():
-    with pytest.raises(InputError, match="fewer --jobs, and continue with --resume"):
-        run(killed, None)
-
-
-def test_an_interrupt_ends_the_processes():
+def test_an_error_an_interrupt_and_a_kill_end_the_processes():
     def interrupt(steps):
         raise KeyboardInterrupt
 
+    with pytest.raises(ValueError, match=r"block \d of 7"):
+        run(failing, 7)
+    assert not multiprocessing.active_children()
     with pytest.raises(KeyboardInterrupt):
         run(squared, 1, progress=interrupt)
     assert not multiprocessing.active_children()
+    with pytest.raises(InputError, match="fewer --jobs, and continue with --resume"):
+        run(killed, None)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system kills in another way")

@@ -42,38 +42,36 @@ def saved(made, tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_fit_comes_back(made, saved):
+def same(folder: Path, other: Any) -> bool:
+    """Whether the fit in a folder is another one."""
+    return open_run(folder).fit.to_json() == json.loads(json.dumps(other.to_json()))
+
+
+def test_a_fit_comes_back(made, saved, tmp_path, capsys):
     run = open_run(saved)
-    assert run.fit.to_json() == json.loads(json.dumps(made.to_json()))
-    assert run.fit.request == made.request
+    assert same(saved, made) and run.fit.request == made.request
     assert run.pair.ratio == made.pair.ratio and run.pair.fit == made.request.orders
     assert list(run.logs.values()) == [made.sha256]
     assert (saved / "figures" / "te_fit.png").exists()
     np.testing.assert_array_equal(run.fit.covariance, made.covariance)
-
-
-def test_the_command_line_repeats_a_fit_of_python(made, saved, capsys):
+    text = str(Run(saved))
+    assert "fit" in text and "lines = report" in text and "delay = 0.001" in text
+    # The command line repeats it, and it is saved elsewhere.
     assert main(["fit", "--run", str(saved / "run.toml"), "--json"]) == 0
     repeated = json.loads(capsys.readouterr().out)
     assert repeated["parameters"] == json.loads(json.dumps(made.to_json()))["parameters"]
-
-
-def test_an_opened_run_is_saved_elsewhere(saved, tmp_path):
-    open_run(saved).fit.save(tmp_path / "copy", figures=False)
+    run.fit.save(tmp_path / "copy", figures=False)
     assert (tmp_path / "copy/fit.json").read_bytes() == (saved / "fit.json").read_bytes()
     assert not (tmp_path / "copy/figures").exists()
 
 
-def test_a_result_is_not_replaced_unasked(made, saved):
+def test_a_result_is_not_replaced_unasked(made, saved, tmp_path):
     before = (saved / "fit.json").read_bytes()
     with pytest.raises(UsageError, match="overwrite=True"):
         made.save(saved)
     assert (saved / "fit.json").read_bytes() == before
     made.save(saved, overwrite=True)
-
-
-def test_a_fit_without_its_options_says_where_they_are(made, saved, tmp_path):
-    bare = vttig_jax.read_fit(saved, made.pair)
+    bare = vttig_jax.read_fit(saved, made.pair)  # a fit without its options
     with pytest.raises(UsageError, match="open_run"):
         bare.save(tmp_path / "other")
 
@@ -88,32 +86,32 @@ def test_arrays_are_saved_and_not_repeated(tmp_path, capsys, quick_fit):
 
 
 @pytest.mark.slow
-def test_draws_are_saved_and_resumed(tmp_path, capsys, quick_fit):
+def test_draws_are_saved_and_resumed(tmp_path, quick_fit):
+    folder = tmp_path / "run"
     posterior = vttig_jax.sample(quick_fit, steps=40, seed=3)
-    posterior.save(tmp_path / "run", figures=False)
+    posterior.save(folder, figures=False)
     with pytest.raises(UsageError, match="exists"):
-        posterior.save(tmp_path / "run", figures=False)
-    run = open_run(tmp_path / "run")
+        posterior.save(folder, figures=False)
+    run = open_run(folder)
     np.testing.assert_array_equal(run.posterior.chains.draws, posterior.chains.draws)
     # The file has one half of the matrices of a log; the halves differ in the last digit.
     np.testing.assert_allclose(run.posterior.draws, posterior.draws, rtol=1e-9, atol=1e-12)
     assert "draws" in str(run) and "draws" in run._repr_html_()
     assert isinstance(run.map, BandedMap)
-    call = ["sample", "--out", str(tmp_path / "run"), "--resume", "--steps", "80", "--no-figures"]
-    assert main([*call, "--json"]) == 5
-    resumed = open_run(tmp_path / "run").posterior
+    call = ["sample", "--out", str(folder), "--resume", "--steps", "80", "--no-figures"]
+    assert main(call) == 5
     straight = vttig_jax.sample(quick_fit, steps=80, seed=3)
-    np.testing.assert_allclose(resumed.draws, straight.draws, rtol=1e-9, atol=1e-12)
-    capsys.readouterr()
+    resumed = open_run(folder).posterior.draws
+    np.testing.assert_allclose(resumed, straight.draws, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.slow
 def test_draws_that_were_continued_in_their_folder_are_reported_anew(tmp_path, quick_fit):
     folder = tmp_path / "run"
-    vttig_jax.sample(quick_fit, steps=40, seed=3).save(folder)
     place, report = folder / "posterior.h5", folder / "posterior.json"
-    longer = vttig_jax.sample(quick_fit, steps=80, seed=3, checkpoint=place, resume=True)
+    vttig_jax.sample(quick_fit, steps=40, seed=3).save(folder)
     assert json.loads(report.read_text())["diagnosis"]["steps"] == 40
+    longer = vttig_jax.sample(quick_fit, steps=80, seed=3, checkpoint=place, resume=True)
     longer.save(folder, figures=False)
     record = json.loads(report.read_text())
     assert record["diagnosis"]["steps"] == 80
@@ -130,25 +128,25 @@ def test_draws_that_were_continued_in_their_folder_are_reported_anew(tmp_path, q
 
 
 @pytest.mark.slow
-def test_the_draws_of_another_fit_do_not_join(tmp_path, made, quick_fit):
-    made.save(tmp_path / "run", figures=False)
-    posterior = vttig_jax.sample(quick_fit, steps=40)
-    with pytest.raises(UsageError, match="another fit"):
-        posterior.save(tmp_path / "run")
+def test_the_draws_of_another_fit_do_not_join(tmp_path, made, quick_fit, quick_rig):
+    """Neither those of another log, nor those of other settings."""
+    other = fit(quick_rig.log(0), quick_rig.pair, delay="off", lines="report")
+    for name, kept, sampled in (("log", made, quick_fit), ("settings", quick_fit, other)):
+        kept.save(tmp_path / name, figures=False)
+        with pytest.raises(UsageError, match="another fit"):
+            vttig_jax.sample(sampled, steps=40).save(tmp_path / name)
+        assert not (tmp_path / name / "posterior.h5").exists()
 
 
-def test_missing_parts_name_the_command_that_makes_them(tmp_path, saved):
-    with pytest.raises(UsageError, match="vttig fit LOG"):
-        open_run(tmp_path / "nothing")
-    with pytest.raises(UsageError, match="neither"):
-        open_run(tmp_path)
-    with pytest.raises(UsageError, match="vttig sample"):
-        _ = open_run(saved).posterior
-    with pytest.raises(UsageError, match="vttig sweep"):
-        _ = open_run(saved).sweep
-
-
-def test_a_damaged_sweep_is_told(tmp_path):
+def test_missing_and_damaged_parts_name_the_command_that_makes_them(tmp_path, saved):
+    for words, read in (
+        ("vttig fit LOG", lambda: open_run(tmp_path / "nothing")),
+        ("neither", lambda: open_run(tmp_path)),
+        ("vttig sample", lambda: open_run(saved).posterior),
+        ("vttig sweep", lambda: open_run(saved).sweep),
+    ):
+        with pytest.raises(UsageError, match=words):
+            read()
     (tmp_path / "sweep.parquet").write_bytes(b"no table")
     (tmp_path / "sweep.json").write_text("{}")
     with pytest.raises(InputError, match="damaged"):
@@ -163,12 +161,7 @@ def test_a_gear_pair_comes_back_from_its_file(pair):
     assert again.fit == pair.fit and again.driving.encoder == pair.driving.encoder
 
 
-def test_the_text_of_a_run_says_what_it_holds(saved):
-    text = str(Run(saved))
-    assert "fit" in text and "lines = report" in text and "delay = 0.001" in text
-
-
-def test_a_log_is_found_after_a_change_of_folder(tmp_path, monkeypatch, capsys):
+def test_a_log_is_found_after_a_change_of_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "below").mkdir()
     pair = load_pair(write_pair(tmp_path / "pair.toml"))
@@ -177,17 +170,6 @@ def test_a_log_is_found_after_a_change_of_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path / "below")
     fit(log, pair).save("run", figures=False)
     assert main(["fit", "--run", "run", "--quiet"]) == 0
-    capsys.readouterr()
-
-
-@pytest.mark.slow
-def test_the_draws_of_other_settings_do_not_join(tmp_path, quick_fit, quick_rig):
-    quick_fit.save(tmp_path / "run", figures=False)
-    other = fit(quick_rig.log(0), quick_rig.pair, delay="off", lines="report")
-    posterior = vttig_jax.sample(other, steps=40)
-    with pytest.raises(UsageError, match="another fit"):
-        posterior.save(tmp_path / "run")
-    assert not (tmp_path / "run" / "posterior.h5").exists()
 
 
 def test_a_log_counts_once_and_belongs_to_its_pair(quick_rig):
@@ -199,12 +181,10 @@ def test_a_log_counts_once_and_belongs_to_its_pair(quick_rig):
         fit(log, drive)
 
 
-def test_scalars_of_numpy_are_numbers():
+def test_what_python_sees(quick_fit):
+    """Scalars of numpy are numbers, and a figure is shown in windows and notebooks."""
     values: dict[str, Any] = {"delay": np.float64(0.003), "same_zero": np.True_}
     assert FitSettings(**values) == FitSettings(delay=0.003, same_zero=True)
-
-
-def test_a_figure_has_a_window_when_it_is_shown_and_a_picture_in_notebooks(quick_fit):
     figure = quick_fit.plot()
     assert figure._repr_png_().startswith(b"\x89PNG")
     assert figure.canvas.manager is None
@@ -213,15 +193,9 @@ def test_a_figure_has_a_window_when_it_is_shown_and_a_picture_in_notebooks(quick
     assert quick_fit._repr_html_().startswith("<pre>")
 
 
-def test_rooms_are_found_from_the_front_door():
-    assert vttig_jax.geometry.tooth_of is not None
-    with pytest.raises(AttributeError):
-        _ = vttig_jax.cellar  # pyright: ignore[reportAttributeAccessIssue]
-
-
 @pytest.fixture(scope="module")
-def other(made, tmp_path_factory) -> Path:
-    """A fit of the same log with other settings."""
+def other(tmp_path_factory) -> Path:
+    """A fit of another log with other settings."""
     folder = tmp_path_factory.mktemp("other")
     pair = load_pair(write_pair(folder / "pair.toml"))
     log = read_log(write_drive(folder / "log.csv", seed=1), pair)
@@ -240,49 +214,46 @@ def test_files_of_different_runs_are_refused(saved, other, tmp_path, part, capsy
     assert not (tmp_path / "c.h").exists()
 
 
+def arrays_of(folder: Path) -> dict[str, np.ndarray]:
+    with np.load(folder / "summary.npz") as archive:
+        return dict(archive)
+
+
+def write_arrays(folder: Path, arrays: dict[str, np.ndarray]) -> None:
+    np.savez(folder / "summary.npz", allow_pickle=False, **arrays)
+
+
 def test_arrays_that_were_changed_are_refused(saved, tmp_path, capsys):
+    folder, arrays = shutil.copytree(saved, tmp_path / "changed"), arrays_of(saved)
+    write_arrays(folder, arrays)
+    assert same(folder, open_run(saved).fit)
     for name in ("offset", "values", "compressed_windows"):
-        for change in (lambda array: array[:0], lambda array: array * 1.0000001):
-            changed = shutil.copytree(saved, tmp_path / "changed", dirs_exist_ok=True)
-            with np.load(saved / "summary.npz") as archive:
-                arrays = dict(archive)
-            np.savez(changed / "summary.npz", allow_pickle=False, **arrays)
-            assert open_run(changed).fit.to_json() == open_run(saved).fit.to_json()
-            arrays[name] = change(arrays[name])
-            np.savez(changed / "summary.npz", allow_pickle=False, **arrays)
-            assert main(["map", str(changed)]) == 3
+        for changed in (arrays[name][:0], arrays[name] * 1.0000001):
+            write_arrays(folder, arrays | {name: changed})
+            assert main(["map", str(folder)]) == 3
             assert "holds other arrays than the fit" in capsys.readouterr().err
-
-
-def test_shapes_that_do_not_fit_are_refused_without_a_digest(saved, tmp_path, capsys):
-    changed = shutil.copytree(saved, tmp_path / "changed")
-    record = json.loads((changed / "fit.json").read_text())
+    # Without a digest, shapes that do not fit are refused.
+    record = json.loads((folder / "fit.json").read_text())
     del record["arrays"]
-    (changed / "fit.json").write_text(json.dumps(record))
-    with np.load(saved / "summary.npz") as archive:
-        arrays = dict(archive)
-    arrays["offset"] = arrays["offset"][:0]
-    np.savez(changed / "summary.npz", allow_pickle=False, **arrays)
-    assert main(["map", str(changed)]) == 3
+    (folder / "fit.json").write_text(json.dumps(record))
+    write_arrays(folder, arrays | {"offset": arrays["offset"][:0]})
+    assert main(["map", str(folder)]) == 3
     assert "`offset` has the shape (0,)" in capsys.readouterr().err
 
 
 def test_a_folder_of_an_older_version_is_read(saved, tmp_path):
     """Its files carry no digest; a new file among them is refused."""
-    folder = shutil.copytree(saved, tmp_path / "old")
+    folder, arrays = shutil.copytree(saved, tmp_path / "old"), arrays_of(saved)
     for name in ("fit.json", "run.toml"):
         lines = (folder / name).read_text().splitlines(keepends=True)
-        (folder / name).write_text("".join(line for line in lines if not _names_run(line)))
-    with np.load(folder / "summary.npz") as archive:
-        arrays = {name: archive[name] for name in archive if name != "run"}
+        digests = ('"run":', '"arrays":', "run =")
+        kept = [line for line in lines if not line.lstrip().startswith(digests)]
+        (folder / name).write_text("".join(kept))
     with pytest.raises(InputError, match="belong to different runs"):
         _ = open_run(folder).fit
-    np.savez(folder / "summary.npz", allow_pickle=False, **arrays)
-    assert open_run(folder).fit.to_json() == open_run(saved).fit.to_json()
-
-
-def _names_run(line: str) -> bool:
-    return line.lstrip().startswith(('"run":', '"arrays":', "run ="))
+    del arrays["run"]
+    write_arrays(folder, arrays)
+    assert same(folder, open_run(saved).fit)
 
 
 def test_a_killed_overwrite_is_old_or_new_for_every_reader(saved, other, tmp_path):
@@ -299,7 +270,7 @@ def test_a_killed_overwrite_is_old_or_new_for_every_reader(saved, other, tmp_pat
         expected = new if is_new else old
         assert run.fit.to_json() == expected.to_json()
         np.testing.assert_array_equal(run.fit.covariance, expected.covariance)
-        assert run.record.options.settings.delay == ("off" if expected is old else SETTINGS.delay)
+        assert run.record.options.settings.delay == (SETTINGS.delay if is_new else "off")
         assert (state / "map.csv").exists() != is_new
         assert not any(path.name.startswith(".new") for path in state.iterdir())
         seen.append(is_new)

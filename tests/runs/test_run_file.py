@@ -1,6 +1,7 @@
 """`run.toml` there and back, the older form, and damaged ones."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 import tomli_w
@@ -49,72 +50,79 @@ def run(tmp_path) -> RunRecord:
     )
 
 
-def write(tmp_path, table):
+@pytest.fixture
+def write(tmp_path):
+    """Function that writes a table as the `run.toml` of a folder."""
     folder = tmp_path / "run"
-    folder.mkdir(exist_ok=True)
-    (folder / "run.toml").write_text(tomli_w.dumps(table))
-    return folder
+    folder.mkdir()
+
+    def write(table) -> Path:
+        (folder / "run.toml").write_text(tomli_w.dumps(table))
+        return folder
+
+    return write
 
 
-def test_there_and_back(run, tmp_path, monkeypatch):
-    folder = write(tmp_path, run.table(tmp_path / "run"))
-    assert tomllib.loads((folder / "run.toml").read_text())["data"]["logs"] == [
-        "../0.csv",
-        "../1.csv",
-    ]
+def test_there_and_back(run, write, tmp_path, monkeypatch):
+    folder = write(run.table(tmp_path / "run"))
+    table = tomllib.loads((folder / "run.toml").read_text())
+    assert table["data"]["logs"] == ["../0.csv", "../1.csv"]
     assert read_run(folder) == read_run(folder / "run.toml") == run
     require_same_data(read_run(folder))
     monkeypatch.chdir(tmp_path)
     assert [str(log) for log in read_run(folder).logs] == ["0.csv", "1.csv"]
 
 
-def test_every_option_comes_back(run, tmp_path):
-    full = RunRecord(run.logs, run.spec, OPTIONS, run.sha256)
-    folder = tmp_path / "run"
-    table = full.table(folder)
-    assert read_run(write(tmp_path, table)).options.table() == table["options"]
+def test_every_option_comes_back(run, write, tmp_path):
+    table = RunRecord(run.logs, run.spec, OPTIONS, run.sha256).table(tmp_path / "run")
     names = (*ReadingOptions.__struct_encode_fields__, *FitSettings.__struct_encode_fields__)
-    excluded = {"delay_within_ms"}  # by the given delay
-    assert set(table["options"]) == set(names) - excluded
+    assert set(table["options"]) == set(names) - {"delay_within_ms"}  # a given delay excludes it
+    assert read_run(write(table)).options.table() == table["options"]
     table["options"] |= {"delay": "auto", "delay_within_ms": 5.0}
-    assert read_run(write(tmp_path, table)).options.table() == table["options"]
+    assert read_run(write(table)).options.table() == table["options"]
 
 
-def test_damaged_files(run, tmp_path):
-    for damage, words in (
-        (lambda t: t.update(schema="vttig.run/9"), "vttig.run/9"),
-        (lambda t: t.pop("data"), "'data'"),
-        (lambda t: t["data"].pop("sha256"), "'sha256'"),
-        (lambda t: t["data"].update(logs=[]), "data.sha256"),
-        (lambda t: t["data"].update(logs="0.csv"), "data.logs"),
-        (lambda t: t["data"].update(logs=[1, 2]), "data.logs"),
-        (lambda t: t["data"].update(sha256=["0"]), "data.sha256"),
-        (lambda t: t["data"].update(logs=["0\0.csv", "1.csv"]), "no path of a file"),
-        (lambda t: t["data"].update(readings="0\0.csv"), "no path of a file"),
-        (lambda t: t.pop("options"), "'options'"),
-        (lambda t: t["options"].update(delay=7.5), "delay"),
-        (lambda t: t["options"].update(delay=float("nan")), "delay"),
-        (lambda t: t["options"].update(delay="late"), "delay"),
-        (lambda t: t["options"].update(lines="drop"), "lines"),
-        (lambda t: t["options"].update(loss="huber"), "unknown field `loss`"),
-        (lambda t: t["options"].update(sample_rate=float("inf")), "sample_rate"),
-        (lambda t: t["options"].update(sample_rate=float("nan")), "sample_rate"),
-        (lambda t: t["options"].update(ratio_within=7.0), "ratio_within"),
-        (lambda t: t["options"].update(delay_within_ms=5.0, delay=0.1), "exclude each other"),
-        (lambda t: t["options"].update(columns=["load=x"]), "ROLE=NAME"),
-        (lambda t: t["options"].update(columns="time=x"), "columns"),
-        (lambda t: t["options"].update(colour="red"), "colour"),
-        (lambda t: t.update(options=3), "options"),
-        (lambda t: t.pop("pair_file"), "'pair_file'"),
-        (lambda t: t["pair_file"].pop("drive"), "pair_file"),
-    ):
+DAMAGES = (
+    ("", "schema", "vttig.run/9", "vttig.run/9"),
+    ("", "data", None, "'data'"),
+    ("", "options", None, "'options'"),
+    ("", "options", 3, "options"),
+    ("", "pair_file", None, "'pair_file'"),
+    ("pair_file", "drive", None, "pair_file"),
+    ("data", "sha256", None, "'sha256'"),
+    ("data", "sha256", ["0"], "data.sha256"),
+    ("data", "logs", [], "data.sha256"),
+    ("data", "logs", "0.csv", "data.logs"),
+    ("data", "logs", [1, 2], "data.logs"),
+    ("data", "logs", ["0\0.csv", "1.csv"], "no path of a file"),
+    ("data", "readings", "0\0.csv", "no path of a file"),
+    ("options", "delay", 7.5, "delay"),
+    ("options", "delay", float("nan"), "delay"),
+    ("options", "delay", "late", "delay"),
+    ("options", "delay_within_ms", 5.0, "exclude each other"),
+    ("options", "lines", "drop", "lines"),
+    ("options", "loss", "huber", "unknown field `loss`"),
+    ("options", "sample_rate", float("inf"), "sample_rate"),
+    ("options", "sample_rate", float("nan"), "sample_rate"),
+    ("options", "ratio_within", 7.0, "ratio_within"),
+    ("options", "columns", ["load=x"], "ROLE=NAME"),
+    ("options", "columns", "time=x", "columns"),
+    ("options", "colour", "red", "colour"),
+)
+"""Table, its key, another value or None for no key, and what is said."""
+
+
+def test_damaged_files(run, write, tmp_path):
+    for inside, key, value, words in DAMAGES:
         table = run.table(tmp_path / "run")
-        assert read_run(write(tmp_path, table)) == run
-        damage(table)
+        assert read_run(write(table)) == run
+        changed = table[inside] if inside else table
+        changed[key] = value
+        if value is None:
+            del changed[key]
         with pytest.raises(InputError) as caught:
-            read_run(write(tmp_path, table))
-        assert words in str(caught.value)
-        assert "run.toml" in caught.value.where
+            read_run(write(table))
+        assert words in str(caught.value) and "run.toml" in caught.value.where
 
 
 def test_missing_and_unreadable(tmp_path):

@@ -1,0 +1,32 @@
+"""Commands and files that the tests of several verbs need."""
+
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from vttig_jax.cli.main import main
+from vttig_jax.pair.gear_pair import spec_of
+from vttig_jax.pair.pair_file import spec_table
+from vttig_jax.rig.paper import paper_pair
+
+PAPER = Path(__file__).parents[2] / "fits" / "paper" / "pair.toml"
+"""Pair file of the paper's rig with what its drawing states."""
+
+
+def write_paper_pair(path: Path) -> Path:
+    """Write a pair file of the paper's rig."""
+    path.write_text(tomli_w.dumps(spec_table(spec_of(paper_pair()))))
+    return path
+
+
+def fit_into(out: Path, log: Path, pair: Path, *options: str) -> Path:
+    """Fit a log without pictures, and return the run folder."""
+    arguments = ["fit", log, "--pair", pair, "--out", out, "--no-figures", *options]
+    assert main([str(one) for one in arguments]) == 0
+    return out
+
+
+def table_of(path: Path) -> np.ndarray:
+    """Return the named columns of a CSV file."""
+    return np.genfromtxt(path, delimiter=",", names=True)
