@@ -235,6 +235,7 @@ def test_bad_calls_end_in_one_sentence(vttig, scenario, monkeypatch):
         ("S --set motion.speed_rpm=6e4", 2, "with --set: motion.reversal_deg: 720 lies inside"),
         ("S --set seed=1.5", 2, "--set seed: expected a whole number"),
         ("S --set seed", 2, "'seed' is not of the form key=value"),
+        ("S --set seed=", 2, "not of the form key=value"),
         ("S --set controller=\udced\udcff", 2, "the value of 'controller' is not UTF-8"),
         ("S --set controller=[none", 2, "the value of 'controller' is no TOML"),
         (f"S --set seed={'9' * 5000}", 2, "--set seed: expected a whole number"),
