@@ -75,7 +75,7 @@ class Chart:
 
 def charts_of(content: RunContent) -> dict[str, list[Chart]]:
     """Return the charts of a run by the section in which they stand."""
-    fit, found = content.fit, content.map
+    fit, found = content.run.fit, content.map
     flanks: dict[Flank, Runs] = {}
     for curve, left in zip(fit.curves, fit.residuals, strict=True):
         run = curve.driving_angle / REV, curve.transmission_error / ARCSEC, left / ARCSEC
