@@ -88,8 +88,8 @@ def _named(**pictures: Callable[..., Figure]) -> Callable[..., Figure]:
 
 plot.register(TECurve, plot_te)
 plot.register(EncoderLog, plot_log)
-_MAP = lambda fit, **options: plot_map(backlash_map(fit), **options)  # noqa: E731
-plot.register(Fit, _named(te=plot_fit, orders=plot_orders, residual=plot_residual, map=_MAP))
+_OF_FIT = {"te": plot_fit, "orders": plot_orders, "residual": plot_residual}
+plot.register(Fit, _named(**_OF_FIT, map=lambda fit, **more: plot_map(backlash_map(fit), **more)))
 plot.register(BacklashMap, plot_map)
 plot.register(Posterior, _named(corner=plot_corner, trace=plot_trace))
 plot.register(BandedMap, plot_band_map)
