@@ -20,6 +20,7 @@ from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure, wi
 _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen values
 _LABEL_WIDTH = 11  # letters in a line of a label, without the unit; chosen value
 _MAX_DRAWS = 50_000  # draws used; a chosen value
+_MARGINS_IN = (0.88, 0.44)  # below and above the panels, for labels and heading; chosen values
 
 Limits = tuple[float, float]
 
@@ -47,7 +48,11 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     draws = draws[:: max(1, len(draws) // _MAX_DRAWS)]
     value, covariance = _laplace(posterior, names, sizes)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
-    places, axes = figure.add_gridspec(count, count), np.full((count, count), None)
+    figure.set_layout_engine("none")  # one that measures the labels of all panels takes seconds
+    below, above = (inch / figure.get_figheight() for inch in _MARGINS_IN)
+    margins = {"left": 0.115, "right": 0.985, "bottom": below, "top": 1 - above}
+    places = figure.add_gridspec(count, count, **margins, wspace=0.16, hspace=0.16)
+    axes = np.full((count, count), None)
     ends = np.quantile(draws, [0.0005, 0.9995], axis=0).T.tolist()  # an axis has 99.9 % of them
     limits = [with_margin(low, high, 0.08) for low, high in ends]
     for row in range(count):
