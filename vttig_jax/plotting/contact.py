@@ -4,8 +4,9 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from ..base.units import DEG
@@ -25,6 +26,9 @@ _COUNTS = Counts(root=8, fillet=16, flank=32, tip=8, sections=(1,))
 
 _LINES = 12
 """Largest number of driving angles with contact lines; a chosen value."""
+
+_SHADES = LinearSegmentedColormap.from_list("", [(0.25, 0.55, 0.85), (0.05, 0.1, 0.2)])
+"""Colours of contact lines from the first angle (0) to the last one (1)."""
 
 
 def plot_contact(contacts: Contacts, pair: GearPair | None = None, *, place: int = 0) -> Figure:
@@ -151,7 +155,7 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
         for line in contacts.contact_lines(int(row)).values():
             line = line[np.argsort(line[:, 0])]
             style = "-" if contacts.line[row] else "."
-            ax.plot(line[:, 0], line[:, 1], style, color=_shade(share), linewidth=1.0)
+            ax.plot(line[:, 0], line[:, 1], style, color=_SHADES(share), linewidth=1.0)
     tip, root = float(driving.tip_radius), float(np.min(driving.base_radii))
     for radius, name in ((tip, "tip"), (root, "base")):
         ax.axhline(radius, color=MODEL_COLOUR, linewidth=0.6, linestyle="--")
@@ -168,9 +172,3 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
     several = f"{len(chosen)} angles within a pitch, light to dark"
     words = several if len(chosen) > 1 else "one angle"
     panel(ax, words, x="z [mm]", y="radius on the driving gear [mm]")
-
-
-def _shade(share: float) -> Float[np.ndarray, "3"]:
-    """Return a colour from blue (share 0) to dark (share 1)."""
-    start, end = np.array([0.25, 0.55, 0.85]), np.array([0.05, 0.1, 0.2])
-    return start + share * (end - start)

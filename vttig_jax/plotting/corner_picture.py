@@ -21,8 +21,6 @@ _BINS, _CELLS = 40, 30  # of the histograms in one and two dimensions; chosen va
 _LABEL_WIDTH = 11  # letters in a line of a label, without the unit; chosen value
 _MAX_DRAWS = 50_000  # draws used; a chosen value
 _MARGINS_IN = (0.88, 0.44)  # below and above the panels, for labels and heading; chosen values
-_LABELS_IN = (0.47, 0.24, 0.54)
-"""From a panel to its labels: below it, with tick labels turned or level, and on its left."""
 
 Limits = tuple[float, float]
 
@@ -50,12 +48,17 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     draws = draws[:: max(1, len(draws) // _MAX_DRAWS)]
     value, covariance = _laplace(posterior, names, sizes)
     figure = new_figure(8.0 if count > 3 else 2.4 * count + 0.6)
-    axes = _axes(figure, count)
+    figure.set_layout_engine("none")  # one that measures the labels of all panels takes seconds
+    below, above = (inch / figure.get_figheight() for inch in _MARGINS_IN)
+    margins = {"left": 0.115, "right": 0.985, "bottom": below, "top": 1 - above}
+    places = figure.add_gridspec(count, count, **margins, wspace=0.16, hspace=0.16)
+    axes = np.full((count, count), None)
     ends = np.quantile(draws, [0.0005, 0.9995], axis=0).T.tolist()  # an axis has 99.9 % of them
     limits = [with_margin(low, high, 0.08) for low, high in ends]
     for row in range(count):
         for column in range(row + 1):
-            ax = axes[row, column]
+            shared = axes[row - 1, column] if row > column else None
+            ax = axes[row, column] = figure.add_subplot(places[row, column], sharex=shared)
             if column == row:
                 _draw_histogram(ax, draws[:, row], value[row], np.sqrt(covariance[row, row]))
                 ax.set_xlim(*limits[row])
@@ -72,33 +75,10 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
             axes[index, 0].set_ylabel(label, fontsize=size)
     name, source = posterior.fit.pair.name, PurePath(posterior.fit.source).name
     heading(figure, "posterior: the draws beside the fit", name, source)
+    figure.align_ylabels(axes[1:, 0])
+    figure.align_xlabels(axes[-1])
     _add_legend(figure)
     return figure
-
-
-def _axes(figure: Figure, count: int) -> dict[tuple[int, int], Axes]:
-    """Return the axes on and below the diagonal, by row and column.
-
-    Their positions are set directly, because a layout engine that measures some hundred labels
-    would take most of the time.
-    """
-    figure.set_layout_engine("none")
-    below, above = (inch / figure.get_figheight() for inch in _MARGINS_IN)
-    left, right = (0.115, 0.985) if count > 6 else (0.14, 0.975)  # larger letters for few
-    grid = figure.add_gridspec(
-        count, count, left=left, right=right, bottom=below, top=1 - above, wspace=0.16, hspace=0.16
-    )
-    axes: dict[tuple[int, int], Axes] = {}
-    for row in range(count):
-        for column in range(row + 1):
-            shared = axes.get((row - 1, column))
-            ax = figure.add_subplot(grid[row, column], sharex=shared)
-            # Matplotlib would measure all tick labels to find the places of the labels.
-            box, below = ax.get_position(), _LABELS_IN[0 if count > 5 else 1]
-            ax.xaxis.set_label_coords(0.5, -below / (box.height * figure.get_figheight()))
-            ax.yaxis.set_label_coords(-_LABELS_IN[2] / (box.width * figure.get_figwidth()), 0.5)
-            axes[row, column] = ax
-    return axes
 
 
 def picture_unit(posterior: Posterior, name: str) -> tuple[str, float]:

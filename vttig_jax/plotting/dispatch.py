@@ -74,10 +74,10 @@ def plot(obj: object, *name: str, **options: Any) -> Figure:
     )
 
 
-def _named(first: str, **pictures: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Return the function that draws one of several pictures of an object by its name."""
+def _named(**pictures: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Return the function that draws a picture of an object by its name, the first by default."""
 
-    def draw(obj: Any, name: str = first, **options: Any) -> Figure:
+    def draw(obj: Any, name: str = next(iter(pictures)), **options: Any) -> Figure:
         if name not in pictures:
             known = ", ".join(pictures)
             raise ValueError(f"Argument `name` must be one of {known}, but is {name!r}.")
@@ -86,16 +86,12 @@ def _named(first: str, **pictures: Callable[..., Figure]) -> Callable[..., Figur
     return draw
 
 
-def _plot_fit_map(fit: Fit, **options: Any) -> Figure:
-    return plot_map(backlash_map(fit), **options)
-
-
 plot.register(TECurve, plot_te)
 plot.register(EncoderLog, plot_log)
-_OF_FIT = {"te": plot_fit, "orders": plot_orders, "residual": plot_residual, "map": _plot_fit_map}
-plot.register(Fit, _named("te", **_OF_FIT))
+_OF_FIT = {"te": plot_fit, "orders": plot_orders, "residual": plot_residual}
+plot.register(Fit, _named(**_OF_FIT, map=lambda fit, **more: plot_map(backlash_map(fit), **more)))
 plot.register(BacklashMap, plot_map)
-plot.register(Posterior, _named("corner", corner=plot_corner, trace=plot_trace))
+plot.register(Posterior, _named(corner=plot_corner, trace=plot_trace))
 plot.register(BandedMap, plot_band_map)
 plot.register(Simulation, plot_simulation)
 plot.register(SweepTable, plot_sweep)

@@ -23,9 +23,7 @@ from .style import (
     dots,
     driving_axis,
     figure_of,
-    grid,
     heading,
-    legend,
     new_figure,
     panel,
     title,
@@ -65,23 +63,21 @@ def plot_fit(
     folds = list(folded_turns(fit)) if many else []
     flanks = [flank for flank in ("A", "B") if any(curve.flank == flank for curve, _ in runs)]
     gaps, above = fit.checks.gap_by_speed, len(folds or flanks)
-    figure = new_figure(2.3 * (above + 1 + bool(gaps)))
-    places = figure.add_gridspec(above + 1 + bool(gaps), 1)
-    axes: list[Axes] = []
-    for row in range(above + 1):
-        shared = axes[0] if axes and not folds else None
-        axes.append(figure.add_subplot(places[row], sharex=shared))
-        grid(axes[row])
+    count = above + 1 + bool(gaps)
+    figure = new_figure(2.3 * count)
+    panels = figure.subplots(count, 1)
+    axes = panels[: above + 1]
+    for ax in axes[1:] if not folds else ():
+        ax.sharex(axes[0])
     if gaps:
-        _draw_gaps(figure.add_subplot(places[above + 1]), fit)
+        _draw_gaps(panels[-1], fit)
     if folds:
         for ax, fold in zip(axes[:-1], folds, strict=True):
-            _draw_fold(ax, fold, size / ARCSEC)
-            ax.set_ylabel(f"error [{SIGNS[unit]}]")
+            _draw_fold(ax, fold, unit)
     else:
         for ax, flank in zip(axes[:-1], flanks, strict=True):
-            _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
-            ax.set_ylabel(f"TE, flank {flank} [{SIGNS[unit]}]")
+            keys = _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
+            panel(ax, y=f"TE, flank {flank} [{SIGNS[unit]}]", keys=keys)
             ax.tick_params(labelbottom=False)
     heading(figure, "transmission error and its fit", fit.pair.name, PurePath(fit.source).name)
     curves, left = [curve for curve, _ in runs], [residual for _, residual in runs]
@@ -95,15 +91,16 @@ def plot_fit(
     return figure
 
 
-def _draw_fold(ax: Axes, fold: Folded, size: float) -> None:
-    """Draw the error over a turn of a shaft, in units of `size` arcsec."""
-    handles: list[Line2D] = []
+def _draw_fold(ax: Axes, fold: Folded, unit: Unit) -> None:
+    """Draw the error over a turn of a shaft."""
+    size, handles = unit_size(unit) / ARCSEC, list[Line2D]()
     for flank, mean in fold.measured.items():
         handles += dots(ax, fold.middle, mean / size, flank, f"flank {flank}")
         ax.plot(fold.fine, fold.fitted[flank] / size, color=MODEL_COLOUR, linewidth=0.8)
     dotted = f"dots: mean of {fold.turns:.3g} turns, line: its orders in the fit"
     angle = f"angle of the {fold.shaft} shaft [°]; {dotted}"
-    panel(ax, fold.words, x=angle, keys=handles, legend_rows=1)
+    label = f"error [{SIGNS[unit]}]"
+    panel(ax, fold.words, x=angle, y=label, keys=handles, legend_rows=1)
     ax.set_xlim(0.0, 360.0)
     ax.set_xticks(range(0, 361, 45))
 
@@ -129,7 +126,7 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
     panel(ax, words, x=speed, y="gap [° driven]", keys=handles)
 
 
-def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
+def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> list[Line2D]:
     points = MOST_POINTS // len(runs)
     steps = np.concatenate([np.diff(curve.time) for curve, _ in runs])
     longest = _BREAK * float(np.median(steps)) if len(steps) else np.inf
@@ -143,7 +140,7 @@ def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
         handles += ax.plot(
             *thinned(*line, points), color=MODEL_COLOUR, linewidth=0.5, marker=",", label="fitted"
         )
-    legend(ax, handles)
+    return handles
 
 
 def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveAndResidual]:

@@ -8,7 +8,7 @@ from ..identify.orders import Order
 from ..identify.result import Fit
 from .style import FLANK_COLOURS, figure_legend, grid, heading, new_figure
 
-_SHAFTS = {"driving": "driving order", "driven": "driven order", "mesh": "mesh order"}
+_SHAFTS = "driving", "driven", "mesh"
 _WIDTH = 0.38  # of a bar, orders
 _SHIFT = {"A": -_WIDTH / 2, "B": _WIDTH / 2}
 
@@ -23,26 +23,20 @@ def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
     - `log`: whether the axis is logarithmic, so that small pitch orders are readable.
     """
     figure = new_figure(4.2)
-    shafts = [shaft for shaft in _SHAFTS if any(o.shaft == shaft for o in fit.orders)]
-    if not shafts:
+    by_shaft = {shaft: [o for o in fit.orders if o.shaft == shaft] for shaft in _SHAFTS}
+    by_shaft = {shaft: orders for shaft, orders in by_shaft.items() if orders}
+    if not by_shaft:
         ax = figure.add_subplot()
         ax.set_axis_off()
         ax.text(0.5, 0.5, "no order was fitted", ha="center", transform=ax.transAxes)
         return figure
     top = max(fit.orders, key=lambda o: o.amplitude_arcsec)
-    by_shaft = {shaft: [o for o in fit.orders if o.shaft == shaft] for shaft in shafts}
-    counts = [len({o.order for o in by_shaft[shaft]}) for shaft in shafts]
-    axes = figure.subplots(
-        1,
-        len(shafts),
-        sharey=True,
-        squeeze=False,
-        # A panel with a single order needs room for its name.
-        width_ratios=[max(count, 2.5) for count in counts],
-    )[0]
-    for ax, shaft in zip(axes, shafts, strict=True):
-        _draw(ax, by_shaft[shaft], 0.1 * top.amplitude_arcsec)
-        ax.set_xlabel(_SHAFTS[shaft])
+    # A panel with a single order needs room for its name.
+    widths = [max(len({o.order for o in orders}), 2.5) for orders in by_shaft.values()]
+    [axes] = figure.subplots(1, len(widths), sharey=True, squeeze=False, width_ratios=widths)
+    for ax, (shaft, orders) in zip(axes, by_shaft.items(), strict=True):
+        _draw(ax, orders, 0.1 * top.amplitude_arcsec)
+        ax.set_xlabel(f"{shaft} order")
     _scale(axes[0], fit.orders, log)
     axes[0].set_ylabel("amplitude at the driven gear [arcsec]")
     largest = f"{top.shaft} {top.order:.5g}, {top.amplitude_arcsec:.3g}″"
@@ -92,12 +86,8 @@ def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
 
 def _add_legend(figure: Figure, orders: tuple[Order, ...]) -> None:
     """Add one legend for all panels below them."""
-    handles = [
-        Patch(color=colour, label=f"flank {flank}")
-        for flank, colour in FLANK_COLOURS.items()
-        if any(o.flank == flank for o in orders)
-    ]
+    flanks = sorted({o.flank for o in orders})
+    handles = [Patch(color=FLANK_COLOURS[flank], label=f"flank {flank}") for flank in flanks]
     if not all(o.significant for o in orders):
-        hollow = Patch(facecolor="none", edgecolor="0.4", label="not significant")
-        handles.append(hollow)
+        handles.append(Patch(facecolor="none", edgecolor="0.4", label="not significant"))
     figure_legend(figure, handles, len(handles))

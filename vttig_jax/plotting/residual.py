@@ -145,9 +145,8 @@ def autocorrelation(
     """
     lags = min(lags, max((len(run) for run in white), default=1) - 1)
     products, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
-    for run in white:
-        for lag in range(min(lags + 1, len(run))):
-            products[lag] += run[lag:] @ run[: len(run) - lag]
-            pairs[lag] += len(run) - lag
+    for run in filter(len, white):
+        products += np.correlate(np.pad(run, (0, lags)), run, "valid")
+        pairs += np.maximum(len(run) - np.arange(lags + 1), 0)
     mean = products / np.maximum(pairs, 1)
     return (mean / mean[0] if mean[0] > 0 else mean), pairs

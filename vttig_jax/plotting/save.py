@@ -1,5 +1,6 @@
 """PNG files of the pictures of a fit and of a posterior."""
 
+from collections.abc import Callable
 from io import BytesIO
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,6 +16,17 @@ from .fit import plot_fit
 from .order_spectrum import plot_orders
 from .residual import plot_residual
 from .trace_picture import plot_trace
+
+_PICTURES: dict[type, dict[str, Callable[..., Figure]]] = {
+    Fit: {
+        "te_fit": plot_fit,
+        "orders": plot_orders,
+        "residual": plot_residual,
+        "backlash_map": plot_map,
+    },
+    Posterior: {"corner": plot_corner, "trace": plot_trace, "band": plot_band_map},
+}
+"""Pictures of a run by the names of their files; the last one of each is that of the map."""
 
 _DPI = 150
 _COMPRESSION = 2  # of zlib, 1 to 9; chosen: half of the time of 6, and 9 % more bytes
@@ -40,38 +52,22 @@ def png(figure: Figure, *, run: str = "") -> bytes:
     return buffer.getvalue()
 
 
-def figures(fit: Fit, grid: BacklashMap | None, *, run: str = "") -> dict[str, bytes]:
-    """Return the PNG data of every picture of a fit by file name.
+def figures(
+    found: Fit | Posterior, grid: BacklashMap | BandedMap | None, *, run: str = ""
+) -> dict[str, bytes]:
+    """Return the PNG data of every picture of a fit, or of a posterior, by file name.
 
-    The names are `te_fit.png`, `orders.png`, `residual.png`, and `backlash_map.png` with a map.
+    The names are `te_fit.png`, `orders.png`, `residual.png`, and `backlash_map.png` with a map; of
+    a posterior `corner.png`, `trace.png`, and `band.png` with a map.
 
     **Arguments**
-    - `fit`: result of a fit.
-    - `grid`: its backlash map; None omits that picture.
+    - `found`: result of a fit, or a posterior.
+    - `grid`: its backlash map, that of a posterior with bands; None omits that picture.
     - `run`: digest of the run, for the metadata of the pictures.
     """
-    drawn = {
-        "te_fit.png": plot_fit(fit),
-        "orders.png": plot_orders(fit),
-        "residual.png": plot_residual(fit),
-    }
+    *pictures, of_map = _PICTURES[type(found)].items()
+    drawn = [(name, draw(found)) for name, draw in pictures]
     if grid is not None:
-        drawn["backlash_map.png"] = plot_map(grid)
-    return {name: png(figure, run=run) for name, figure in drawn.items()}
-
-
-def posterior_figures(
-    posterior: Posterior, banded: BandedMap | None, *, run: str = ""
-) -> dict[str, bytes]:
-    """Return the PNG data of every picture of a posterior by file name.
-
-    The names are `corner.png`, `trace.png`, and `band.png` with a map. `run` is the digest of the
-    run, for the metadata of the pictures.
-    """
-    drawn = {
-        "corner.png": plot_corner(posterior),
-        "trace.png": plot_trace(posterior),
-    }
-    if banded is not None:
-        drawn["band.png"] = plot_band_map(banded)
-    return {name: png(figure, run=run) for name, figure in drawn.items()}
+        name, draw = of_map
+        drawn.append((name, draw(grid)))
+    return {f"{name}.png": png(figure, run=run) for name, figure in drawn}

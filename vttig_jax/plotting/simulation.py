@@ -1,5 +1,7 @@
 """Picture of a simulated run: the whole run, and enlarged views of its braking and turning."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.artist import Artist
@@ -18,6 +20,7 @@ from .style import (
     Unit,
     grid,
     heading,
+    legend,
     new_figure,
     panel,
     unit_size,
@@ -38,8 +41,10 @@ _OBSERVED, _COMMAND, _CLOSED = "0.65", COLOURS[1], COLOURS[4]
 Span = tuple[float, float]
 Handles = dict[str, Artist]
 Mark = tuple[float, str, ColorType]
-Lines = dict[str, tuple[str, ColorType, float]]
 
+Lines = dict[str, tuple[str | tuple[str, str], ColorType, float]]
+"""Words of a line → column, colour and width; of an area → columns of its lower and upper edge,
+colour and opacity. An area without words has no key."""
 
 Rows = dict[str, Float[np.ndarray, " _"]]
 """Trace in the units of the picture.
@@ -70,7 +75,7 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
 
     **Raises** `ValueError` for a run without a trace, and for a span without samples.
     """
-    rows, marks = _rows(found, unit_size(unit)), _marks(found)
+    rows, marks = rows_of(found, unit_size(unit)), _marks(found)
     if span_s is not None:
         _check(span_s, rows)
     whole = (float(rows["time"][0]), float(rows["time"][-1]))
@@ -88,32 +93,32 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     )
     if spans:
         ax = figure.add_subplot(cells[0, :])
-        _draw(ax, _ERROR, rows)
+        draw(ax, _ERROR, rows)
         for span in spans:
             ax.axvspan(*span, color=COLOURS[9], alpha=0.3, linewidth=0, zorder=0.5)
         ax.set_xlim(*whole)
         panel(ax, "whole run; the shaded spans are enlarged below", x="time [s]", y=labels[0])
     columns = range(cells.ncols)
     axes = [[figure.add_subplot(cells[row, column]) for column in columns] for row in (-3, -2, -1)]
-    handles = [
-        _draw_row(*row, rows, spans or [whole]) for row in zip(axes, lines, labels, strict=True)
-    ]
+    views = [within(rows, span) for span in spans or [whole]]
+    handles = [draw_row(*row, views) for row in zip(axes, lines, labels, strict=True)]
     drawn_marks: Handles = {}
     for column, span in enumerate(spans or [whole]):
         view = [row[column] for row in axes]
         drawn_marks |= _mark(view, span, marks)
         for ax in view:
+            ax.set_xlim(*span)
             ax.tick_params(labelleft=not column, labelbottom=ax is view[-1])
         view[-1].set_xlabel("time [s]")
     name = f"{found.plant} plant, controller {found.controller}, outcome {found.outcome}"
     heading(figure, "simulation", found.scenario.pair.name, name)
     handles[0] |= drawn_marks
     for row, row_handles in zip(axes, handles, strict=True):
-        _legend(row[-1], row_handles)
+        legend(row[-1], list(row_handles.values()), loc="upper left", ncols=1, borderaxespad=0.5)
     return figure
 
 
-def _rows(simulation: Simulation, size: float) -> Rows:
+def rows_of(simulation: Simulation, size: float) -> Rows:
     """Return the trace with TE minus its first measured value, in units of `size` rad."""
     table = simulation.columns()
     zero = table["te_shown_deg"][0]
@@ -133,7 +138,7 @@ def _rows(simulation: Simulation, size: float) -> Rows:
     }
 
 
-def _within(rows: Rows, span: Span) -> Rows:
+def within(rows: Rows, span: Span) -> Rows:
     """Return the rows in a span of time and one more row at each end."""
     first, last = (int(index) for index in np.searchsorted(rows["time"], span))
     return {name: values[max(first - 1, 0) : last + 1] for name, values in rows.items()}
@@ -188,26 +193,20 @@ def _check(span: Span, rows: Rows) -> None:
         )
 
 
-def _draw_row(
-    axes: list[Axes],
-    lines: Lines,
-    label: str,
-    rows: Rows,
-    spans: list[Span],
-) -> Handles:
+def draw_row(axes: Sequence[Axes], lines: Lines, label: str, views: Sequence[Rows]) -> Handles:
     """Draw one quantity in all enlarged views, `axes`, with the same vertical scale."""
     handles: Handles = {}
-    for ax, span in zip(axes, spans, strict=True):
+    for ax, rows in zip(axes, views, strict=True):
         if ax is not axes[0]:
             ax.sharey(axes[0])
-        handles |= _draw(ax, lines, _within(rows, span))
-        ax.set_xlim(*span)
+        handles |= draw(ax, lines, rows)
         grid(ax)
     axes[0].set_ylabel(label)
     return handles
 
 
 _ERROR: Lines = {
+    "": (("lower", "upper"), "0.93", 1.0),
     "flank B": ("upper", FLANK_COLOURS["B"], 1.0),
     "flank A": ("lower", FLANK_COLOURS["A"], 1.0),
     "transmission error": ("error", MODEL_COLOUR, 1.0),
@@ -217,31 +216,29 @@ _SHIFT: Lines = {
     "closes the gap": ("closed", _CLOSED, 1.0),
     "commanded": ("command", _COMMAND, 1.2),
     "reached": ("reached", MODEL_COLOUR, 1.2),
+    "commanded too far": (("closed", "command"), _CLOSED, 0.3),
 }
 _OUTPUT: Lines = {"driven shaft less i φ₁ of the reference": ("output", MODEL_COLOUR, 1.2)}
 _SPEED: Lines = {
     "reference": ("speed", MODEL_COLOUR, 1.0),
     "observer's estimate": ("observed", _OBSERVED, 0.8),
 }
-"""Words of a line → column, colour and width."""
 
 
-def _draw(ax: Axes, lines: Lines, rows: Rows) -> Handles:
-    """Draw the lines of a quantity, with the open gap or the excess of the command filled."""
-    time = rows["time"]
-    if lines is _ERROR:
-        ax.fill_between(time, rows["lower"], rows["upper"], color="0.93", linewidth=0, zorder=1)
-    drawn: Handles = {}
+def draw(ax: Axes, lines: Lines, rows: Rows) -> Handles:
+    """Draw the lines and areas of a quantity; an area that is empty has no key."""
+    time, drawn = rows["time"], Handles()
     for words in sorted(lines, key=lambda one: lines[one][1] != _OBSERVED):  # it lies below
-        column, colour, width = lines[words]
-        [drawn[words]] = ax.plot(*thinned(time, rows[column]), color=colour, linewidth=width)
-    drawn = {words: drawn[words] for words in lines}
-    beyond = rows["command"] > rows["closed"]
-    if lines is _SHIFT and beyond.any():
-        look = {"color": _CLOSED, "alpha": 0.3, "linewidth": 0, "zorder": 1}
-        shifts = rows["closed"], rows["command"]
-        drawn["commanded too far"] = ax.fill_between(time, *shifts, where=beyond.tolist(), **look)
-    return drawn
+        columns, colour, size = lines[words]
+        if isinstance(columns, str):
+            look = {"color": colour, "linewidth": size, "label": words}
+            [drawn[words]] = ax.plot(*thinned(time, rows[columns]), **look)
+            continue
+        low, high = (rows[column] for column in columns)
+        if (shown := high > low).any():
+            look = {"color": colour, "alpha": size, "label": words, "linewidth": 0, "zorder": 1}
+            drawn[words] = ax.fill_between(time, low, high, where=shown.tolist(), **look)
+    return {words: drawn[words] for words in lines if words and words in drawn}
 
 
 def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Handles:
@@ -250,14 +247,6 @@ def _mark(axes: list[Axes], span: Span, marks: dict[str, Mark]) -> Handles:
     for event, (time, style, colour) in marks.items():
         if span[0] <= time <= span[1]:
             for ax in axes:
-                handles[event] = ax.axvline(
-                    time, linestyle=style, color=colour, linewidth=0.8, zorder=1.5
-                )
+                look = {"linestyle": style, "color": colour, "label": event}
+                handles[event] = ax.axvline(time, linewidth=0.8, zorder=1.5, **look)
     return handles
-
-
-def _legend(ax: Axes, handles: Handles) -> None:
-    """Draw a legend at the right of a row."""
-    look = {"frameon": False, "fontsize": "small", "handlelength": 1.5}
-    place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
-    ax.legend(list(handles.values()), list(handles), **place | look)

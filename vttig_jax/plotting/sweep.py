@@ -1,7 +1,5 @@
 """Picture of a sweep: residual backlash and interference over one axis, with bands."""
 
-from itertools import cycle
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -57,10 +55,8 @@ def plot_sweep(table: SweepTable, *, axis: str | None = None, by: str | None = N
     handles = []
     for ax, (metric, label) in zip(rows, metrics, strict=True):
         handles = [
-            _draw_band(ax, table.columns[name][mask], table.columns[metric][mask], style, group)
-            for (group, mask), style in zip(
-                groups, zip(cycle(COLOURS), cycle(_LINES), strict=False), strict=False
-            )
+            _draw_band(ax, table.columns[name][mask], table.columns[metric][mask], number, group)
+            for number, (group, mask) in enumerate(groups)
         ]
         ax.set_ylabel(label)
         low, high = ax.get_ylim()
@@ -108,9 +104,9 @@ def _axis(table: SweepTable, axis: str | None) -> str:
     return axis or max(without_draws, key=lambda name: without_draws[name])
 
 
-def _draw_band(ax: Axes, positions: np.ndarray, values: np.ndarray, style: tuple, name: str):
+def _draw_band(ax: Axes, positions: np.ndarray, values: np.ndarray, number: int, name: str):
     """Draw median and band of the values at every position; return the line for the legend."""
-    colour, dashes = style
+    colour, dashes = COLOURS[number % len(COLOURS)], _LINES[number % len(_LINES)]
     valid = ~np.isnan(values)
     positions, values = positions[valid], values[valid]
     if not len(positions):

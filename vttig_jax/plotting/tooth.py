@@ -98,13 +98,8 @@ def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labell
         *((r, ":") for r in set(forms)),
     ):
         ax.plot(circle * np.sin(sweep), circle * np.cos(sweep), style, color="0.6", linewidth=0.7)
-    for shift in (-profile.pitch, profile.pitch):
-        ax.plot(
-            radius * np.sin(clockwise + shift),
-            radius * np.cos(clockwise + shift),
-            color="0.8",
-            linewidth=1.2,
-        )
+    for near in (clockwise - profile.pitch, clockwise + profile.pitch):
+        ax.plot(radius * np.sin(near), radius * np.cos(near), color="0.8", linewidth=1.2)
     x, y = radius * np.sin(clockwise), radius * np.cos(clockwise)
     joints = _COUNTS.joints
     for k, (_, part) in enumerate(ORDER):
@@ -131,15 +126,9 @@ def _draw_thickness(ax: Axes, tooth: Tooth, half: float) -> None:
         lines += ax.plot(report.z_mm, values, color=colour, linewidth=1.4, label=label)
     overlap = report.root_land_mm < 0
     if overlap.any():
-        ax.fill_between(
-            report.z_mm,
-            report.root_land_mm,
-            0.0,
-            where=list(overlap),
-            color="0.85",
-            label="fillets overlap",
-        )
-        lines.append(ax.collections[-1])
+        where, ends = list(overlap), (report.root_land_mm, 0.0)
+        label = "fillets overlap"
+        lines.append(ax.fill_between(report.z_mm, *ends, where=where, color="0.85", label=label))
     ax.axhline(0.0, color="0.6", linewidth=0.7)
     for z in (-half, 0.0, half):
         ax.axvline(z, color="0.6", linewidth=0.7, linestyle=":")

@@ -19,10 +19,8 @@ _MAX_STEPS = 1000  # steps drawn; a chosen value
 _MAX_WALKERS = 12  # walkers drawn per ensemble; a chosen value
 _KEYS_PER_ROW = 5  # ensembles in one row of the legend; a chosen value
 
-# Sizes in inch, chosen so that the labels have space.
-_PANEL, _GAP, _ABOVE, _BELOW, _KEY_ROW = 0.84, 0.31, 0.60, 0.50, 0.22
-_LEFT, _BETWEEN, _RIGHT = 0.70, 0.78, 0.10
-_LABEL = 0.24
+_PANEL_IN, _AROUND_IN = 1.1, 0.9
+"""Height of a panel with its name, and of heading, label and legend; chosen values."""
 
 
 def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> Figure:
@@ -44,14 +42,15 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
         )
     rows = [(*picture_unit(posterior, name), name) for name in names]
     panels = -(-(len(rows) + 1) // 2)
-    figure, axes = _panels(panels, min(posterior.draws.shape[0], len(COLOURS)))
+    figure = new_figure(_AROUND_IN + _PANEL_IN * panels)
+    axes = figure.subplots(panels, 2, sharex=True, squeeze=False).T.ravel()
     for ax, (unit, size, name) in zip(axes, rows, strict=False):
         _draw(ax, chains.draws[..., chains.header.names.index(name)] / size)
         # A reader knows the memory of noise by its partial autocorrelation, of which this is atanh.
         words = name.replace("partial", "partial autocorrelation").replace("_", " ")
-        _name(ax, f"{words} [{unit}]" if unit else words)
+        ax.set_title(f"{words} [{unit}]" if unit else words, loc="left", fontsize="small")
     _draw(axes[len(rows)], chains.log_density)
-    _name(axes[len(rows)], "log density")
+    axes[len(rows)].set_title("log density", loc="left", fontsize="small")
     for ax in axes[len(rows) + 1 :]:
         ax.set_axis_off()
     for column in (axes[:panels], axes[panels : len(rows) + 1]):
@@ -62,34 +61,6 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     heading(figure, "draws: the ensembles should overlap and not drift", name, source)
     _add_legend(figure, posterior.draws.shape[0])
     return figure
-
-
-def _panels(count: int, keys: int) -> tuple[Figure, np.ndarray]:
-    """Return a figure with two columns of `count` axes, and the axes column by column.
-
-    Below them is space for a legend of `keys` entries. The positions are set directly, because a
-    layout engine that measures all labels would take most of the time.
-    """
-    below = _BELOW + _KEY_ROW * -(-keys // _KEYS_PER_ROW)
-    height = _ABOVE + count * (_PANEL + _GAP) - _GAP + below
-    figure = new_figure(height)
-    figure.set_layout_engine("none")
-    width = figure.get_figwidth()
-    places = {
-        "left": _LEFT / width,
-        "right": 1 - _RIGHT / width,
-        "bottom": below / height,
-        "top": 1 - _ABOVE / height,
-        "wspace": _BETWEEN / (0.5 * (width - _LEFT - _BETWEEN - _RIGHT)),
-        "hspace": _GAP / _PANEL,
-    }
-    axes = figure.subplots(count, 2, sharex=True, squeeze=False, gridspec_kw=places)
-    return figure, axes.T.ravel()
-
-
-def _name(ax: Axes, words: str) -> None:
-    """Write the name of a panel above it. The place is fixed, because a search for it is slow."""
-    ax.set_title(words, loc="left", fontsize="small", y=1.0)
 
 
 def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None:
@@ -108,8 +79,6 @@ def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None
     ax.set_ylim(*with_margin(low, high, 0.05))
     grid(ax)
     ax.tick_params(labelsize=7)
-    for axis, place in ((ax.xaxis, (0.5, -_LABEL / _PANEL)), (ax.yaxis, (0.0, 0.5))):
-        axis.set_label_coords(*place)  # matplotlib would measure all tick labels to find it
     ax.ticklabel_format(axis="y", useOffset=False, style="plain")  # no factor where the name is
 
 
@@ -123,4 +92,4 @@ def _add_legend(figure: Figure, ensembles: int) -> None:
         for k in range(min(ensembles, len(COLOURS)))
     ]
     columns = min(len(keys), _KEYS_PER_ROW)
-    figure_legend(figure, keys, columns, loc="lower center", borderaxespad=0.2)
+    figure_legend(figure, keys, columns)

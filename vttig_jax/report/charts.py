@@ -75,7 +75,7 @@ class Chart:
 
 def charts_of(content: RunContent) -> dict[str, list[Chart]]:
     """Return the charts of a run by the section in which they stand."""
-    fit, found = content.fit, content.map
+    fit, found = content.run.fit, content.map
     flanks: dict[Flank, Runs] = {}
     for curve, left in zip(fit.curves, fit.residuals, strict=True):
         run = curve.driving_angle / REV, curve.transmission_error / ARCSEC, left / ARCSEC
@@ -102,16 +102,13 @@ def _over_log(fit: Fit, flanks: dict[Flank, Runs]) -> Chart:
     for flank, runs in flanks.items():
         series.append(_line(f"flank {flank}, measured", runs, lambda error, left: error, flank))
         series.append(_line("fit", runs, lambda error, left: error - left, "fit"))
-    sizes = (error.peak_to_peak_deg * DEG / ARCSEC for error in fit.flank_errors.values())
-    title = f"The fitted orders let the driven shaft lead and lag by {_and(sizes)}, peak to peak"
-    told = any(error.significant for error in fit.flank_errors.values())
+    errors = fit.flank_errors.values()
+    sizes = " and ".join(f"{error.peak_to_peak_deg * DEG / ARCSEC:.4g}″" for error in errors)
+    title = f"The fitted orders let the driven shaft lead and lag by {sizes}, peak to peak"
+    told = any(error.significant for error in errors)
     title += "" if told else ", not above their noise"
     title += "; the distance between the flanks is the gap" if len(flanks) == 2 else ""
     return Chart(title, _TURNS, "transmission error [″]", series)
-
-
-def _and(sizes: Any) -> str:
-    return " and ".join(f"{size:.4g}″" for size in sizes)
 
 
 def _residual(fit: Fit, flanks: dict[Flank, Runs]) -> Iterator[Chart]:

@@ -105,7 +105,7 @@ def compare_runs(*runs: "str | Path | RunContent") -> Comparison:
     **Raises** `UsageError` for runs of drives with different ratios, and what `open_run` raises.
     """
     contents = [one if isinstance(one, RunContent) else RunContent(open_run(one)) for one in runs]
-    fits, folders = [one.fit for one in contents], [str(one.run.folder) for one in contents]
+    fits, folders = [one.run.fit for one in contents], [str(one.run.folder) for one in contents]
     if fits[0].pair.ratio != fits[1].pair.ratio:
         ratios = " and ".join(str(fit.pair.ratio) for fit in fits)
         said = f"these are runs of drives with the ratios {ratios}; name two runs of one drive."
@@ -120,7 +120,7 @@ def compare_runs(*runs: "str | Path | RunContent") -> Comparison:
 
 def _numbers(content: RunContent) -> dict[str, Parameter]:
     """Return the numbers of a run by name, the gaps first; `determined` are those worth a row."""
-    fit, found = content.fit, content.map
+    fit, found = content.run.fit, content.map
     gap = fit.checks.gap_over_angles_covered
     numbers = [Parameter("mean gap", "deg", gap.value, gap.std, determined=gap.determined)]
     if isinstance(found, RunTable) and (least := found.record.get("smallest_gap")):

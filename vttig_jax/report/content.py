@@ -9,9 +9,8 @@ from typing import Any
 from ..base.errors import NoAnswerError, VttigError
 from ..base.files.limits import read_regular
 from ..identify.accuracy import Accuracy
-from ..identify.result import Fit
 from ..runs.map_table import RunTable, run_table
-from ..runs.posterior_run import FIGURES, REPORT
+from ..runs.posterior_run import REPORT
 from ..runs.run import SWEEP, Run
 
 _MOST_ROWS = 100_000  # of a map that is computed for a report; chosen value
@@ -23,14 +22,6 @@ class RunContent:
     """A run folder as a report shows it; no file outside the folder is read."""
 
     run: Run
-
-    @property
-    def fit(self) -> Fit:
-        """The fit.
-
-        **Raises** `UsageError` and `InputError` where the folder holds none that can be read.
-        """
-        return self.run.fit
 
     def data(self, name: str) -> bytes | None:
         """Return the content of a file of the folder; None if it is missing or lies elsewhere."""
@@ -61,9 +52,9 @@ class RunContent:
                 read = csv.read_csv(io.BytesIO(data))  # empty cells become NaN
                 columns = {k: read[k].cast("float64").to_numpy() for k in read.column_names}
                 return RunTable(record, columns)
-            turns = float(self.fit.pair.hunting_turns)
+            turns = float(self.run.fit.pair.hunting_turns)
             step_deg = max(1.0, turns * 360.0 / _MOST_ROWS)
-            return run_table(self.fit, "backlash", step_deg, turns)
+            return run_table(self.run.fit, "backlash", step_deg, turns)
         except VttigError as error:
             return error.message
         except ArrowInvalid as error:
@@ -73,14 +64,9 @@ class RunContent:
     def accuracy(self) -> Accuracy | None:
         """Accuracy in the terms of standards; None if the run does not tell it."""
         try:
-            return self.fit.accuracy
+            return self.run.fit.accuracy
         except NoAnswerError:
             return None
-
-    @property
-    def corner(self) -> bytes | None:
-        """The picture of the draws that `vttig sample` has drawn, or None."""
-        return self.data(FIGURES[0]) if self.posterior else None
 
     @cached_property
     def sweep(self) -> str:

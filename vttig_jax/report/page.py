@@ -164,7 +164,7 @@ def _figure(chart: Chart, peers: list[Chart]) -> Any:
 
 def _numbers(content: RunContent) -> list[list[str]]:
     """Return the table of the parameters that are told, its headers first."""
-    fit, drawn = content.fit, content.posterior.get("parameters", {})
+    fit, drawn = content.run.fit, content.posterior.get("parameters", {})
     rows = [[*PARAMETER_HEADERS, *(["95 % of the draws"] if drawn else [])]]
     for p in (*fit.parameters.values(), *fit.regressors):
         if p.determined:

@@ -29,7 +29,7 @@ _FAILED = {
 
 def verdict(content: RunContent) -> tuple[str, str, str]:
     """Return three sentences: what the log tells, the main number, and how far to trust it."""
-    return _told(content.fit), _main(content), _trust(content.fit)
+    return _told(content.run.fit), _main(content), _trust(content.run.fit)
 
 
 def _told(fit: Fit) -> str:
@@ -51,7 +51,7 @@ def _and(words: list[str], last: str = " and ") -> str:
 
 def _main(content: RunContent) -> str:
     """Return the sentence with the main number: the gap, or the transmission error."""
-    fit, found = content.fit, content.map
+    fit, found = content.run.fit, content.map
     gap, said = fit.checks.gap_over_angles_covered, ""
     low, high = gap.low95, gap.high95
     if gap.value is not None and low is not None and high is not None:

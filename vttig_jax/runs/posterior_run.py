@@ -96,7 +96,7 @@ def write_report(
     If the folder has a report on chains with another number of steps, its pictures are removed,
     even without `figures`.
     """
-    from ..plotting.save import posterior_figures
+    from ..plotting.save import figures as pictures
 
     outdated = () if _is_reported(folder, posterior) else (*FIGURES, "report.html")
     run = (read_json(folder / "fit.json") or {}).get("run", "")
@@ -104,7 +104,7 @@ def write_report(
         for name in outdated:
             writer.discard(name)
         if figures:
-            for name, data in posterior_figures(posterior, banded, run=run).items():
+            for name, data in pictures(posterior, banded, run=run).items():
                 writer.write_bytes(f"figures/{name}", data)
         if banded is not None:
             found = banded_table(banded, posterior.fit, Path("map.csv"))
