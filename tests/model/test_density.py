@@ -12,9 +12,11 @@ from vttig_jax.model import LAGS
 solved, log_density = jax.jit(model.solved), jax.jit(model.log_density)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_density_is_that_of_dense_matrices(seed):
-    lengths = [((14, 11), (12, 17)), ((10, 10, 10, 10),), ((30,), (25, 9)), ((60, 40),)][seed]
+LENGTHS = [((14, 11), (12, 17)), ((10, 10, 10, 10),), ((30,), (25, 9)), ((60, 40),)]
+
+
+@pytest.mark.parametrize(("seed", "lengths"), enumerate(LENGTHS))
+def test_the_density_is_that_of_dense_matrices(seed, lengths):
     small = drawn(seed, lengths)
     problem = small.problem
     found, expected = [], []
@@ -32,11 +34,11 @@ def test_little_noise_under_wide_priors_costs_no_digits():
     problem = small.problem
     theta = theta_near(2, problem, 0.1)
     theta[LAGS] = -1.0
-    found = float(log_density(jnp.asarray(theta), problem.compressed))
-    assert found == pytest.approx(dense_density(small, theta, 50), rel=1e-6)
-    assert float(log_density(jnp.asarray(theta + 1e-3), problem.compressed)) != pytest.approx(
-        found, rel=1e-6
+    found, other = (
+        float(log_density(jnp.asarray(one), problem.compressed)) for one in (theta, theta + 1e-3)
     )
+    assert found == pytest.approx(dense_density(small, theta, 50), rel=1e-6)
+    assert other != pytest.approx(found, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -49,9 +51,6 @@ def test_derivatives_are_those_of_the_density(seed):
     gradient, hessian = jax.grad(negative)(theta), jax.hessian(negative)(theta)
     np.testing.assert_allclose(told.gradient, gradient, atol=1e-6)
     np.testing.assert_allclose(told.hessian, hessian, atol=1e-5)
-    steps = 1e-4 * np.eye(len(theta))
-    values = [(negative(theta + s) - negative(theta - s)) / 2e-4 for s in steps]
-    np.testing.assert_allclose(told.gradient, np.array(values), atol=1e-5)
     near = solved(theta + 1e-3, problem.compressed)
     assert np.abs(np.asarray(told.hessian - near.hessian)).max() > 1e-4
 
@@ -68,18 +67,3 @@ def test_coefficients_are_generalised_least_squares():
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
     spread = np.asarray(told.spread)[:size, :size]
     np.testing.assert_allclose(spread, np.linalg.inv(whole), rtol=1e-5, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_batches_are_loops():
-    problem = drawn(1).problem
-    thetas = jnp.asarray(np.stack([theta_near(k, problem) for k in range(3)]))
-    one = [solved(t, problem.compressed) for t in thetas]
-    for many in (
-        jax.vmap(solved, (0, None))(thetas, problem.compressed),
-        jax.lax.map(lambda t: solved(t, problem.compressed), thetas),
-    ):
-        for name in ("value", "gradient", "hessian", "beta", "spread", "moments"):
-            expected = np.stack([np.asarray(getattr(told, name)) for told in one])
-            np.testing.assert_allclose(getattr(many, name), expected, rtol=1e-8, atol=1e-8)
-    assert np.ptp(np.asarray(jax.vmap(log_density, (0, None))(thetas, problem.compressed))) > 1

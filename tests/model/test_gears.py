@@ -28,43 +28,31 @@ FLANKS: tuple[Flank, Flank] = ("A", "B")
 WAVES = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("both", -1): (1, -1)}
 
 
-def _relation(pair, both=True, flank: Flank = "A", names=(*GEARS, *ENCODERS), gap=0.0) -> Relation:
-    return Relation(
-        names,
-        tuple(WAVES),
-        both,
-        flank,
-        jnp.asarray(float(pair.ratio)),
-        jnp.asarray(float(pair.centre_distance_mm)),
-        jnp.asarray(pair.base_radii.sum(axis=0)),
-        jnp.asarray(gap),
-    )
+def _relation(pair, both=True, flank: Flank = "A") -> Relation:
+    numbers = float(pair.ratio), float(pair.centre_distance_mm), pair.base_radii.sum(axis=0), 0.0
+    return Relation((*GEARS, *ENCODERS), tuple(WAVES), both, flank, *map(jnp.asarray, numbers))
 
 
 def _values(truth: dict) -> np.ndarray:
     """Cartesian parameters: eccentricities by the model's own convention, encoders as sines."""
-    found = []
-    for offset in gears_of(truth).cartesian:
-        found += [float(np.real(offset)), float(np.imag(offset))]
-    for shaft in ("driving", "driven"):
-        size = truth[f"{shaft}_encoder"] * ARCSEC
-        phase = np.radians(truth[f"{shaft}_encoder_deg"])
-        found += [size * np.cos(phase), size * np.sin(phase)]
-    return np.array(found)
+    encoders = [
+        truth[f"{shaft}_encoder"] * ARCSEC * np.exp(1j * np.radians(truth[f"{shaft}_encoder_deg"]))
+        for shaft in ("driving", "driven")
+    ]
+    found = np.array([*map(complex, gears_of(truth).cartesian), *encoders])
+    return np.stack([found.real, found.imag], axis=1).ravel()
 
 
 def _projected(pair, truth: dict, points: int = 32) -> np.ndarray:
     """Coefficients from the exact model on a fine grid of both angles."""
     model = exact_model(pair, gears_of(truth | {"constant_backlash_deg": 0.0}))
-    ratio = float(pair.ratio)
     angles = 2 * np.pi * np.arange(points) / points
     one, two = (x.ravel() for x in np.meshgrid(angles, angles, indexing="ij"))
-    flanks = [
-        np.asarray(model.at_both_angles(jnp.asarray(one), jnp.asarray(two), f)) for f in FLANKS
-    ]
-    encoders = truth["driven_encoder"] * np.sin(two + np.radians(truth["driven_encoder_deg"]))
-    encoders -= (
-        ratio * truth["driving_encoder"] * np.sin(one + np.radians(truth["driving_encoder_deg"]))
+    places = jnp.asarray(one), jnp.asarray(two)
+    flanks = [np.asarray(model.at_both_angles(*places, f)) for f in FLANKS]
+    encoders = sum(
+        gain * truth[f"{shaft}_encoder"] * np.sin(angle + np.radians(truth[f"{shaft}_encoder_deg"]))
+        for shaft, angle, gain in (("driving", one, -float(pair.ratio)), ("driven", two, 1.0))
     )
     curves = [np.mean(flanks, axis=0) + encoders * ARCSEC, flanks[1] - flanks[0]]
     found = []
@@ -96,17 +84,17 @@ def test_one_flank_has_the_coefficients_of_that_flank(flank):
     assert np.abs(one[:-1].reshape(-1, 2) - mean).max() > 1e-6
 
 
-NAMES = {"constant_backlash_deg": "constant_backlash_deg"} | {
-    f"{shaft}{name}": f"{shaft}{key}"
+KEYS = {"eccentricity_mm": "mm", "encoder_arcsec": "encoder", "encoder_phase_deg": "encoder_deg"}
+NAMES = {
+    f"{shaft}_{name}": f"{shaft}_{key}"
     for shaft in ("driving", "driven")
-    for name, key in (
-        ("_eccentricity_mm", "_mm"),
-        ("_phase_deg", "_phase_deg"),
-        ("_encoder_arcsec", "_encoder"),
-        ("_encoder_phase_deg", "_encoder_deg"),
-    )
-}
+    for name, key in (KEYS | {"phase_deg": "phase_deg"}).items()
+} | {"constant_backlash_deg": "constant_backlash_deg"}
 """Parameter → key of the truth."""
+
+
+def _parameters(fit, pair) -> Any:
+    return parameters_of(fit, pair)
 
 
 def _off(parameters: Any, truth: dict) -> dict[str, float]:
@@ -128,7 +116,7 @@ SMALL = TRUTH | {"constant_backlash_deg": 0.02}
 @pytest.mark.parametrize("teeth", PAIRS)
 def test_planted_eccentricities_are_recovered(teeth):
     pair = gear_pair(*teeth)
-    parameters: Any = parameters_of(fitted(exact_log(pair, SMALL, noise=1e-5), pair), pair)
+    parameters = _parameters(fitted(exact_log(pair, SMALL, noise=1e-5), pair), pair)
     off = _off(parameters, SMALL)
     assert set(off) == set(NAMES)
     assert max(off.values()) < 4.0
@@ -141,15 +129,14 @@ def test_planted_eccentricities_are_recovered(teeth):
 def test_a_wide_gap_moves_no_eccentricity():
     """A gap of 1° turns the driven gear by 1° between the flanks: 5 standard errors of 0.17 µm."""
     pair, truth = gear_pair(45, 80), TRUTH | {"constant_backlash_deg": 1.0}
-    parameters: Any = parameters_of(fitted(exact_log(pair, truth, noise=3.5e-5), pair), pair)
+    parameters = _parameters(fitted(exact_log(pair, truth, noise=3.5e-5), pair), pair)
     assert max(_off(parameters, truth).values()) < 4.0
 
 
 def test_one_flank_tells_gears_and_no_gap():
     pair = gear_pair(45, 80)
     truth = TRUTH | {"driving_encoder": 0.0, "driven_encoder": 0.0}
-    fit = fitted(exact_log(pair, truth, back=False), pair)
-    parameters: Any = parameters_of(fit, pair)
+    parameters = _parameters(fitted(exact_log(pair, truth, back=False), pair), pair)
     off = _off(parameters, truth)
     assert set(off) == {n for n in NAMES if "encoder" not in n and "backlash" not in n}
     assert max(off.values()) < 4.0
@@ -161,7 +148,7 @@ def test_equal_gears_have_one_first_order():
     """At 1:1 both first orders have one frequency: nothing is claimed twice, and the gap holds."""
     pair = gear_pair(30, 30)
     fit = fitted(exact_log(pair, TRUTH), pair)
-    parameters: Any = parameters_of(fit, pair)
+    parameters = _parameters(fit, pair)
     determined = [n for n in NAMES if parameters[n].value is not None]
     assert not [name for name in determined if name.startswith("driven")]
     covered = parameters["gap_over_angles_covered"]
@@ -179,8 +166,7 @@ def test_constants_are_what_the_gears_add():
     gears = fitted_gears(pair, fit)
     assert gears is not None and gears.relation.names == (*GEARS, *ENCODERS)
     np.testing.assert_allclose(gears.constants, _projected(pair, TRUTH)[-2:], atol=2e-6)
-    perfect = fitted_gears(pair, fit, gears=False)
-    assert perfect is not None and perfect.relation.names == ENCODERS
-    alone = fitted_gears(pair, fit, encoders=False)
-    assert alone is not None and alone.relation.names == GEARS
+    for perfect, names in (("gears", ENCODERS), ("encoders", GEARS)):
+        found = fitted_gears(pair, fit, **{perfect: False})
+        assert found is not None and found.relation.names == names
     assert fitted_gears(pair, replace(fit, waves=())) is None

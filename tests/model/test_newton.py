@@ -49,12 +49,9 @@ def _sine_beside_noise(share: float) -> Small:
     noise = noise[50:]
     y = share * noise.std() * np.sin(phase + 0.4) + noise
     table = np.c_[np.ones(count), np.cos(phase), np.sin(phase), y]
-    columns = (
-        Column(RowName("one"), (0,)),
-        Column(RowName("c"), prior="driving"),
-        Column(RowName("s"), prior="driving"),
-    )
-    rows = rows_with([RowName(kind) for kind in ("one", "c", "s")], table, [count], ["A"])
+    one, c, s = names = [RowName(kind) for kind in ("one", "c", "s")]
+    columns = Column(one, (0,)), Column(c, prior="driving"), Column(s, prior="driving")
+    rows = rows_with(names, table, [count], ["A"])
     return Small(columns, (rows,), {}, dict.fromkeys(GROUPS, 0.05))
 
 

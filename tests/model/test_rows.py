@@ -107,14 +107,6 @@ def test_a_delay_is_taken_off(delay_s):
         assert inside.min() >= 20 and inside.max() < len(one.time) - 30
 
 
-def test_the_delay_column_is_the_slope_of_y():
-    one = shafts(0.01)
-    h = 1e-5
-    y = [rows_of(one, WAVES, 0.05, d, np.ones(BENDS), ratio=False) for d in (0.004, 0.004 + h)]
-    slope = (y[1].table[:, -1] - y[0].table[:, -1]) / h
-    np.testing.assert_allclose(-slope, y[0].table[:, y[0].names[RowName("delay")]], rtol=2e-3)
-
-
 def test_outliers_leave_their_neighbours_alone():
     one = shafts()
     spoilt, driving = np.array([500, 501, 900]), one.driving.copy()

@@ -1,6 +1,7 @@
 """Fits with chosen numbers: tests of pictures need no identification."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 
 import jax.numpy as jnp
@@ -53,7 +54,7 @@ def made_curve(
 def make_fit(paper_pair) -> Callable[..., Fit]:
     """Function that returns a `Fit` with the given curves, orders, source and pair."""
     rig = quick_rig(0)
-    core = identified(rig.log(0), rig.pair, orders=HarmonicOrders((1,), (1,), 0)).core
+    fitted = identified(rig.log(0), rig.pair, orders=HarmonicOrders((1,), (1,), 0))
 
     def make(
         curves=None,
@@ -66,17 +67,11 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
         curves = (made_curve("A"), made_curve("B")) if curves is None else curves
         generator = np.random.default_rng(0)
         amplitude = 70 * ARCSEC
-        return Fit(
+        return replace(
+            fitted,
             pair=pair,
             source=source,
-            sha256="",
-            outcome="ok",
             flanks=tuple(sorted({curve.flank for curve in curves})),
-            samples={"read": 1, "used": 1, "forward": 1, "backward": 0, "masked": 0},
-            zero="start",
-            zero_readings={},
-            conditional_on=(),
-            parameters={},
             orders=orders,
             model=OrderModel(
                 jnp.asarray(float(pair.ratio)),
@@ -91,12 +86,8 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
             residuals=tuple(
                 residual_arcsec * ARCSEC * generator.standard_normal(len(curve)) for curve in curves
             ),
-            covariance=np.eye(1),
-            covariance_names=("constant_backlash",),
-            values=np.zeros(1),
             checks=Checks(),
             findings=(),
-            core=core,
         )
 
     return make

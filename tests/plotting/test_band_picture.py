@@ -35,13 +35,9 @@ def heights(collection) -> np.ndarray:
 
 def test_both_bands_are_drawn_and_labelled_with_their_probability(figure, banded):
     whole = figure.axes[0]
-    words = legend_texts(whole)
-    assert words[:3] == [
-        "95 % band of the whole map",
-        "95 % band at one angle",
-        "mean of the draws",
-    ]
-    assert words[3].startswith("smallest gap 0.00") and words[3].endswith("% here")
+    *words, smallest = legend_texts(whole)
+    assert words == ["95 % band of the whole map", "95 % band at one angle", "mean of the draws"]
+    assert smallest.startswith("smallest gap 0.00") and smallest.endswith("% here")
     wide, narrow = (heights(c) for c in whole.collections[:2])
     band = banded.band
     np.testing.assert_allclose(wide[:, 0], band.low_simultaneous / DEG)
@@ -56,35 +52,25 @@ def test_the_second_panel_is_around_the_smallest_gap(figure, banded):
     assert near.get_title(loc="left") == "around the smallest gap"
 
 
-def test_the_right_axis_is_the_axial_displacement(figure):
+def test_the_right_axis_is_the_axial_displacement_and_a_drive_has_none(figure, banded):
     ax = figure.axes[0]
     (right,) = ax.child_axes
     per_deg = DEG * 80 / (2 * np.tan(3 * DEG))
     assert right.get_ylim() == pytest.approx(np.array(ax.get_ylim()) * per_deg)
     assert right.get_ylabel() == "axial displacement that closes it [mm]"
-
-
-def test_a_drive_has_no_millimetres(banded):
     drive = Drive(banded.map.pair.ratio, name="drive")
-    alone = replace(
-        banded, map=replace(banded.map, pair=drive), smallest=replace(banded.smallest, pair=drive)
-    )
+    smallest, grid = (replace(one, pair=drive) for one in (banded.smallest, banded.map))
+    alone = replace(banded, map=grid, smallest=smallest)
     assert plot_band_map(alone).axes[0].child_axes == []
 
 
 def test_title_says_how_much_of_the_period_there_is(banded, figure):
     assert figure.axes[0].get_title(loc="left").endswith("hunting period of 16 turns")
     shown = banded.driving_angle < 2 * REV
-    band = banded.band
     parts = ("centre", "std", "low", "high")
-    part = replace(
-        banded,
-        driving_angle=banded.driving_angle[shown],
-        first_order=banded.first_order[shown],
-        band=replace(band, **{name: getattr(band, name)[shown] for name in parts}),
-        turns=2.0,
-    )
-    drawn = plot_band_map(part)
+    band = replace(banded.band, **{name: getattr(banded.band, name)[shown] for name in parts})
+    cut = {name: getattr(banded, name)[shown] for name in ("driving_angle", "first_order")}
+    drawn = plot_band_map(replace(banded, band=band, turns=2.0, **cut))
     assert "2 of the 16 turns" in drawn.axes[0].get_title(loc="left")
     assert legend_texts(drawn.axes[0])[3].endswith("not shown")
     assert drawn.axes[1].get_title(loc="left") == "part of the map"
@@ -95,6 +81,8 @@ def test_it_draws_on_given_axes_and_fewer_turns(banded):
     upper, lower = figure.subplots(2)
     assert plot_band_map(banded, ax=lower, turns=3.0) is figure
     assert lower.lines and not upper.lines and lower.get_xlim() == (0, 1080)
+    with pytest.raises(ValueError, match="`turns` must be positive"):
+        plot_band_map(banded, turns=0.0)
 
 
 def test_legend_and_title_cover_nothing(figure):
@@ -103,8 +91,3 @@ def test_legend_and_title_cover_nothing(figure):
     assert box.y0 >= ax.get_window_extent().y1 - 1
     assert ax._left_title.get_window_extent().y0 >= box.y1 - 1
     assert box.x0 > 0
-
-
-def test_no_turns_are_refused(banded):
-    with pytest.raises(ValueError, match="`turns` must be positive"):
-        plot_band_map(banded, turns=0.0)

@@ -25,30 +25,23 @@ def contacts(paper_pair):
     return {flank: contact_at(model, ANGLES, flank) for flank in ("A", "B")}
 
 
-def outlines(ax, number):
-    colour = to_rgba(COLOURS[6 + number])
-    lines = [line for line in ax.get_lines() if to_rgba(line.get_color()) == colour]
+def coloured(ax, colour):
+    lines = [line for line in ax.get_lines() if to_rgba(line.get_color()) == to_rgba(colour)]
     return [np.asarray(line.get_xydata()) for line in lines]
 
 
-def touches(ax, flank):
-    colour = to_rgba(FLANK_COLOURS[flank])
-    dots = [line for line in ax.get_lines() if to_rgba(line.get_color()) == colour]
-    return np.array([np.asarray(line.get_xydata())[0] for line in dots])
+def outlines(ax, number):
+    return coloured(ax, COLOURS[6 + number])
 
 
 def nearest(points, curves):
     """Distances of points from polygons."""
-    found = []
-    for point in points:
-        far = math.inf
-        for curve in curves:
-            start, along = curve[:-1], np.diff(curve, axis=0)
-            length = np.maximum((along**2).sum(axis=1), 1e-30)
-            share = np.clip(((point - start) * along).sum(axis=1) / length, 0, 1)
-            far = min(far, np.hypot(*(start + share[:, None] * along - point).T).min())
-        found.append(far)
-    return np.array(found)
+    start = np.concatenate([curve[:-1] for curve in curves])
+    along = np.concatenate([np.diff(curve, axis=0) for curve in curves])
+    away = points[:, None] - start
+    share = (away * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-30)
+    foot = np.clip(share, 0, 1)[..., None] * along
+    return np.linalg.norm(away - foot, axis=-1).min(axis=1)
 
 
 @pytest.mark.parametrize("flank", ["A", "B"])
@@ -56,7 +49,7 @@ def test_touches_lie_on_both_gears(contacts, flank):
     """To a tenth of a µm or so of the polygons, on eccentric bodies and shifted axes."""
     for place in (0, 3):
         ax = plot_contact(contacts[flank], place=place).axes[0]
-        dots = touches(ax, flank)
+        dots = np.concatenate(coloured(ax, FLANK_COLOURS[flank]))
         assert 1 <= len(dots) <= contacts[flank].pairs_in_contact[place]
         for number in (0, 1):
             assert nearest(dots, outlines(ax, number)).max() < 2e-3
@@ -75,9 +68,8 @@ def test_the_other_flank_has_its_gap(contacts):
         [curve for curve in outlines(ax, number) if (np.abs(curve[:, 1]) < 2.5).any()]
         for number in (0, 1)
     )
-    points = np.concatenate(driving)
-    inside = points[(points[:, 0] > low + 3.2) & (points[:, 0] < high - 3.2)]
-    gaps = nearest(inside[np.abs(inside[:, 1]) < 4.0], driven)
+    x, y = (points := np.concatenate(driving)).T
+    gaps = nearest(points[(x > low + 3.2) & (x < high - 3.2) & (np.abs(y) < 4.0)], driven)
     assert gaps.min() < 1e-3
     backlash = contacts["B"].transmission_error[0] - contacts["A"].transmission_error[0]
     wide = backlash * 80.0 * math.cos(math.radians(20.0))
@@ -104,14 +96,10 @@ def test_the_words(contacts, paper_pair, tmp_path):
     figure.savefig(tmp_path / "contact.png", dpi=50)
 
 
-def test_points_of_tilted_gears_are_dots(paper_pair):
+def test_points_of_tilted_gears_are_dots_and_nothing_that_touches_no_picture(paper_pair):
     model = contact_model(paper_pair, misalignment=Misalignment(0.0, 3e-4), sections=9)
     ax = plot_contact(contact_at(model, ANGLES, "A")).axes[1]
-    markers = [line.get_marker() for line in ax.get_lines()]
-    assert "." in markers
-
-
-def test_where_nothing_touches_there_is_no_picture(paper_pair):
+    assert "." in [line.get_marker() for line in ax.get_lines()]
     model = contact_model(paper_pair, Eccentricities(axial_mm=21.0), sections=9)
     with pytest.raises(ValueError, match="an angle with contact, but 2 has none"):
         plot_contact(contact_at(model, ANGLES, "A"), place=2)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from tests.plotting.axes import legend_texts
 from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.plotting.deviations import plot_deviations
 
@@ -20,22 +21,15 @@ def smooth(ax):
 def test_a_row_for_each_map_with_the_measured_points(tmp_path):
     """Three heights on the left, three roll lengths on the right."""
     figure = plot_deviations(Deviations(driving=(MAP, None), driven=(None, MAP)))
-    titles = [ax.get_title(loc="left") for ax in figure.axes]
-    assert titles == [
-        "driving flank A, profile",
-        "driving flank A, helix",
-        "driven flank B, profile",
-        "driven flank B, helix",
-    ]
+    flanks = "driving flank A", "driven flank B"
+    titles = [f"{flank}, {trace}" for flank in flanks for trace in ("profile", "helix")]
+    assert [ax.get_title(loc="left") for ax in figure.axes] == titles
     for ax, axis, values in ((figure.axes[0], ROLL, DRAWN.T), (figure.axes[1], HEIGHT, DRAWN)):
         chosen = [0, len(values) // 2, len(values) - 1]
         for (x, y), row in zip(dots(ax), chosen, strict=True):
             np.testing.assert_array_equal(x, axis)
             np.testing.assert_array_equal(y, values[row])
-    legend = figure.axes[0].get_legend()
-    assert legend is not None
-    words = [text.get_text() for text in legend.get_texts()]
-    assert words == ["z = -8 mm", "z = 0 mm", "z = 8 mm"]
+    assert legend_texts(figure.axes[0]) == ["z = -8 mm", "z = 0 mm", "z = 8 mm"]
     figure.savefig(tmp_path / "deviations.png", dpi=50)
 
 
@@ -48,9 +42,6 @@ def test_lines_are_the_spline_through_the_points():
         places = (x, other) if ax is profile else (other, x)
         np.testing.assert_array_equal(y, MAP.prepared()(*places))
     assert profile.get_shared_y_axes().joined(profile, helix)
-
-
-def test_few_points_have_few_traces():
     two = FlankMap(ROLL[:2], HEIGHT[:2], DRAWN[:2, :2])
     figure = plot_deviations(Deviations(driven=(two, None)))
     assert [len(smooth(ax)) for ax in figure.axes] == [2, 2]
@@ -71,15 +62,12 @@ def test_the_drawing_marks_flank_and_face(paper_pair):
     assert ends[1] == [-10.0, 10.0]
 
 
-def test_every_tooth_has_its_line():
+def test_every_tooth_has_its_line_and_nothing_no_picture():
     pitches = np.random.default_rng(1).normal(size=(2, 45))
     (ax,) = plot_deviations(Deviations(driving_pitch_um=pitches)).axes
     assert ax.get_title(loc="left") == "driving gear, single teeth"
     for (x, y), values in zip(dots(ax), pitches, strict=True):
         np.testing.assert_array_equal(np.round(np.asarray(x, float)), np.arange(1, 46))
         np.testing.assert_array_equal(y, values)
-
-
-def test_nothing_has_no_picture():
     with pytest.raises(ValueError, match="`deviations` must hold a map or pitches, but is empty"):
         plot_deviations(Deviations())

@@ -27,6 +27,10 @@ def test_the_picture_follows_the_object(make_curve, make_fit, paper_pair):
     assert plot(fit).axes[-1].get_ylabel() == "residual [arcsec]"
     (ax,), (direct,) = plot(grid, turns=3).axes, plot_map(grid, turns=3).axes
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), direct.lines[0].get_ydata())
+    figure = plot(tooth_of(paper_pair, "driving"), name="of the paper")
+    assert figure.get_suptitle() == "tooth of 45 · of the paper"
+    assert plot.dispatch(Contacts) is plot_contact
+    assert plot.dispatch(Deviations) is plot_deviations
 
 
 def test_a_name_chooses_the_picture(make_fit):
@@ -37,28 +41,15 @@ def test_a_name_chooses_the_picture(make_fit):
         fit.plot("trace")
 
 
-def test_gears_have_pictures_too(paper_pair):
-    figure = plot(tooth_of(paper_pair, "driving"), name="of the paper")
-    assert figure.get_suptitle() == "tooth of 45 · of the paper"
-    assert plot.dispatch(Contacts) is plot_contact
-    assert plot.dispatch(Deviations) is plot_deviations
-
-
-def test_options_reach_the_picture(make_curve, make_fit):
-    assert plot(make_curve("A"), unit="deg").axes[0].get_ylabel() == "transmission error [°]"
+def test_options_reach_the_picture_and_wrong_ones_are_refused(make_curve, make_fit):
+    curve = make_curve("A")
+    assert plot(curve, unit="deg").axes[0].get_ylabel() == "transmission error [°]"
     assert plot(make_fit(), span_deg=(100.0, 200.0)).axes[0].get_xlim() == (100.0, 200.0)
-
-
-def test_an_object_without_a_picture_is_refused():
-    with pytest.raises(
-        ValueError, match=r"`obj` must be an EncoderLog, .* Deviations, but is int\."
-    ):
-        plot(3)
-
-
-def test_an_option_of_another_picture_is_refused(make_curve):
     with pytest.raises(TypeError, match="turns"):
-        plot(make_curve("A"), turns=3)
+        plot(curve, turns=3)
+    words = r"`obj` must be an EncoderLog, .* Deviations, but is int\."
+    with pytest.raises(ValueError, match=words):
+        plot(3)
 
 
 def test_pyplot_is_never_imported():
@@ -67,7 +58,4 @@ def test_pyplot_is_never_imported():
     draw += "figure = Figure(); figure.subplots(); png(figure)"
     imports = ";".join(f"import vttig_jax.plotting.{module}" for module in modules)
     assert not loads_pyplot(f"{imports}\n{draw}")
-
-
-def test_the_check_for_pyplot_can_fail():
-    assert loads_pyplot("import matplotlib.pyplot")
+    assert loads_pyplot("import matplotlib.pyplot")  # the check can fail

@@ -3,7 +3,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -24,10 +23,6 @@ def grid(paper_pair, paper_rig) -> BacklashMap:
     return BacklashMap(model, closed_model(paper_pair, paper_rig), paper_pair)
 
 
-def right_axis(ax: Axes):
-    return next(iter(ax.child_axes), None)
-
-
 def test_lines_are_the_map_over_the_hunting_period(grid):
     (ax,) = plot_map(grid).axes
     x, y = data(ax, 0)
@@ -45,49 +40,38 @@ def test_the_extremes_are_marked(grid):
         x, y = data(ax, line)
         assert x == pytest.approx(np.degrees(extreme.driving_angle))
         assert y == pytest.approx(np.degrees(extreme.backlash))
-    assert legend_texts(ax) == [
-        f"smallest: {grid.smallest}",
-        f"largest: {grid.largest}",
-        "backlash map",
-        "first order only",
-    ]
-    assert "teeth" in legend_texts(ax)[0]
+    smallest, largest, *lines = legend_texts(ax)
+    assert smallest == f"smallest: {grid.smallest}" and "teeth" in smallest
+    assert largest == f"largest: {grid.largest}" and lines == ["backlash map", "first order only"]
+    (unknown,) = plot_map(replace(grid, unknown="the driven shaft turned too little")).axes
+    assert legend_texts(unknown)[0] == "backlash map"
+    assert unknown.get_title(loc="left").startswith("backlash of the fitted orders · ")
 
 
-def test_the_words(grid):
-    (ax,) = plot_map(grid).axes
-    assert ax.get_xlabel() == "driving angle [°]"
-    assert ax.get_ylabel() == "backlash, angle of the driven gear [°]"
-    words = "backlash, and where it is smallest · VTTIG rig · hunting period of 16 turns"
-    assert ax.get_title(loc="left") == words
+SPUR = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+TAPER = 2 * np.tan(np.radians(3))
 
 
-def test_the_right_axis_of_a_tapered_pair_is_the_axial_displacement(grid, paper_pair):
-    figure = plot_map(grid)
-    figure.draw_without_rendering()
-    right = right_axis(figure.axes[0])
-    assert right is not None
-    assert right.get_ylabel() == "axial displacement that closes it [mm]"
-    per_deg = np.radians(1) * 80 / (2 * np.tan(np.radians(3)))
-    assert right.get_ylim() == pytest.approx(np.array(figure.axes[0].get_ylim()) * per_deg)
-
-
-def test_the_right_axis_of_spur_gears_is_at_the_reference_circle(paper_rig):
-    pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
-    figure = plot_map(BacklashMap(exact_model(pair, paper_rig), None, pair))
-    figure.draw_without_rendering()
-    right = right_axis(figure.axes[0])
-    assert right is not None
-    assert right.get_ylabel() == "at the reference circle [mm]"
-    per_deg = np.radians(1) * 80
-    assert right.get_ylim() == pytest.approx(np.array(figure.axes[0].get_ylim()) * per_deg)
-
-
-def test_a_drive_is_in_degrees_only(make_fit):
+def test_the_words_and_the_right_axis(grid, paper_rig, make_fit):
+    """It is the axial displacement of a tapered pair, and at the reference circle of spur gears."""
+    spur = BacklashMap(exact_model(SPUR, paper_rig), None, SPUR)
+    for one, words, mm in (
+        (grid, "axial displacement that closes it [mm]", 80 / TAPER),
+        (spur, "at the reference circle [mm]", 80),
+    ):
+        figure = plot_map(one)
+        figure.draw_without_rendering()
+        (ax,) = figure.axes
+        (right,) = ax.child_axes
+        assert right.get_ylabel() == words
+        assert right.get_ylim() == pytest.approx(np.radians(ax.get_ylim()) * mm)
+        assert ax.get_xlabel() == "driving angle [°]"
+        assert ax.get_ylabel() == "backlash, angle of the driven gear [°]"
     drive = Drive(Fraction(9, 16), name="drive")
     (ax,) = plot_map(BacklashMap(make_fit().model, None, drive)).axes
-    assert right_axis(ax) is None
-    assert len(ax.lines) == 3 and "teeth" not in legend_texts(ax)[0]
+    assert not ax.child_axes and len(ax.lines) == 3 and "teeth" not in legend_texts(ax)[0]
+    words = "backlash, and where it is smallest · drive · hunting period of 16 turns"
+    assert ax.get_title(loc="left") == words
 
 
 def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
@@ -109,32 +93,18 @@ def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
     assert legend_texts(whole)[0].endswith(turn) and "turn" not in legend_texts(ax)[0]
 
 
-def test_extremes_that_are_not_known_are_not_marked(grid):
-    (ax,) = plot_map(replace(grid, unknown="the driven shaft turned too little")).axes
-    assert legend_texts(ax)[0] == "backlash map"
-    assert ax.get_title(loc="left").startswith("backlash of the fitted orders · ")
-
-
-def test_the_turns_can_be_fewer(grid):
-    (ax,) = plot_map(grid, turns=1).axes
-    assert ax.get_xlim() == (0, 360)
-    assert "first 1 of the 16 turns" in ax.get_title(loc="left")
-    assert legend_texts(ax)[0].endswith("not shown")
-
-
-def test_no_turns_are_refused(grid):
-    with pytest.raises(ValueError, match="`turns` must be at least 1, but is 0"):
-        plot_map(grid, turns=0)
-
-
-def test_it_draws_on_given_axes(grid):
+def test_it_draws_fewer_turns_on_given_axes(grid):
     figure = Figure()
     upper, lower = figure.subplots(2)
     assert plot_map(grid, ax=lower, turns=1) is figure
-    assert lower.lines and not upper.lines
+    assert lower.lines and not upper.lines and lower.get_xlim() == (0, 360)
+    assert "first 1 of the 16 turns" in lower.get_title(loc="left")
+    assert legend_texts(lower)[0].endswith("not shown")
 
 
-def test_a_flank_that_was_not_measured_is_a_sentence(worm_fit):
+def test_no_turns_and_a_flank_that_was_not_measured_are_refused(grid, worm_fit):
+    with pytest.raises(ValueError, match="`turns` must be at least 1, but is 0"):
+        plot_map(grid, turns=0)
     with pytest.raises(NoAnswerError, match="one of its flanks was not measured; record both"):
         plot_map(BacklashMap(worm_fit.model, None, Drive(Fraction(1, 2))))
 

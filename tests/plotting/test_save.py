@@ -42,7 +42,7 @@ def test_the_bytes_hold_no_date_and_no_version(make_curve):
     assert b"Matplotlib" not in data and b"tIME" not in data
 
 
-def test_without_a_map_its_picture_is_left_out(worm_fit):
+def test_a_log_of_one_direction_has_no_map(worm_fit):
     assert list(figures(worm_fit, None)) == NAMES[:3]
 
 

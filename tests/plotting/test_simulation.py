@@ -1,7 +1,6 @@
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -30,15 +29,8 @@ FLANK_B, FLANK_A, TRUE = 1, 2, 3
 @pytest.fixture(scope="module")
 def run() -> Simulation:
     """Two turns, a dwell of 2 s and back; the paper's controller closes too far."""
-    spec = parse_scenario_spec(
-        {
-            "pair": "pair.toml",
-            "plant": "play",
-            "flanks": "closed",
-            "eccentricities": RIG,
-            "motion": {"reversal_deg": 720.0},
-        }
-    )
+    scenario = {"pair": "pair.toml", "plant": "play", "flanks": "closed", "eccentricities": RIG}
+    spec = parse_scenario_spec(scenario | {"motion": {"reversal_deg": 720.0}})
     return simulate(spec, paper_pair(), trace_every=1)
 
 
@@ -50,10 +42,8 @@ def panels(run) -> list[Axes]:
 
 def with_times(run: Simulation, **times: float) -> Simulation:
     """The run with other landmarks of its motion."""
-    motion = run.case.motion
-    for name, value in times.items():
-        motion = eqx.tree_at(lambda m, name=name: getattr(m, name), motion, np.asarray(value))
-    return replace(run, case=eqx.tree_at(lambda case: case.motion, run.case, motion))
+    motion = replace(run.case.motion, **{name: np.asarray(one) for name, one in times.items()})
+    return replace(run, case=replace(run.case, motion=motion))
 
 
 def marks(ax: Axes) -> list[float]:
@@ -106,27 +96,23 @@ def test_brakes_closing_and_turn_are_marked(run, panels):
         assert marks(right) == pytest.approx([4.5])
 
 
-def test_what_is_commanded_beyond_the_closed_gap_is_filled(run, panels):
+def test_what_is_commanded_beyond_the_closed_gap_is_filled_and_speeds_are_shown(run, panels):
     shift = panels[3]
     (closed, commanded, reached) = (data(shift, line) for line in range(3))
     np.testing.assert_allclose(
         np.maximum(commanded[1] - closed[1], 0).max(), run.metrics["interference_mm"], rtol=0.02
     )
     assert (reached[1] <= closed[1] + 1e-9).all()
-    after = closed[0] > 2.1
+    after = closed[0] > 2.1  # the play is taken up
     np.testing.assert_allclose(reached[1][after], closed[1][after], atol=1e-9)
     (beyond,) = (c for c in shift.collections if isinstance(c, PolyCollection))
     colour = np.ravel(np.asarray(beyond.get_facecolor()))[:3]
     np.testing.assert_allclose(colour, to_rgb(shift.lines[0].get_color()))
     box = beyond.get_paths()[0].get_extents()
     assert box.y1 == pytest.approx(commanded[1].max())
-
-
-def test_speed_and_what_the_observer_sees(panels):
     time, speed = data(panels[5], 1)
-    expected = np.interp(time, [2.0, 2.5], [60.0, 0.0])
-    np.testing.assert_allclose(speed, expected, atol=1e-9)
-    assert 0 < np.abs(data(panels[5], 0)[1] - speed).max() < 5
+    np.testing.assert_allclose(speed, np.interp(time, [2.0, 2.5], [60.0, 0.0]), atol=1e-9)
+    assert 0 < np.abs(data(panels[5], 0)[1] - speed).max() < 5  # what the observer sees
 
 
 def test_the_words(run):
@@ -147,7 +133,7 @@ def test_the_words(run):
 
 
 def test_a_span_of_your_own(run):
-    panels = plot_simulation(run, span_s=(2.0, 2.1)).axes
+    panels = plot(run, span_s=(2.0, 2.1)).axes
     assert len(panels) == 4
     assert panels[1].get_xlim() == (2.0, 2.1)
     time, _ = data(panels[1], TRUE)
@@ -179,18 +165,10 @@ def test_where_the_drive_blocks_the_picture_ends(run):
     assert "drive blocks" in words(figure)[0] and "outcome bound" in figure.get_suptitle()
 
 
-def test_the_picture_follows_the_object(run):
-    assert plot(run, span_s=(2.0, 2.1)).axes[1].get_xlim() == (2.0, 2.1)
-
-
-def test_a_run_without_a_trace_is_refused(run):
+def test_a_run_without_a_trace_and_an_empty_span_are_refused(run):
+    words = "`span_s` must hold two samples or more of the 0 … 9 s"
+    for span_s in ((3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)):
+        with pytest.raises(ValueError, match=words):
+            plot_simulation(run, span_s=span_s)
     with pytest.raises(ValueError, match="`trace_every` must be at least 1"):
         plot_simulation(replace(run, trace=None))
-
-
-def test_an_empty_span_is_refused(run):
-    for span_s in ((3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)):
-        with pytest.raises(
-            ValueError, match="`span_s` must hold two samples or more of the 0 … 9 s"
-        ):
-            plot_simulation(run, span_s=span_s)

@@ -53,16 +53,12 @@ def test_every_controller_has_its_line_and_missing_values_are_left_out():
 
 
 def test_the_axis_is_the_longest_one_or_the_one_asked_for():
-    axes = {
-        "draw": np.arange(24),
-        "motion.speed_rpm": turns(3, 8),
-        "seed": np.tile(np.arange(8), 3),
-    }
-    table = table_of(**axes)
-    assert plot_sweep(table).axes[1].get_xlabel() == "seed"
+    axes = {"motion.speed_rpm": turns(3, 8), "seed": np.tile(np.arange(8), 3)}
+    table = table_of(draw=np.arange(24), **axes)
     assert len(lines(plot_sweep(table), 0)) == 3  # speeds
-    assert plot_sweep(table, axis="motion.speed_rpm").axes[1].get_xlabel() == "speed [rpm]"
-    assert plot_sweep(table, axis="draw").axes[1].get_xlabel() == "draw of the posterior"
+    labels = {"seed": None, "speed [rpm]": "motion.speed_rpm", "draw of the posterior": "draw"}
+    for words, axis in labels.items():
+        assert plot_sweep(table, axis=axis).axes[1].get_xlabel() == words
     with pytest.raises(ValueError, match=r"`axis` must be one of draw, motion\.speed_rpm, seed"):
         plot_sweep(table, axis="controller")
     with pytest.raises(ValueError, match="axis of numbers"):
@@ -94,14 +90,9 @@ def test_a_feedforward_controller_has_the_error_of_the_output_below():
     table.columns["output_error_deg"][names == "none"] += 1.0
     figure = plot_sweep(table)
     assert len(figure.axes) == 3
+    # Two styles, so that a curve on another one is seen.
+    assert len({line.get_linestyle() for line in figure.axes[0].get_lines()}) == 2
     found = lines(figure, 2)
     np.testing.assert_allclose(found["none"][:, 1] - found["feedforward"][:, 1], 1 - 1e-5)
     table.columns["controller"] = np.tile(["none", "predictive"], 6)
     assert len(plot_sweep(table).axes) == 2
-
-
-def test_a_curve_on_another_one_is_seen():
-    names = np.repeat(["none", "feedforward"], 6)
-    figure = plot_sweep(table_of(**{"motion.reversal_deg": turns(6, 2), "controller": names}))
-    styles = [line.get_linestyle() for line in figure.axes[0].get_lines()]
-    assert len(set(styles)) == 2

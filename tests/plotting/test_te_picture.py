@@ -9,29 +9,22 @@ from vttig_jax.plotting.style import FLANK_COLOURS, unit_size
 pytestmark = pytest.mark.smoke
 
 
-@pytest.mark.parametrize(("unit", "per_rad"), [("arcsec", 648000 / np.pi), ("deg", 180 / np.pi)])
-def test_the_line_is_the_curve(make_curve, unit, per_rad):
+@pytest.mark.parametrize(
+    ("unit", "per_rad", "sign"), [("arcsec", 648000 / np.pi, "arcsec"), ("deg", 180 / np.pi, "°")]
+)
+def test_the_line_is_the_curve_with_its_words(make_curve, unit, per_rad, sign):
     curve = make_curve("B")
     (ax,) = plot_te(curve, unit=unit).axes
     (line,) = ax.lines
     x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
     np.testing.assert_allclose(x, np.degrees(curve.driving_angle), rtol=1e-13)
     np.testing.assert_allclose(y, curve.transmission_error * per_rad, rtol=1e-13)
-
-
-@pytest.mark.parametrize("flank", ["A", "B"])
-def test_the_words(make_curve, flank):
-    (ax,) = plot_te(make_curve(flank)).axes
     assert ax.get_xlabel() == "driving angle [°]"
-    assert ax.get_ylabel() == "transmission error [arcsec]"
-    assert ax.get_title(loc="left") == f"transmission error, flank {flank}"
-    assert ax.lines[0].get_color() == FLANK_COLOURS[flank]
-    (ax,) = plot_te(make_curve(flank), unit="deg").axes
-    assert ax.get_ylabel() == "transmission error [°]"
-
-
-def test_the_flanks_differ_in_colour():
-    assert FLANK_COLOURS["A"] != FLANK_COLOURS["B"]
+    assert ax.get_ylabel() == f"transmission error [{sign}]"
+    assert ax.get_title(loc="left") == "transmission error, flank B"
+    assert line.get_color() == FLANK_COLOURS["B"] != FLANK_COLOURS["A"]
+    with pytest.raises(ValueError, match="`unit` must be arcsec or deg, but is 'mm'"):
+        unit_size("mm")
 
 
 def test_several_turns_have_ticks_at_whole_turns(make_curve):
@@ -42,20 +35,11 @@ def test_several_turns_have_ticks_at_whole_turns(make_curve):
     assert np.any(np.asarray(ax.get_xticks()) % 360 != 0)
 
 
-def test_it_draws_on_given_axes(make_curve):
-    figure = Figure()
+def test_it_draws_on_given_axes_and_long_curves_are_thinned(make_curve):
+    figure, curve = Figure(), make_curve("A", points=3 * MOST_POINTS)
     upper, lower = figure.subplots(2)
-    assert plot_te(make_curve("A"), ax=lower) is figure
+    assert plot_te(curve, ax=lower, unit="deg") is figure
     assert len(lower.lines) == 1 and not upper.lines
-
-
-def test_long_curves_are_thinned(make_curve):
-    curve = make_curve("A", points=3 * MOST_POINTS)
-    y = np.asarray(plot_te(curve, unit="deg").axes[0].lines[0].get_ydata())
+    y = np.asarray(lower.lines[0].get_ydata())
     assert len(y) <= MOST_POINTS
     assert np.ptp(y) == pytest.approx(np.degrees(curve.peak_to_peak), rel=1e-14)
-
-
-def test_an_unknown_unit_is_refused():
-    with pytest.raises(ValueError, match="`unit` must be arcsec or deg, but is 'mm'"):
-        unit_size("mm")

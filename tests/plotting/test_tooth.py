@@ -24,11 +24,8 @@ def test_three_sections_from_thin_to_thick(tmp_path):
     assert {"root", "fillet", "flank", "tip", "base circle", "form circle"} <= labels
     assert along.get_xlabel() == "z [mm]"
     figure.savefig(tmp_path / "tooth.png", dpi=50)
-
-
-def test_a_tooth_that_thins_the_other_way():
-    figure = plot_tooth(tooth(recession=(crowned(-0.03, 0.0),) * 2))
-    assert figure.axes[0].get_title(loc="left") == "thin end, z = -10 mm"
+    other = plot_tooth(tooth(recession=(crowned(-0.03, 0.0),) * 2))
+    assert other.axes[0].get_title(loc="left") == "thin end, z = -10 mm"
 
 
 def test_a_tooth_that_winds_is_turned_back_upright():
@@ -67,8 +64,5 @@ def test_lines_along_the_face_are_those_of_the_report():
     assert len(ax.collections) == 1  # overlapping fillets
     spur = plot_tooth(tooth(60, fillet_radius_mm=0.1, recession=(crowned(0.0, 0.0),) * 2))
     assert not spur.axes[3].collections
-
-
-def test_gears_without_a_solid_have_no_picture():
     with pytest.raises(PairError, match="pointed"):
         plot_tooth(tooth(recession=(crowned(0.09, 0.0),) * 2))

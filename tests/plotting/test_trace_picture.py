@@ -53,6 +53,10 @@ def test_nothing_overlaps(figure):
         assert all(not box.overlaps(other) for other in boxes[:index])
         assert 0 <= box.xmin < box.xmax <= figure.bbox.xmax
         assert 0 <= box.ymin < box.ymax <= figure.bbox.ymax
+    names = [f"ensemble {k}" for k in (1, 2, 3, 4)]
+    assert [text.get_text() for text in legend.get_texts()] == names
+    top = legend.get_window_extent().y1  # below everything
+    assert all(ax.get_tightbbox().y0 >= top - 1 for ax in shown)
 
 
 def with_draws(posterior, draws: np.ndarray):
@@ -70,23 +74,10 @@ def test_an_ensemble_that_stands_apart_is_seen(posterior):
     assert abs(levels[1] - levels[0]) < 1 < levels[2] - levels[0]
 
 
-def test_long_traces_are_thinned(posterior):
+def test_long_traces_are_thinned_and_unknown_names_refused(posterior):
     long = with_draws(posterior, np.tile(posterior.chains.record.draws, (1, 100, 1, 1)))
     ax = plot_trace(long, names=("log_innovation_std",)).axes[0]
     steps = long.chains.draws.shape[1]
     assert steps > 2000 and 1000 <= len(thick(ax)[0].get_xdata()) <= steps // 2
-
-
-def test_the_legend_stands_below_everything(figure):
-    figure.draw_without_rendering()
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == [
-        f"ensemble {k}" for k in (1, 2, 3, 4)
-    ]
-    top = legend.get_window_extent().y1
-    assert all(ax.get_tightbbox().y0 >= top - 1 for ax in figure.axes if ax.axison)
-
-
-def test_an_unknown_name_is_refused(posterior):
     with pytest.raises(ValueError, match="`names`"):
         plot_trace(posterior, names=("nonesuch",))

@@ -8,8 +8,6 @@ import numpy as np
 from tests.posterior.densities import Gaussian, plain
 from vttig_jax.posterior.chains import Chains, run_ensembles
 
-REPOSITORY = Path(__file__).parents[2]
-
 
 def sample(path: Path | None, target: Gaussian | None = None, **options: Any) -> Chains:
     settings: dict[str, Any] = {"steps": 100, "walkers": 16} | options

@@ -1,25 +1,23 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.posterior.densities import Gaussian, plain
-from tests.posterior.runs import REPOSITORY, only, same, sample, sentence
+from tests.posterior.runs import only, same, sample, sentence
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.posterior.chains import read_chains
 from vttig_jax.posterior.until import Until
 
 
 def test_killed_at_any_moment_it_goes_on_bit_for_bit(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.posterior.killed", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        cwd=REPOSITORY,
-    )
+    command = [sys.executable, "-m", "tests.posterior.killed", str(tmp_path)]
+    folder = Path(__file__).parents[2]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["same"]
@@ -31,43 +29,28 @@ def test_killed_at_any_moment_it_goes_on_bit_for_bit(tmp_path):
 
 def test_a_finished_run_resumed_is_there_at_once(path):
     chains = sample(path)
-    before = path.read_bytes()
-    target = plain()
-    inode = path.stat().st_ino
+    before, inode, target = path.read_bytes(), path.stat().st_ino, plain()
     assert same(sample(path, target, resume=True), chains)
     assert path.stat().st_ino == inode  # nor was the file written anew
     assert len(target.sizes) <= 1  # no step was made
     assert path.read_bytes() == before and only(path)
 
 
-@pytest.mark.parametrize("first", [50, 85, 87])
+@pytest.mark.parametrize("first", [0, 50, 85, 87])
 def test_more_steps_go_on_from_the_last(path, first):
-    sample(path, steps=first)
+    if first:
+        sample(path, steps=first)
     assert same(sample(path, steps=140, resume=True), sample(None, steps=140))
-    assert same(read_chains(path), sample(None, steps=140))
+    assert same(read_chains(path), sample(None, steps=140)) and only(path)
 
 
 def test_a_run_by_steps_goes_on_by_the_rule_as_one_by_the_rule_alone(path):
-    rule = Until(effective=2000.0)
-    whole = sample(None, steps=None, until=rule)
+    by_the_rule: dict[str, Any] = {"steps": None, "until": Until(effective=2000.0)}
+    whole = sample(None, **by_the_rule)
     sample(path, steps=85)
-    assert same(sample(path, steps=None, until=rule, resume=True), whole)
+    for _ in range(2):
+        assert same(sample(path, **by_the_rule, resume=True), whole)
     assert whole.diagnosis.steps % 50 == 0 and whole.diagnosis.converged
-    again = sample(path, steps=None, until=rule, resume=True)
-    assert same(again, whole)
-
-
-def test_fewer_steps_than_there_are_is_refused(path):
-    sample(path, steps=200)
-    before = path.read_bytes()
-    with pytest.raises(UsageError, match="already holds 200 steps"):
-        sample(path, steps=100, resume=True)
-    assert path.read_bytes() == before and only(path)
-
-
-def test_where_nothing_is_there_a_resumed_run_starts(path):
-    assert same(sample(path, resume=True), sample(None))
-    assert only(path)
 
 
 def test_a_checkpoint_of_another_run_says_what_differs(path):
@@ -79,6 +62,7 @@ def test_a_checkpoint_of_another_run_says_what_differs(path):
         ({"target": plain(3)}, "names"),
         ({"target": plain(identity={"data": "ab12", "priors": [2.5]})}, "priors"),
         ({"target": plain(identity={"data": "ffff", "priors": [1.5]})}, "data"),
+        ({"target": Gaussian(np.zeros(2), 2 * np.eye(2)), "steps": 200}, "another density"),
         ({"seed": 7}, "seed 0 in it, 7"),
         ({"walkers": 32}, "walkers 16 in it, 32"),
         ({"ensembles": 5}, "ensembles 4 in it, 5"),
@@ -87,14 +71,8 @@ def test_a_checkpoint_of_another_run_says_what_differs(path):
         with pytest.raises(InputError) as caught:
             sample(path, **options, resume=True)
         assert words in sentence(caught.value) and caught.value.exit_code == 3
-        assert path.read_bytes() == before and only(path)
-
-
-def test_a_density_that_has_changed_is_refused(path):
-    sample(path)
-    before = path.read_bytes()
-    with pytest.raises(InputError):
-        sample(path, Gaussian(np.zeros(2), 2 * np.eye(2)), steps=200, resume=True)
+    with pytest.raises(UsageError, match="already holds 100 steps"):
+        sample(path, steps=50, resume=True)
     assert path.read_bytes() == before and only(path)
 
 

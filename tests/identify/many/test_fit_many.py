@@ -3,6 +3,7 @@
 import csv
 from fractions import Fraction
 from io import StringIO
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -39,12 +40,10 @@ def test_rows_are_single_fits(rig, short_rig):
         for name in set(single.parameters) & set(table.parameters):
             one = single.parameters[name]
             for part, field in PARTS.items():
-                expected = getattr(one, field)
-                cell = table.columns[name + part][number]
-                if expected is None:
-                    assert np.isnan(cell), name
-                else:
-                    assert abs(cell - expected) <= 1e-6 * (one.std or 1.0), name
+                expected = np.array(getattr(one, field), float)  # NaN for None
+                np.testing.assert_allclose(
+                    table.columns[name + part][number], expected, 0, 1e-6 * (one.std or 1.0), name
+                )
         assert table.columns["samples_used"][number] == single.samples["used"]
         assert table.columns["noise_std_deg"][number] == pytest.approx(single.noise.std_deg)
         assert table.columns["conditional_on"][number] == " ".join(single.conditional_on)
@@ -93,20 +92,17 @@ def test_a_log_that_cannot_be_fitted_has_a_code_and_a_reason(rig):
 
 
 def test_rows_have_the_order_of_the_logs_and_few_are_in_memory(rig):
-    taken, log = [], rig.log(0)
-    seen = []
+    seen, log = [], rig.log(0)
 
     def drawn():
         for number in range(30):
-            taken.append(number)
-            assert len(taken) - len(seen) <= 2 * 4 + 2
+            assert number + 1 - len(seen) <= 2 * 4 + 2
             yield log if number % 10 == 0 else Unread(str(number), LogError("broken."))
 
     settings = batch_settings(None, {})
     columns = fit_columns(drawn(), rig.pair, settings, rig.pair.fit, progress=seen.append)
-    assert columns["log"].tolist() == [
-        log.source if number % 10 == 0 else str(number) for number in range(30)
-    ]
+    expected = [str(number) if number % 10 else log.source for number in range(30)]
+    assert columns["log"].tolist() == expected
 
 
 def test_a_log_of_another_rig_is_refused_by_name(rig):
@@ -116,31 +112,24 @@ def test_a_log_of_another_rig_is_refused_by_name(rig):
     assert error.value.where == log.source and "9/16" in error.value.message
 
 
-@pytest.mark.parametrize(
-    ("changes", "kind", "words"),
-    [
-        ({"same_zero": True}, ValueError, "`same_zero`"),
-        ({"use_readings": True}, ValueError, "`use_readings`"),
-        ({"flank": "C"}, ValueError, "`flank` must be"),
-        ({"drift": 1}, TypeError, "no argument `drift`"),
-    ],
-)
-def test_settings_that_a_batch_does_not_have(changes, kind, words):
-    with pytest.raises(kind, match=words):
-        batch_settings(None, changes)
-
-
-@pytest.mark.parametrize(
-    ("logs", "pair", "words"),
-    [
+def test_wrong_settings_and_arguments_of_another_kind_are_named(unchecked):
+    for changes, words in (
+        ({"same_zero": True}, "`same_zero`"),
+        ({"use_readings": True}, "`use_readings`"),
+        ({"flank": "C"}, "`flank` must be"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            batch_settings(None, changes)
+    with pytest.raises(TypeError, match="no argument `drift`"):
+        batch_settings(None, {"drift": 1})
+    cases: list[tuple[Any, Any, str]] = [
         (["rig.csv"], paper_pair(), "must hold encoder logs, .* holds a str"),
         (None, paper_pair(), "must be an iterable of encoder logs, but is a NoneType"),
         ([], "pair.toml", "`pair` must be a gear pair or a drive, .* is a str"),
-    ],
-)
-def test_arguments_of_another_kind_are_named(logs, pair, words, unchecked):
-    with pytest.raises(TypeError, match=words):
-        fit_many(logs, pair)
+    ]
+    for logs, pair, words in cases:
+        with pytest.raises(TypeError, match=words):
+            fit_many(logs, pair)
 
 
 def test_the_table_is_written_as_csv_and_parquet(tmp_path):

@@ -20,12 +20,10 @@ NAME = "driven_amplitude_arcsec"
 @pytest.mark.parametrize("wanted", [1.0, 0.2])
 def test_it_is_enough_and_one_turn_less_is_not(wanted):
     found = shortest_run(DRIVE, {NAME: wanted}, **HOW)
-    assert found.std(NAME) <= wanted
-    less = plan(DRIVE, turns=found.run.turns - 1, **HOW)
-    assert less.std(NAME) > wanted
-    assert found.parameters[NAME].wanted == wanted
-    assert "wanted" in str(found)
-    assert found.std(NAME) == plan(DRIVE, turns=found.run.turns, **HOW).std(NAME)
+    turns = found.run.turns
+    same, less = (plan(DRIVE, turns=k, **HOW).std(NAME) for k in (turns, turns - 1))
+    assert same == found.std(NAME) <= wanted < less
+    assert found.parameters[NAME].wanted == wanted and "wanted" in str(found)
 
 
 @pytest.mark.slow
@@ -52,22 +50,18 @@ def test_what_turns_cannot_tell_is_refused_at_once_with_the_reason():
 @pytest.mark.slow
 def test_the_upper_bound_is_stated(monkeypatch):
     monkeypatch.setattr("vttig_jax.posterior.planning.plan.MOST_SAMPLES", 50_000)
-    with pytest.raises(
-        NoAnswerError, match=r"30 turns a pass, as asked, .* instead of 0.01 arcsec"
+    for wanted, most_turns, words in (
+        (0.01, 30.0, r"30 turns a pass, as asked, .* instead of 0.01 arcsec"),
+        (1e-9, 1e9, "fit in memory"),
+        (1.0, 1.0, r"turned only 0\.5"),
     ):
-        shortest_run(DRIVE, {NAME: 0.01}, most_turns=30.0, **HOW)
-    with pytest.raises(NoAnswerError, match="fit in memory"):
-        shortest_run(DRIVE, {NAME: 1e-9}, most_turns=1e9, **HOW)
-    with pytest.raises(NoAnswerError, match=r"turned only 0\.5"):
-        shortest_run(DRIVE, {NAME: 1.0}, most_turns=1.0, **HOW)
+        with pytest.raises(NoAnswerError, match=words):
+            shortest_run(DRIVE, {NAME: wanted}, most_turns=most_turns, **HOW)
 
 
 def test_wrong_targets_are_named():
-    for target, words in (
-        ({}, "empty"),
-        ({NAME: 0.0}, NAME),
-        ({NAME: float("nan")}, NAME),
-        ({"nonesuch": 1.0}, "nonesuch"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            shortest_run(DRIVE, target, **HOW)
+    for name, value in ((NAME, 0.0), (NAME, float("nan")), ("nonesuch", 1.0)):
+        with pytest.raises(ValueError, match=name):
+            shortest_run(DRIVE, {name: value}, **HOW)
+    with pytest.raises(ValueError, match="empty"):
+        shortest_run(DRIVE, {}, **HOW)
