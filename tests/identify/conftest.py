@@ -2,12 +2,10 @@
 
 import pytest
 
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.motion import PassMotion
+from vttig_jax.identify import Fit, fit
+from vttig_jax.logs import EncoderLog
+from vttig_jax.rig import PassMotion, SyntheticRig
 from vttig_jax.rig.paper import paper_rig as make_paper_rig
-from vttig_jax.rig.synthetic import SyntheticRig
 
 
 @pytest.fixture(scope="session")

@@ -11,17 +11,13 @@ from scipy.special import stdtrit
 
 from tests.identify.drives import drive, drive_log, known, level, near, there_and_back
 from tests.logs.profiles import played
-from vttig_jax.base.units import ARCSEC, DEG, REV
+from vttig_jax.base import ARCSEC, DEG, REV
+from vttig_jax.identify import Fit, fit
 from vttig_jax.identify.findings import FINDINGS
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.logs.inspection import inspect_log
-from vttig_jax.logs.readers.backlash_readings import BacklashReadings
-from vttig_jax.pair.gear_pair import Drive, GearPair
-from vttig_jax.pair.schema import Encoder, GearTable
-from vttig_jax.rig.motion import PassMotion
-from vttig_jax.rig.paper import paper_rig
+from vttig_jax.logs import BacklashReadings, EncoderLog, inspect_log
+from vttig_jax.pair import Drive, Encoder, GearPair
+from vttig_jax.pair.schema import GearTable
+from vttig_jax.rig import PassMotion, paper_rig
 
 GAP = 300.0
 """Gap of the drives, arcsec of the driven shaft."""
@@ -194,13 +190,10 @@ def test_one_speed_leaves_the_delay_open_unless_it_is_stated():
     assert "delay-open" not in slugs(stated) and "no_delay" in stated.conditional_on
 
 
-def test_a_delay_that_creeps_is_said():
+def test_a_delay_that_creeps_and_a_gap_that_depends_on_the_speed_are_said():
     creeping = lambda time, _: 1e-3 + 6e-3 * time / 110.0  # noqa: E731
     one = finding(fit(log_of(passes=2, delay_s=creeping), PAIR), "delay-changes")
     assert one.numbers["largest_s"] > one.numbers["least_s"] + 2e-3
-
-
-def test_a_gap_that_depends_on_the_speed_is_said():
     bent = lambda angle, speed: np.where(speed > 50, 3 * GAP, GAP)  # noqa: E731
     result = fit(log_of(rpms=(20.0, 40.0, 70.0, 90.0), gap=bent), PAIR)
     assert "gap-of-speed" in slugs(result) and len(result.checks.gap_by_speed) > 2
@@ -258,7 +251,7 @@ def test_lost_readings_are_outliers():
     assert 0.01 < share < 0.1 and share * rows == pytest.approx(round(share * rows))
 
 
-def test_jumps_are_no_better_known_than_their_samples():
+def test_jumps_are_as_known_as_their_samples_and_compared_at_their_place():
     """Four equal passes without noise, whose driven channel steps by 0.004°."""
     exact = log_of(rpms=(30.0, 30.0), noise_arcsec=0.0)
     step = 0.004 * DEG
@@ -266,10 +259,6 @@ def test_jumps_are_no_better_known_than_their_samples():
     coarse, fine = (fit(one, PAIR, delay="off").checks.jumps for one in (log, exact))
     assert coarse is not None and fine is not None
     assert fine.std_deg < 1e-5 < coarse.std_deg < 0.004
-
-
-def test_a_jump_is_compared_with_the_gap_of_its_place():
-    """All strokes turn where the gap is far from its mean."""
     result = fit(log_of(gap=lambda angle, _: GAP + 150 * np.sin(angle + 1)), PAIR)
     jumps = [one.jump_deg for one in result.checks.reversals]
     mean = known(result.checks.gap_over_angles_covered.value)
@@ -344,12 +333,9 @@ def readings(off_deg: float = 0.0) -> BacklashReadings:
     return BacklashReadings.from_arrays(90.0 * np.arange(16), GAP / 3600 + off_deg + noise)
 
 
-def test_readings_agree_or_contradict():
+def test_readings_agree_contradict_or_join_the_fit():
     results = [fit(log_of(), PAIR, readings=readings(off)) for off in (0.0, 0.02)]
     assert [finding(one, "readings").severity for one in results] == ["note", "warning"]
-
-
-def test_readings_may_join_the_fit():
     pair = drive("1/2", orders=(1,))
     log = log_of(pair, (30.0,), passes=2, rate_hz=60.0)
     without = fit(log, pair).checks.gap_over_angles_covered

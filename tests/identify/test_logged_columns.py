@@ -6,10 +6,10 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.identification import fit
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.motion import PassMotion
+from vttig_jax.base import ARCSEC, DEG
+from vttig_jax.identify import fit
+from vttig_jax.logs import EncoderLog
+from vttig_jax.rig import PassMotion
 
 SHIFT_MM = 0.05
 MOTION = PassMotion(speed_rpm=180.0, reversal_deg=7200.0)

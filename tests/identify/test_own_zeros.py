@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, known, level, near, there_and_back
-from tests.identify.quick import TRUTH, quick_rig, scores
+from vttig_jax.base import LogError
 from vttig_jax.base.angles import difference_deg
-from vttig_jax.base.errors import LogError
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.identify import Fit, fit
+from vttig_jax.logs import EncoderLog
 
 PAIR = drive("9/16", orders=(1, 2))
 STARTS = (0.0, 0.3, 5.7)
@@ -105,25 +103,6 @@ def test_a_line_has_a_phase_of_its_own_in_every_log():
     assert abs(line.cycles_per_rev - 1.37) < 4 * line.cycles_std
     own = [one for one in result.orders if not float(one.order).is_integer()]
     assert own and all(abs(one.amplitude_arcsec - 20.0) < 4 * one.std_arcsec for one in own)
-
-
-@pytest.mark.slow
-def test_eccentric_gears_share_their_eccentricities():
-    rig = quick_rig(0)
-    first, whole = rig.log(0), rig.log(1)
-    assert whole.driven is not None and whole.driving is not None
-    part = slice(700, None)
-    readings = whole.driving.reading[part], whole.driven.reading[part]
-    late = EncoderLog.from_arrays(whole.time[part], *readings, pair=rig.pair, source="late")
-    result, alone = fit([first, late], rig.pair, delay="off"), fit(first, rig.pair, delay="off")
-    assert all(abs(score) < 4 for score in scores(result).values())
-    for name in TRUTH:
-        if name.endswith("eccentricity_mm"):
-            share = known(result.parameters[name].std) / known(alone.parameters[name].std)
-            assert share == pytest.approx(2**-0.5, rel=0.15), name
-    start = result.logs[1].start
-    off = difference_deg(known(start.driving_deg), np.degrees(whole.driving_angle[700]))
-    assert abs(off) < 4 * known(start.driving_std_deg) < 5.0
 
 
 @pytest.mark.parametrize("turns", [0.0, 0.3])

@@ -7,12 +7,10 @@ import jax
 import numpy as np
 import pytest
 
-from vttig_jax.base.errors import InputError, UsageError
+from vttig_jax.base import InputError, UsageError
 from vttig_jax.base.files.json_io import dumps
-from vttig_jax.identify.archive import fit_arrays, read_fit
-from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
+from vttig_jax.identify import Fit, backlash_map, fit, read_fit
+from vttig_jax.identify.archive import fit_arrays
 
 
 def _write(result: Fit, folder: Path, without: str = "") -> None:

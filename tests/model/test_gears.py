@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.model.rigs import PAIRS, exact_log, fitted, gear_pair, gears_of
-from vttig_jax.base.units import ARCSEC
-from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.base import ARCSEC
+from vttig_jax.kinematics import exact_model
 from vttig_jax.model import ENCODERS, GEARS, Relation, fitted_gears, parameters_of
 from vttig_jax.pair.schema import Flank
 
@@ -93,10 +93,6 @@ NAMES = {
 """Parameter → key of the truth."""
 
 
-def _parameters(fit, pair) -> Any:
-    return parameters_of(fit, pair)
-
-
 def _off(parameters: Any, truth: dict) -> dict[str, float]:
     """Deviation of every number from the truth in its standard errors."""
     off = {}
@@ -116,7 +112,7 @@ SMALL = TRUTH | {"constant_backlash_deg": 0.02}
 @pytest.mark.parametrize("teeth", PAIRS)
 def test_planted_eccentricities_are_recovered(teeth):
     pair = gear_pair(*teeth)
-    parameters = _parameters(fitted(exact_log(pair, SMALL, noise=1e-5), pair), pair)
+    parameters: Any = parameters_of(fitted(exact_log(pair, SMALL, noise=1e-5), pair), pair)
     off = _off(parameters, SMALL)
     assert set(off) == set(NAMES)
     assert max(off.values()) < 4.0
@@ -129,14 +125,14 @@ def test_planted_eccentricities_are_recovered(teeth):
 def test_a_wide_gap_moves_no_eccentricity():
     """A gap of 1° turns the driven gear by 1° between the flanks: 5 standard errors of 0.17 µm."""
     pair, truth = gear_pair(45, 80), TRUTH | {"constant_backlash_deg": 1.0}
-    parameters = _parameters(fitted(exact_log(pair, truth, noise=3.5e-5), pair), pair)
+    parameters: Any = parameters_of(fitted(exact_log(pair, truth, noise=3.5e-5), pair), pair)
     assert max(_off(parameters, truth).values()) < 4.0
 
 
 def test_one_flank_tells_gears_and_no_gap():
     pair = gear_pair(45, 80)
     truth = TRUTH | {"driving_encoder": 0.0, "driven_encoder": 0.0}
-    parameters = _parameters(fitted(exact_log(pair, truth, back=False), pair), pair)
+    parameters: Any = parameters_of(fitted(exact_log(pair, truth, back=False), pair), pair)
     off = _off(parameters, truth)
     assert set(off) == {n for n in NAMES if "encoder" not in n and "backlash" not in n}
     assert max(off.values()) < 4.0
@@ -148,7 +144,7 @@ def test_equal_gears_have_one_first_order():
     """At 1:1 both first orders have one frequency: nothing is claimed twice, and the gap holds."""
     pair = gear_pair(30, 30)
     fit = fitted(exact_log(pair, TRUTH), pair)
-    parameters = _parameters(fit, pair)
+    parameters: Any = parameters_of(fit, pair)
     determined = [n for n in NAMES if parameters[n].value is not None]
     assert not [name for name in determined if name.startswith("driven")]
     covered = parameters["gap_over_angles_covered"]

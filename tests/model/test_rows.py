@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vttig_jax.base.units import DEG
+from vttig_jax.base import DEG
 from vttig_jax.model import BENDS, KNOTS, LAGS, PARTS, RowName, Run, Shafts, Wave, rows_of
 
 WAVES = (
@@ -43,6 +43,7 @@ def shafts(delay_s: float = 0.0, torque: bool = True, interval_s: float = 0.01) 
 
 def test_rows_are_means_of_columns_at_the_samples():
     one, size, bends = shafts(), 7, np.linspace(0.9, 2.9, BENDS)
+    one = replace(one, steady=-one.speed)
     rows = rows_of(one, WAVES, size * one.interval_s, 0.0, bends, ratio=True)
     expected = []
     span = one.time[-1] - one.time[0]

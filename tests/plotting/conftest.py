@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 
 from tests.identify.quick import quick_rig
-from vttig_jax.base.units import ARCSEC, DEG
+from vttig_jax.base import ARCSEC, DEG
+from vttig_jax.identify import Checks, Fit
 from vttig_jax.identify.identification import fit as identified
 from vttig_jax.identify.orders import Order
-from vttig_jax.identify.records import Checks, Noise
-from vttig_jax.identify.result import Fit
-from vttig_jax.kinematics.harmonic import OrderModel
-from vttig_jax.kinematics.te_curve import TECurve
-from vttig_jax.pair.gear_pair import Drive, Flank
-from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.identify.records import Noise
+from vttig_jax.kinematics import OrderModel, TECurve
+from vttig_jax.pair import Drive, HarmonicOrders
+from vttig_jax.pair.gear_pair import Flank
 
 ORDERS = (
     Order("driving", 1, "A", 72.0, 0.2, 10.0),

@@ -7,13 +7,11 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from tests.plotting.axes import data, legend_texts
-from vttig_jax.base.errors import NoAnswerError
-from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.base import NoAnswerError
+from vttig_jax.kinematics import BacklashMap, closed_model, exact_model
 from vttig_jax.kinematics.hunting_coverage import HuntingCoverage
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
-from vttig_jax.plotting.backlash_map import plot_map
+from vttig_jax.pair import Drive, Gear, GearPair
+from vttig_jax.plotting import plot_map
 from vttig_jax.plotting.curves import MOST_POINTS
 
 
@@ -23,7 +21,7 @@ def grid(paper_pair, paper_rig) -> BacklashMap:
     return BacklashMap(model, closed_model(paper_pair, paper_rig), paper_pair)
 
 
-def test_lines_are_the_map_over_the_hunting_period(grid):
+def test_lines_are_the_map_and_its_extremes_are_marked(grid):
     (ax,) = plot_map(grid).axes
     x, y = data(ax, 0)
     assert x[0] == 0 and x[-1] == pytest.approx(5760) and len(x) <= MOST_POINTS
@@ -31,10 +29,6 @@ def test_lines_are_the_map_over_the_hunting_period(grid):
     x, y = data(ax, 1)
     np.testing.assert_allclose(y, np.degrees(grid.first_order_over(np.radians(x))), atol=1e-12)
     assert np.abs(data(ax, 0)[1] - data(ax, 1)[1]).max() > 1e-6
-
-
-def test_the_extremes_are_marked(grid):
-    (ax,) = plot_map(grid).axes
     assert len(ax.lines) == 4
     for line, extreme in ((2, grid.smallest), (3, grid.largest)):
         x, y = data(ax, line)
@@ -93,16 +87,13 @@ def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
     assert legend_texts(whole)[0].endswith(turn) and "turn" not in legend_texts(ax)[0]
 
 
-def test_it_draws_fewer_turns_on_given_axes(grid):
+def test_fewer_turns_on_given_axes_and_what_is_refused(grid, worm_fit):
     figure = Figure()
     upper, lower = figure.subplots(2)
     assert plot_map(grid, ax=lower, turns=1) is figure
     assert lower.lines and not upper.lines and lower.get_xlim() == (0, 360)
     assert "first 1 of the 16 turns" in lower.get_title(loc="left")
     assert legend_texts(lower)[0].endswith("not shown")
-
-
-def test_no_turns_and_a_flank_that_was_not_measured_are_refused(grid, worm_fit):
     with pytest.raises(ValueError, match="`turns` must be at least 1, but is 0"):
         plot_map(grid, turns=0)
     with pytest.raises(NoAnswerError, match="one of its flanks was not measured; record both"):
@@ -122,7 +113,7 @@ def test_legend_and_title_cover_nothing(grid):
     assert title.get_window_extent().y0 >= box.y1 - 1
 
 
-def test_angles_that_were_not_covered_are_shaded(grid, paper_pair):
+def test_uncovered_angles_are_shaded_and_a_delay_makes_a_band(grid, paper_pair):
     spans = np.radians([[720.0, 1440.0], [3600.0, 5760.0]])
     seen = HuntingCoverage(paper_pair, {"A": spans, "B": spans})
     (ax,) = plot_map(replace(grid, coverage=seen)).axes
@@ -132,10 +123,6 @@ def test_angles_that_were_not_covered_are_shaded(grid, paper_pair):
     assert legend_texts(ax)[-1] == "extrapolated: not covered on both flanks"
     (plain,) = plot_map(grid).axes
     assert len(plain.patches) == 0 and ax.get_ylim() == plain.get_ylim()
-
-
-def test_a_map_that_a_delay_may_shift_has_a_band(grid):
-    (plain,) = plot_map(grid).axes
     (ax,) = plot_map(replace(grid, shift=(-0.01, 0.02))).axes
     assert "95 %, with the delay left open" in legend_texts(ax)
     assert not any("delay" in text for text in legend_texts(plain))

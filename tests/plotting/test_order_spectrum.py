@@ -6,7 +6,7 @@ from matplotlib.container import BarContainer
 from matplotlib.patches import Rectangle
 
 from vttig_jax.identify.orders import Order
-from vttig_jax.plotting.order_spectrum import plot_orders
+from vttig_jax.plotting import plot_orders
 
 pytestmark = pytest.mark.smoke
 

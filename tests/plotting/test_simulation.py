@@ -8,12 +8,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
 from tests.plotting.axes import data
-from vttig_jax.control.scenario.spec import parse_scenario_spec
-from vttig_jax.control.simulation.result import Simulation
-from vttig_jax.control.simulation.simulate import simulate
-from vttig_jax.plotting.dispatch import plot
+from vttig_jax.control import Simulation, parse_scenario_spec, simulate
+from vttig_jax.plotting import plot
 from vttig_jax.plotting.simulation import plot_simulation
-from vttig_jax.rig.paper import paper_pair
+from vttig_jax.rig import paper_pair
 
 RIG = {
     "driving_mm": 0.0226,
@@ -58,7 +56,13 @@ def words(figure: Any) -> list[list[str]]:
     return [[text.get_text() for text in one.get_texts()] for one in found if one]
 
 
-def test_transmission_error_lies_between_the_flanks_and_jumps_from_one_to_the_other(run, panels):
+def test_transmission_error_is_that_of_the_metrics_and_lies_between_the_flanks(run, panels):
+    shown = data(panels[0], 0)[1]
+    assert shown[0] == 0
+    assert shown.max() == pytest.approx(run.metrics["te_max_deg"])
+    assert shown.min() == pytest.approx(run.metrics["te_min_deg"])
+    in_arcsec = data(plot_simulation(run, unit="arcsec").axes[0], 0)[1]
+    np.testing.assert_allclose(in_arcsec, 3600 * shown, rtol=1e-12)
     time, error = data(panels[0], TRUE)
     lower, upper = (np.interp(time, *data(panels[0], line)) for line in (FLANK_A, FLANK_B))
     assert (error >= lower - 1e-9).all() and (error <= upper + 1e-9).all()
@@ -68,40 +72,26 @@ def test_transmission_error_lies_between_the_flanks_and_jumps_from_one_to_the_ot
     assert (upper - lower)[before].min() > 0.01 and (upper - lower)[after].min() > 0.01
 
 
-def test_it_is_that_of_the_metrics(run, panels):
-    shown = data(panels[0], 0)[1]
-    assert shown[0] == 0
-    assert shown.max() == pytest.approx(run.metrics["te_max_deg"])
-    assert shown.min() == pytest.approx(run.metrics["te_min_deg"])
-    in_arcsec = data(plot_simulation(run, unit="arcsec").axes[0], 0)[1]
-    np.testing.assert_allclose(in_arcsec, 3600 * shown, rtol=1e-12)
-
-
-def test_the_close_views_hold_the_ramps(panels):
-    whole, brakes, turns = panels[0], panels[1], panels[2]
+def test_the_close_views_hold_the_ramps_and_marks(run, panels):
+    whole, brakes, turns = panels[:3]
     assert whole.get_xlim() == (0, 9)
     assert brakes.get_xlim() == pytest.approx((1.9, 2.65), abs=0.01)
     assert turns.get_xlim() == pytest.approx((4.4, 5.15), abs=0.01)
     for ax in panels[3:]:
         assert ax.get_xlim() in (brakes.get_xlim(), turns.get_xlim())
+    closes = float(run.accumulators.detection_s)
+    assert marks(whole) == []
     for left, right in zip(panels[1::2], panels[2::2], strict=True):
         assert left.get_ylim() == right.get_ylim()
-
-
-def test_brakes_closing_and_turn_are_marked(run, panels):
-    closes = float(run.accumulators.detection_s)
-    assert marks(panels[0]) == []
-    for left, right in zip(panels[1::2], panels[2::2], strict=True):
         assert marks(left) == pytest.approx([2.0, closes])
         assert marks(right) == pytest.approx([4.5])
 
 
 def test_what_is_commanded_beyond_the_closed_gap_is_filled_and_speeds_are_shown(run, panels):
     shift = panels[3]
-    (closed, commanded, reached) = (data(shift, line) for line in range(3))
-    np.testing.assert_allclose(
-        np.maximum(commanded[1] - closed[1], 0).max(), run.metrics["interference_mm"], rtol=0.02
-    )
+    closed, commanded, reached = (data(shift, line) for line in range(3))
+    too_far = np.maximum(commanded[1] - closed[1], 0).max()
+    assert too_far == pytest.approx(run.metrics["interference_mm"], rel=0.02)
     assert (reached[1] <= closed[1] + 1e-9).all()
     after = closed[0] > 2.1  # the play is taken up
     np.testing.assert_allclose(reached[1][after], closed[1][after], atol=1e-9)
@@ -117,35 +107,28 @@ def test_what_is_commanded_beyond_the_closed_gap_is_filled_and_speeds_are_shown(
 
 def test_the_words(run):
     figure = plot_simulation(run)
-    assert figure.get_suptitle() == (
-        "simulation · VTTIG rig of the paper · play plant, controller acceleration, outcome ok"
-    )
+    said = "play plant, controller acceleration, outcome ok"
+    assert figure.get_suptitle() == f"simulation · VTTIG rig of the paper · {said}"
     assert figure.axes[1].get_ylabel() == "transmission error [°]"
     assert figure.axes[3].get_ylabel() == "axial shift [mm]"
-    assert words(figure) == [
-        [
-            *("flank B", "flank A", "transmission error", "measured by encoders"),
-            *("motor brakes", "controller closes", "motor turns"),
-        ],
-        ["closes the gap", "commanded", "reached", "commanded too far"],
-        ["reference", "observer's estimate"],
+    assert [", ".join(row) for row in words(figure)] == [
+        "flank B, flank A, transmission error, measured by encoders, motor brakes,"
+        " controller closes, motor turns",
+        "closes the gap, commanded, reached, commanded too far",
+        "reference, observer's estimate",
     ]
 
 
-def test_a_span_of_your_own(run):
-    panels = plot(run, span_s=(2.0, 2.1)).axes
-    assert len(panels) == 4
-    assert panels[1].get_xlim() == (2.0, 2.1)
-    time, _ = data(panels[1], TRUE)
+def test_a_span_of_your_own_and_views_that_meet_are_one(run):
+    for figure, span in (
+        (plot(run, span_s=(2.0, 2.1)), (2.0, 2.1)),
+        (plot_simulation(with_times(run, turn_s=2.55)), (1.9, 3.2)),
+        (plot_simulation(with_times(run, braking_s=4.5)), (4.482, 4.617)),  # no ramp at all
+    ):
+        assert len(figure.axes) == 4
+        assert figure.axes[1].get_xlim() == pytest.approx(span, abs=0.01)
+    time, _ = data(plot(run, span_s=(2.0, 2.1)).axes[1], TRUE)
     assert len(time) == pytest.approx(101, abs=3)
-
-
-def test_views_that_meet_are_one(run):
-    panels = plot_simulation(with_times(run, turn_s=2.55)).axes
-    assert len(panels) == 4
-    assert panels[1].get_xlim() == pytest.approx((1.9, 3.2), abs=0.01)
-    panels = plot_simulation(with_times(run, braking_s=4.5)).axes  # no ramp at all
-    assert panels[1].get_xlim() == pytest.approx((4.482, 4.617), abs=0.01)
 
 
 @pytest.mark.parametrize("times", [{"turn_s": 9.0}, {"turn_s": 9.0, "braking_s": 9.0}])

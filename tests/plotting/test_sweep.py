@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.control.sweep_files import table_of
-from vttig_jax.plotting.dispatch import plot
+from vttig_jax.plotting import plot
 from vttig_jax.plotting.sweep import plot_sweep
 
 pytestmark = pytest.mark.smoke

@@ -16,8 +16,8 @@ import numpy as np
 
 from tests.posterior.densities import Gaussian, plain
 from vttig_jax.base.files import atomic_write as atomic
-from vttig_jax.posterior import checkpoint
-from vttig_jax.posterior.chains import Chains, read_chains, run_ensembles
+from vttig_jax.posterior import checkpoint, run_ensembles
+from vttig_jax.posterior.chains import Chains, read_chains
 
 
 def kill() -> None:

@@ -5,11 +5,9 @@ from functools import cache
 from typing import Any
 
 from tests.identify.quick import quick_rig
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.posterior.sampler import sample
-from vttig_jax.posterior.summary.posterior import Posterior
+from vttig_jax.identify import Fit, fit
+from vttig_jax.pair import Drive
+from vttig_jax.posterior import Posterior, sample
 
 
 @cache

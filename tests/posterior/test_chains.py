@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.posterior.densities import Gaussian, plain
-from tests.posterior.runs import same, sample
-from vttig_jax.base.errors import NoAnswerError
-from vttig_jax.posterior.chains import THIN, run_ensembles
+from tests.posterior.densities import Gaussian, plain, same, sample
+from vttig_jax.base import NoAnswerError
+from vttig_jax.posterior import Until, run_ensembles
+from vttig_jax.posterior.chains import THIN
 from vttig_jax.posterior.proposal import Proposal
-from vttig_jax.posterior.until import Until
 
 COVARIANCE = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.3], [0.0, 0.3, 4.0]])
 

@@ -10,11 +10,11 @@ from jaxtyping import Array
 
 from tests.identify.quick import quick_rig
 from tests.posterior.made import drive_fit, quick_fit, quick_posterior
-from vttig_jax.base.errors import InputError
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.pair.schema import HarmonicOrders
-from vttig_jax.posterior.sampler import read_posterior, sample, settings_of
+from vttig_jax.base import InputError
+from vttig_jax.identify import Fit, fit
+from vttig_jax.pair import HarmonicOrders
+from vttig_jax.posterior import read_posterior, sample
+from vttig_jax.posterior.sampler import settings_of
 
 RIG = quick_rig(0)
 
@@ -64,7 +64,7 @@ def test_values_and_intervals_are_those_of_the_fit():
         assert drawn.high95 == pytest.approx(known.high95, abs=0.3 * known.std), name
 
 
-def test_draws_belong_to_their_fit(tmp_path):
+def test_draws_belong_to_their_fit_and_have_its_flank_model(tmp_path):
     """A checkpoint is read back as it was written, and refused for another fit."""
     result, place = drive_fit(), tmp_path / "chains.h5"
     made = sample(result, steps=50, checkpoint=place, seed=3, walkers=34)
@@ -80,9 +80,6 @@ def test_draws_belong_to_their_fit(tmp_path):
             read_posterior(place, other)
         with pytest.raises(InputError):
             sample(other, checkpoint=place, resume=True, steps=50, seed=3, walkers=34)
-
-
-def test_the_flank_model_of_a_draw_has_its_first_orders():
     found = sample(drive_fit(), steps=50)
     place = list(found.fit.model.terms).index((1, 0))
     common = 0.5 * (found.sine[:, 0, place] + found.sine[:, 1, place])

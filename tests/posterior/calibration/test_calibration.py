@@ -76,15 +76,6 @@ def test_the_seed_decides_the_rigs(fit, found):
     assert found.parameters[name].std == pytest.approx(fit.parameters[name].std, rel=0.15)
 
 
-@pytest.mark.slow
-def test_one_flank_has_no_gap():
-    rig = paper_rig(motion=MOTION)
-    found = calibrate(vttig_jax.fit(rig.log(0), rig.pair, flank="A", lines="report"), rigs=60)
-    assert found.is_calibrated
-    assert "constant_backlash_deg" not in found.parameters
-    assert "driving_encoder_arcsec" not in found.parameters
-
-
 def test_bounds_are_binomial():
     """At a bound, so many hits or more extreme have a probability of 2.5 %."""
     for hits, rigs in ((0, 10), (10, 10), (95, 100), (7, 9)):

@@ -9,13 +9,11 @@ import pytest
 
 from benchmarks.cramer_rao import cramer_rao
 from tests.schemas import load_schema
+from vttig_jax.base import DEG
 from vttig_jax.base.files.json_io import dumps
-from vttig_jax.base.units import DEG
-from vttig_jax.pair.gear_pair import Gear, GearPair
-from vttig_jax.pair.schema import HarmonicOrders
-from vttig_jax.posterior.planning.noise import PlannedNoise
-from vttig_jax.posterior.planning.plan import plan
-from vttig_jax.rig.paper import paper_eccentricities, paper_pair, paper_rig
+from vttig_jax.pair import Gear, GearPair, HarmonicOrders
+from vttig_jax.posterior import PlannedNoise, plan
+from vttig_jax.rig import paper_eccentricities, paper_pair, paper_rig
 
 PAPER_RUN: dict[str, Any] = {"turns": 21.0, "rate_hz": 1987.0}
 PAPER_NOISE = PlannedNoise(0.002, 0.00475)
@@ -89,9 +87,17 @@ def test_the_plan_speaks_like_a_fit(paper, white_plan):
     assert white_plan.parameters[ECCENTRICITIES[0]].assumed == 0.02
     assert white_plan.parameters["driving_encoder_arcsec"].assumed == 10.0
     assert paper.parameters["driving_encoder_arcsec"].assumed == 18.0  # as the pair file says
+    record = json.loads(dumps(paper.to_json()))
+    jsonschema.validate(record, load_schema("vttig.plan/1"))
+    assert record["duration_s"] == paper.duration_s
+    std = record["parameters"][ECCENTRICITIES[0]]["std"]
+    assert std == pytest.approx(paper.std(ECCENTRICITIES[0]))
+    text = str(paper)
+    for part in ("21 turns a pass", "0.002°, correlated over 4.75 ms", "of counting", "0.00017"):
+        assert part in text
 
 
-def test_std_of_the_eccentricity_is_the_closed_form(white_pair, white_plan):
+def test_std_is_the_closed_form_and_falls_with_the_square_root_of_the_turns(white_pair, white_plan):
     """std(e) = σ/(√2 K sin α) with σ of the first order of one flank."""
     sigma = WHITE.std_deg * np.sqrt(2 / (white_plan.used / 2))
     alpha = float(white_pair.working_pressure_angles[0])
@@ -101,6 +107,12 @@ def test_std_of_the_eccentricity_is_the_closed_form(white_pair, white_plan):
         assert 1.0 < white_plan.std(name) / expected < 1.09
     assert sigma < white_plan.std(GAP) < 2 * sigma  # drift costs something
     assert 1.0 < white_plan.std("driven_phase_deg") / (expected / 0.02 / DEG) < 1.09
+    longer = plan(white_pair, **dict(WHITE_RUN, turns=128.0))
+    steady = np.sqrt(longer.used / white_plan.used)
+    assert steady == pytest.approx(2.0, rel=0.01)
+    for name, one in white_plan.parameters.items():
+        if one.determined and name != "delay_s":  # that is told by the ramps
+            assert 1.0 < one.std / longer.std(name) / steady < 1.06, name  # less is drift
 
 
 def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):
@@ -113,15 +125,6 @@ def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):
     assert trusted.std(GAP) == pytest.approx(white_plan.std(GAP), rel=0.01)  # the map pays nothing
 
 
-def test_std_falls_with_the_square_root_of_the_turns(white_pair, white_plan):
-    longer = plan(white_pair, **dict(WHITE_RUN, turns=128.0))
-    steady = np.sqrt(longer.used / white_plan.used)
-    assert steady == pytest.approx(2.0, rel=0.01)
-    for name, one in white_plan.parameters.items():
-        if one.determined and name != "delay_s":  # that is told by the ramps
-            assert 1.0 < one.std / longer.std(name) / steady < 1.06, name  # less is drift
-
-
 def test_one_direction_knows_no_gap_and_trusts_the_encoders(white_pair):
     one = plan(white_pair, **WHITE_RUN, directions="forward")
     assert one.flanks == ("A",) and one.outcome == "partly_determined"
@@ -132,14 +135,3 @@ def test_one_direction_knows_no_gap_and_trusts_the_encoders(white_pair):
     # σ = std(F) alone, seen through K only.
     sigma = WHITE.std_deg * DEG * np.sqrt(2 / one.used) * float(white_pair.base_radii[1, 0])
     assert 1.0 < one.std(ECCENTRICITIES[0]) / sigma < 1.09
-
-
-def test_json_and_text_say_the_same(paper):
-    record = json.loads(dumps(paper.to_json()))
-    jsonschema.validate(record, load_schema("vttig.plan/1"))
-    assert record["duration_s"] == paper.duration_s
-    std = record["parameters"][ECCENTRICITIES[0]]["std"]
-    assert std == pytest.approx(paper.std(ECCENTRICITIES[0]))
-    text = str(paper)
-    for part in ("21 turns a pass", "0.002°, correlated over 4.75 ms", "of counting", "0.00017"):
-        assert part in text

@@ -1,4 +1,4 @@
-"""Plans of a drive: directions, speeds, delays, and what every choice changes."""
+"""Plans of a drive: what every choice changes, and the shortest run that is enough."""
 
 import re
 from fractions import Fraction
@@ -8,14 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vttig_jax.base.errors import NoAnswerError, UsageError
-from vttig_jax.base.units import DEG
-from vttig_jax.pair.gear_pair import Drive, Eccentricities
-from vttig_jax.pair.schema import HarmonicOrders
-from vttig_jax.posterior.planning.noise import PlannedNoise
-from vttig_jax.posterior.planning.plan import plan
+from vttig_jax.base import DEG, NoAnswerError, UsageError
+from vttig_jax.pair import Drive, Eccentricities, HarmonicOrders
+from vttig_jax.posterior import PlannedNoise, plan, shortest_run
 from vttig_jax.posterior.planning.run import PlannedRun
-from vttig_jax.rig.paper import paper_pair
+from vttig_jax.rig import paper_pair
 
 FEW = HarmonicOrders(driving_orders=(1, 2), driven_orders=(1, 2), mesh_orders=0)
 WHITE = PlannedNoise(0.003)
@@ -81,7 +78,7 @@ def test_every_choice_changes_a_standard_error():
         assert drive_plan(**changes).std(name) != pytest.approx(drive_plan().std(name), rel=1e-8)
 
 
-def test_dwell_and_assumed_phase_change_what_they_should():
+def test_dwell_and_assumed_amplitudes_change_what_they_should():
     assert drive_plan(dwell_s=3.0).duration_s == pytest.approx(drive_plan().duration_s + 2.0)
     slow = PlannedRun(4.0, (60.0, 0.4), 50.0)
     assert slow.duration_s == pytest.approx(2 * (4.5 + 2 + 600.5 + 2))
@@ -89,9 +86,6 @@ def test_dwell_and_assumed_phase_change_what_they_should():
     phase = "driving_phase_deg"
     assert wider.std(phase) == pytest.approx(2 * drive_plan().std(phase), rel=1e-2)
     assert wider.parameters["driving_amplitude_arcsec"].assumed == 30.0
-
-
-def test_an_amplitude_too_small_to_tell_will_be_an_upper_limit():
     small = drive_plan(assumed=(("driving_amplitude_arcsec", 0.1),))
     amplitude, phase = (small.parameters[f"driving_{n}"] for n in ("amplitude_arcsec", "phase_deg"))
     assert amplitude.determined and not amplitude.significant and phase.std is None
@@ -150,3 +144,51 @@ def test_frozen_counts_and_aliased_orders_are_told():
     every = HarmonicOrders(mesh_orders=0)
     slow = drive_plan(rate_hz=30.0, speed_rpm=600.0, orders=every, turns=90.0)
     assert any("driving orders 2, 3" in note and "alias" in note for note in slow.notes)
+
+
+HOW: dict[str, Any] = {"rate_hz": 200.0, "noise": PlannedNoise(0.003, 0.01), "orders": FEW}
+NAME = "driven_amplitude_arcsec"
+
+
+@pytest.mark.parametrize("wanted", [1.0, 0.2])
+def test_it_is_enough_and_one_turn_less_is_not(wanted):
+    found = shortest_run(DRIVE, {NAME: wanted}, **HOW)
+    turns = found.run.turns
+    same, less = (plan(DRIVE, turns=k, **HOW).std(NAME) for k in (turns, turns - 1))
+    assert same == found.std(NAME) <= wanted < less
+    assert found.parameters[NAME].wanted == wanted and "wanted" in str(found)
+
+
+@pytest.mark.slow
+def test_the_hardest_of_several_wishes_decides():
+    easy, hard = {NAME: 1.0}, {"driving_phase_deg": 0.3}
+    turns = [shortest_run(DRIVE, w, **HOW).run.turns for w in (easy, hard, easy | hard)]
+    assert turns[0] < turns[1] == turns[2]
+
+
+def test_a_wish_takes_the_least_that_can_be_fitted_or_is_refused_at_once():
+    found = shortest_run(DRIVE, {NAME: 1e6}, **HOW)
+    assert found.short == ()
+    few = plan(DRIVE, turns=found.run.turns - 1, **HOW)
+    assert not few.parameters[NAME].determined
+    with pytest.raises(NoAnswerError, match=r"no number of turns .* one flank alone"):
+        shortest_run(DRIVE, {"constant_backlash_deg": 1.0}, **HOW, directions="forward")
+    with pytest.raises(NoAnswerError, match="no gear geometry"):
+        shortest_run(DRIVE, {"driving_encoder_arcsec": 1.0}, **HOW)
+    for name, value in ((NAME, 0.0), (NAME, float("nan")), ("nonesuch", 1.0)):
+        with pytest.raises(ValueError, match=name):
+            shortest_run(DRIVE, {name: value}, **HOW)
+    with pytest.raises(ValueError, match="empty"):
+        shortest_run(DRIVE, {}, **HOW)
+
+
+@pytest.mark.slow
+def test_the_upper_bound_is_stated(monkeypatch):
+    monkeypatch.setattr("vttig_jax.posterior.planning.plan.MOST_SAMPLES", 50_000)
+    for wanted, most_turns, words in (
+        (0.01, 30.0, r"30 turns a pass, as asked, .* instead of 0.01 arcsec"),
+        (1e-9, 1e9, "fit in memory"),
+        (1.0, 1.0, r"turned only 0\.5"),
+    ):
+        with pytest.raises(NoAnswerError, match=words):
+            shortest_run(DRIVE, {NAME: wanted}, most_turns=most_turns, **HOW)

@@ -7,12 +7,9 @@ import pytest
 from jaxtyping import Float
 
 from vttig_jax.identify import Fit, fit
-from vttig_jax.posterior.planning.noise import PlannedNoise
-from vttig_jax.posterior.planning.plan import plan
+from vttig_jax.posterior import PlannedNoise, plan
 from vttig_jax.posterior.planning.result import Plan
-from vttig_jax.rig.motion import PassMotion
-from vttig_jax.rig.paper import paper_eccentricities, paper_rig
-from vttig_jax.rig.synthetic import SyntheticRig
+from vttig_jax.rig import PassMotion, SyntheticRig, paper_eccentricities, paper_rig
 
 TURNS, RATE_HZ = 8.0, 700.0
 SPEEDS = (ONE := (60.0,)), (60.0, 40.0)
@@ -80,7 +77,7 @@ def test_the_promise_is_that_of_the_fit_of_a_simulated_log(speeds, choice):
     assert not 0.6 < ratios(other, found)[GAP] < 1.6  # the other promise is wrong
 
 
-def test_an_assumed_delay_decides_what_it_will_be_called():
+def test_an_assumed_delay_decides_its_words_and_a_given_one_is_a_condition():
     rig = rig_of(ONE, 0.0)
     std = plan_of(rig, ONE).std("delay_s")
     large, small = (
@@ -88,10 +85,6 @@ def test_an_assumed_delay_decides_what_it_will_be_called():
     )
     assert large.significant and not small.significant
     assert small.assumed == pytest.approx(2.0 * std)
-
-
-def test_a_given_delay_is_a_condition():
-    rig = rig_of(ONE, 0.0)
     given, never = plan_of(rig, ONE, delay=2e-3), plan_of(rig, ONE, delay="off")
     assert given.conditional_on == ("given_delay",) and never.conditional_on == ("no_delay",)
     assert given.std(GAP) == never.std(GAP)

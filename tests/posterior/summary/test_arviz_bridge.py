@@ -8,10 +8,9 @@ import pytest
 
 from tests.posterior.densities import plain
 from tests.posterior.made import quick_posterior
-from vttig_jax.base.errors import UsageError
-from vttig_jax.posterior.chains import run_ensembles
+from vttig_jax.base import UsageError
+from vttig_jax.posterior import Until, run_ensembles
 from vttig_jax.posterior.summary.arviz_export import arviz_data
-from vttig_jax.posterior.until import Until
 
 
 class Group(dict):

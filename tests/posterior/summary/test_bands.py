@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tests.posterior.made import quick_posterior
-from vttig_jax.base.errors import NoAnswerError
-from vttig_jax.base.units import DEG
-from vttig_jax.identify.backlash import backlash_map
-from vttig_jax.posterior.summary.bands import band, band_map, streamed_band
+from vttig_jax.base import DEG, NoAnswerError
+from vttig_jax.identify import backlash_map
+from vttig_jax.posterior import band, band_map
+from vttig_jax.posterior.summary.bands import streamed_band
 
 POINTS = np.linspace(0, 2 * np.pi, 120)
 BASIS = np.stack([np.ones_like(POINTS), np.cos(POINTS), np.sin(POINTS), np.cos(3 * POINTS)], 1)
@@ -35,12 +35,17 @@ def test_the_simultaneous_band_holds_exactly_its_share_of_the_draws(probability)
     assert at_each.all(axis=1).mean() < probability - 0.1
 
 
-def test_pieces_give_the_same_band():
+def test_pieces_give_the_same_band_and_a_point_without_spread_is_a_point():
     draws = _curves(2, 300)
     whole = band(draws)
     pieces = streamed_band(iter(np.split(draws.T, [7, 50])))
     for one, other in zip(vars(whole).values(), vars(pieces).values(), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12)
+    draws = _curves(4, 100)
+    draws[:, 5] = 0.25
+    found = band(draws)
+    assert found.low_simultaneous[5] == found.high_simultaneous[5] == 0.25
+    assert np.isfinite(found.critical)
 
 
 def test_the_simultaneous_band_of_skewed_draws_contains_the_pointwise_one():
@@ -50,14 +55,6 @@ def test_the_simultaneous_band_of_skewed_draws_contains_the_pointwise_one():
     assert np.all(found.centre + found.critical * found.std < found.high)
     assert np.all(found.high_simultaneous >= found.high)
     assert np.all(found.low_simultaneous <= found.low)
-
-
-def test_a_point_without_spread_is_a_point():
-    draws = _curves(4, 100)
-    draws[:, 5] = 0.25
-    found = band(draws)
-    assert found.low_simultaneous[5] == found.high_simultaneous[5] == 0.25
-    assert np.isfinite(found.critical)
 
 
 def test_wrong_arguments_are_named(posterior):
@@ -91,12 +88,17 @@ def row(banded) -> dict[str, np.ndarray]:
     return dict(zip(banded.columns, banded.table().T, strict=True))
 
 
-def test_the_columns_are_those_of_the_contract(banded, row):
+def test_the_columns_are_those_of_the_contract_and_millimetres_those_of_the_taper(banded, row):
     assert " ".join(banded.columns[:10]) == (
         "driving_deg backlash_deg backlash_mm axial_mm backlash_first_order_deg low95_deg"
         " high95_deg low95_simultaneous_deg high95_simultaneous_deg axial_low95_mm"
     )
     assert all(len(one) == 16 * 72 and np.isfinite(one).all() for one in row.values())
+    per_deg = DEG * 80 / (2 * np.tan(3 * DEG))
+    np.testing.assert_allclose(row["axial_mm"], row["backlash_deg"] * per_deg)
+    high = row["high95_simultaneous_deg"] * per_deg
+    np.testing.assert_allclose(row["axial_high95_simultaneous_mm"], high)
+    np.testing.assert_allclose(row["backlash_mm"], row["backlash_deg"] * DEG * 80)
 
 
 def test_the_map_lies_in_its_bands_and_near_the_fit(banded, row, posterior):
@@ -110,21 +112,7 @@ def test_the_map_lies_in_its_bands_and_near_the_fit(banded, row, posterior):
     np.testing.assert_allclose(row["backlash_first_order_deg"], first, atol=5e-4)
 
 
-def test_axial_millimetres_are_the_backlash_over_the_taper(row):
-    per_deg = DEG * 80 / (2 * np.tan(3 * DEG))
-    np.testing.assert_allclose(row["axial_mm"], row["backlash_deg"] * per_deg)
-    high = row["high95_simultaneous_deg"] * per_deg
-    np.testing.assert_allclose(row["axial_high95_simultaneous_mm"], high)
-    np.testing.assert_allclose(row["backlash_mm"], row["backlash_deg"] * DEG * 80)
-
-
-def test_another_probability_names_its_columns(posterior):
-    found = band_map(posterior, step_deg=30.0, turns=2.0, probability=0.9)
-    assert found.columns[5] == "low90_deg" and len(found.driving_angle) == 24
-    assert "90 % of the whole map" in str(found)
-
-
-def test_the_printed_widths_are_those_of_the_bands(banded, row):
+def test_the_printed_widths_are_those_of_the_bands(banded, row, posterior):
     """Of draws that are normal: 1.96 standard deviations at one angle."""
     half = dict(re.findall(r"95 % (at one angle|of the whole map)\s+± ([0-9.e-]+)°", str(banded)))
     for name, kind in (("at one angle", ""), ("of the whole map", "_simultaneous")):
@@ -132,3 +120,6 @@ def test_the_printed_widths_are_those_of_the_bands(banded, row):
         assert float(half[name]) == pytest.approx(width / 2, rel=0.05)
     one_std = np.median(banded.band.std) / DEG
     assert float(half["at one angle"]) == pytest.approx(1.96 * one_std, rel=0.1)
+    found = band_map(posterior, step_deg=30.0, turns=2.0, probability=0.9)
+    assert found.columns[5] == "low90_deg" and len(found.driving_angle) == 24
+    assert "90 % of the whole map" in str(found)

@@ -8,20 +8,55 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from tests.posterior.made import quick_posterior
 from tests.schemas import load_schema
+from vttig_jax.base import ARCSEC, DEG
+from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.files.json_io import dumps
-from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.model.parameter import Parameter
-from vttig_jax.pair.gear_pair import Drive
+from vttig_jax.model import Parameter
+from vttig_jax.pair import Drive
+from vttig_jax.posterior import Posterior
 from vttig_jax.posterior.summary.draws import (
     parameters_of_draws,
+    phase_of_draws,
     polar_of_draws,
     scalar_of_draws,
     shown_unit,
 )
-from vttig_jax.posterior.summary.posterior import Posterior, priors
+from vttig_jax.posterior.summary.posterior import priors
+
+
+def _phase(draws: np.ndarray) -> Any:
+    """The parameter of draws, whose numbers are all given."""
+    return phase_of_draws("phase_deg", draws)
+
+
+@given(st.floats(0, 360), st.floats(0.01, 20))
+@example(359.0, 3.0)
+@example(1.0, 3.0)
+def test_a_phase_is_that_of_the_line_wherever_it_lies(mean, std):
+    draws = mean + std * np.random.default_rng(0).standard_normal(20_000)
+    found = _phase(np.mod(draws, 360.0))
+    assert abs(difference_deg(found.value, mean)) < 0.03 * std + 1e-9
+    assert found.std == pytest.approx(std, rel=0.03)
+    assert found.high95 - found.low95 == pytest.approx(2 * 1.96 * std, rel=0.05)
+    assert found.low95 < found.value < found.high95 and 0 <= found.value < 360
+    off = np.asarray(difference_deg(draws, found.value))
+    inside = (off >= found.low95 - found.value) & (off <= found.high95 - found.value)
+    assert np.mean(inside) == pytest.approx(0.95, abs=1e-3)
+
+
+def test_whole_turns_change_nothing():
+    for shift in (0.0, 1e-14, -1e-14, 360.0):
+        found = _phase(np.array([350.0, 355.0, 0.0, 5.0, 370.0]) + shift)
+        assert found.low95 < found.value < found.high95 and 0 <= found.value < 360
+    random = np.random.default_rng(0)
+    draws = 100.0 + 5.0 * random.standard_normal(20_000)
+    one, other = _phase(draws), _phase(draws + 360.0 * random.integers(-3, 4, len(draws)))
+    assert vars(other) == pytest.approx(vars(one), abs=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +76,7 @@ def without(posterior: Posterior, *names: str, **changes: Any) -> Posterior:
     return replace(posterior, fit=changed)
 
 
-def test_moved_draws_move_the_parameter(posterior):
+def test_moved_draws_move_the_parameter_and_its_words(posterior):
     """Parameters are those of the draws, not the fit copied."""
     place = posterior.names.index("constant_backlash")
     draws = posterior.draws.copy()
@@ -52,6 +87,12 @@ def test_moved_draws_move_the_parameter(posterior):
     )
     for field in ("value", "median", "low95", "high95"):
         assert getattr(found, field) - getattr(known, field) == pytest.approx(0.01, abs=1e-9)
+    for axis in "xy":
+        place = posterior.names.index(f"driven_encoder_{axis}")
+        draws[..., place] -= draws[..., place].mean()
+    text = str(replace(posterior, draws=draws))
+    (line,) = [line for line in text.splitlines() if line.startswith("driven_encoder_arcsec")]
+    assert "<" in line and "upper limit" in line
 
 
 def test_quantiles_of_a_skewed_coordinate_are_equal_tailed():
@@ -125,7 +166,7 @@ def test_every_order_has_one_prior(posterior):
     assert any(" order " in name and not name.endswith(" 1") for name in names)
 
 
-def test_json_fits_its_schema(posterior):
+def test_json_fits_its_schema_and_says_why_there_is_no_gap(posterior):
     record = json.loads(dumps(posterior.to_json()))
     validator = jsonschema.Draft202012Validator(load_schema("vttig.posterior/1"))
     validator.validate(record)
@@ -143,21 +184,8 @@ def test_json_fits_its_schema(posterior):
         part[key] = kept
     record["correlation"]["matrix"][0].append(2.0)
     assert not validator.is_valid(record)
-
-
-def test_json_of_one_flank_says_why_there_is_no_gap(posterior):
     one = without(posterior, "constant_backlash_deg", flanks=("A",))
     record = json.loads(dumps(one.to_json()))
     jsonschema.validate(record, load_schema("vttig.posterior/1"))
     assert record["smallest_gap"] is None and "record both" in record["smallest_gap_reason"]
     assert "one direction" in str(one)
-
-
-def test_words_show_an_upper_limit(posterior):
-    draws = posterior.draws.copy()
-    for axis in "xy":
-        place = posterior.names.index(f"driven_encoder_{axis}")
-        draws[..., place] -= draws[..., place].mean()
-    text = str(replace(posterior, draws=draws))
-    (line,) = [line for line in text.splitlines() if line.startswith("driven_encoder_arcsec")]
-    assert "<" in line and "upper limit" in line
