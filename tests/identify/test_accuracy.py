@@ -97,7 +97,7 @@ def test_repeated_passes_are_those_of_an_axis():
     assert 0 < numbers["R"]["noise_share"] < 0.5
 
 
-def test_few_samples_in_a_turn_do_not_flatten_its_orders():
+def test_few_samples_in_a_turn_do_not_flatten_its_orders_and_few_turns_tell_none():
     """At 14 samples in a turn a chord between two of them cuts a fifth of order 5 off."""
     pair = drive("1/10", orders=(1, 5))
     error = lambda angle, speed: 20 * np.sin(angle) + 10 * np.sin(5 * angle)  # noqa: E731
@@ -108,9 +108,6 @@ def test_few_samples_in_a_turn_do_not_flatten_its_orders():
     truth = np.ptp(error(turn, turn))
     shown = [row["F_is"] for row in rows if row["period"] == "driving shaft"]
     assert [one["value_arcsec"] for one in shown] == pytest.approx([truth, truth], rel=0.01)
-
-
-def test_a_short_run_is_told_why():
     rig = quick_rig(1, reversal_deg=1.2 * 360, passes=1)
     with pytest.raises(NoAnswerError, match="2 turns"):
         vttig_jax.fit(rig.log(0), rig.pair).accuracy  # noqa: B018

@@ -157,7 +157,7 @@ def test_what_a_log_has_is_said(slug):
     assert slug in slugs(SAY[slug]())
 
 
-def test_what_is_usual_is_not_said_of_a_short_table():
+def test_one_direction_is_conditional_on_its_flank_and_says_less(plain):
     """One direction of a pair whose shafts have no common order, over less than a period."""
     rig = paper_rig(0, PassMotion(reversal_deg=1440.0, passes=1))
     log = rig.log(0)
@@ -166,6 +166,9 @@ def test_what_is_usual_is_not_said_of_a_short_table():
         log.time, log.driving_angle / DEG, pair=rig.pair, unit="deg", transmission_error=error
     )
     assert not USUAL & slugs(fit(curve, rig.pair))
+    result = fit(log_of(motion=([0.1, 60.0], [30.0, 30.0])), PAIR)
+    assert "flank_A_only" in result.conditional_on and result.flanks == ("A",)
+    assert not any("only" in name for name in plain.conditional_on)
 
 
 def test_a_drive_that_behaves_has_its_numbers_and_no_warning(plain):
@@ -277,12 +280,6 @@ def test_a_line_above_the_rows_of_a_table_is_told(arcsec):
         assert one.amplitude_arcsec == pytest.approx(arcsec, rel=0.05)
 
 
-def test_one_direction_is_conditional_on_its_flank(plain):
-    result = fit(log_of(motion=([0.1, 60.0], [30.0, 30.0])), PAIR)
-    assert "flank_A_only" in result.conditional_on and result.flanks == ("A",)
-    assert not any("only" in name for name in plain.conditional_on)
-
-
 def test_a_delay_alone_is_an_answer():
     """Strokes of less than a turn at two speeds."""
     motion = there_and_back((30.0, 75.0) * 6, 0.3)
@@ -296,11 +293,17 @@ def ratio_of(result: Fit) -> Any:
     return next((one for one in result.regressors if one.name == "ratio"), None)
 
 
-def test_a_wrong_ratio_is_said():
+def test_a_wrong_ratio_and_a_computed_column_are_said():
     log = log_of(ratio=0.5002)
     result = fit(log, PAIR)
     assert "ratio-off" in slugs(result) and near(ratio_of(result), 0.5002)
     assert ratio_of(fit(log, PAIR, ratio_within=0.0)) is None
+    time = np.arange(0.0, 60.0, 0.01)
+    driving = 180.0 * (30.0 - np.abs(time - 30.0))
+    log = EncoderLog.from_arrays(time, driving, 0.5 * driving, pair=PAIR, unit="deg")
+    result = fit(log, PAIR)
+    assert "column-computed" in slugs(result) and result.outcome == "contradicts"
+    assert any("computed" in note for note in inspect_log(log).notes)
 
 
 COUNTED = GearTable(encoder=Encoder(counts_per_rev=100_000))
@@ -316,15 +319,6 @@ def test_a_ratio_that_is_off_by_less_than_a_count_is_not_said(off_ppm, said):
     counts = (np.floor(angle / REV * 100_000) for angle in angles)
     result = fit(EncoderLog.from_arrays(log.time, *counts, pair=COUNTING), COUNTING)
     assert ratio_of(result).significant and ("ratio-off" in slugs(result)) == said
-
-
-def test_a_computed_column_is_said():
-    time = np.arange(0.0, 60.0, 0.01)
-    driving = 180.0 * (30.0 - np.abs(time - 30.0))
-    log = EncoderLog.from_arrays(time, driving, 0.5 * driving, pair=PAIR, unit="deg")
-    result = fit(log, PAIR)
-    assert "column-computed" in slugs(result) and result.outcome == "contradicts"
-    assert any("computed" in note for note in inspect_log(log).notes)
 
 
 def readings(off_deg: float = 0.0) -> BacklashReadings:

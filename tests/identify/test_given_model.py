@@ -79,7 +79,7 @@ def two_stage_log(
     forth, back = flanks_of(TRUTH, seen)
     error = np.where(backward, back + GAP, forth)
     white = np.random.default_rng(seed).standard_normal(len(time)) * np.sqrt(1 - rho**2)
-    shocks = lfilter([1.0], [1.0, -rho], white)
+    shocks = np.asarray(lfilter([1.0], [1.0, -rho], white))
     driven = seen * float(DRIVE.ratio) + error + 2.0 * ARCSEC * shocks
     return EncoderLog.from_arrays(
         time, np.degrees(driving), np.degrees(driven), pair=DRIVE, unit="deg", source=f"two {seed}"
@@ -249,13 +249,21 @@ def test_a_wrong_model_is_refused_in_one_sentence(white_log, model, words, where
 
 
 @pytest.mark.slow
-def test_a_parameter_that_free_orders_explain_stays_at_its_start(white_log):
+def test_what_free_orders_or_the_constant_backlash_explain_stays_at_its_start(white_log):
     result = fit(white_log, DRIVE, model=Wave(ONE), orders=HarmonicOrders((1,), (), 0), **PLAIN)
     size = parameter(result, "model.size")
     assert not size.determined and "free orders of the fit explain it" in size.reason
     assert "stays at 0.0001" in size.reason
     (order, _) = result.orders
     assert (order.shaft, order.order) == ("driving", 1)
+    formula = lambda m, a, flank: m.size * jnp.sin(a) + (m.extra if flank == "B" else 0.0)  # noqa: E731
+    models = [of(formula, extra=jnp.asarray(gap)) for gap in (3 * GAP, 0.0)]
+    fits = [fit(white_log, DRIVE, model=model, **PLAIN) for model in models]
+    gaps = [parameter(one, "constant_backlash_deg").value for one in fits]
+    assert gaps[1] - gaps[0] == pytest.approx(3 * GAP / DEG, abs=1e-6)
+    covered = [known(one.checks.gap_over_angles_covered.value) for one in fits]
+    assert covered[0] == pytest.approx(covered[1], abs=1e-6)
+    assert "explain it as well" in parameter(fits[0], "model.extra").reason
 
 
 def test_free_orders_stand_beside_a_model(white_log):
@@ -266,15 +274,3 @@ def test_free_orders_stand_beside_a_model(white_log):
     assert result.outcome == "partly_determined"
     for order in result.orders:
         assert order.order == 5 and abs(order.amplitude_arcsec - 4.0) < 5 * order.std_arcsec
-
-
-@pytest.mark.slow
-def test_a_gap_of_the_model_counts_beside_the_constant_backlash(white_log):
-    formula = lambda m, a, flank: m.size * jnp.sin(a) + (m.extra if flank == "B" else 0.0)  # noqa: E731
-    models = [of(formula, extra=jnp.asarray(gap)) for gap in (3 * GAP, 0.0)]
-    fits = [fit(white_log, DRIVE, model=model, **PLAIN) for model in models]
-    gaps = [parameter(one, "constant_backlash_deg").value for one in fits]
-    assert gaps[1] - gaps[0] == pytest.approx(3 * GAP / DEG, abs=1e-6)
-    covered = [known(one.checks.gap_over_angles_covered.value) for one in fits]
-    assert covered[0] == pytest.approx(covered[1], abs=1e-6)
-    assert "explain it as well" in parameter(fits[0], "model.extra").reason

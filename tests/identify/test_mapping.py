@@ -51,7 +51,7 @@ def test_one_flank_needs_the_constant_backlash(noisy_log, noisy_rig):
         backlash_map(one_flank)
     assert caught.value.exit_code == 4
     found = backlash_map(one_flank, constant_backlash_deg=0.05)
-    expected = vttig_jax.exact_backlash(GRID, one_flank.pair, one_flank.eccentricities(0.05))
+    expected = vttig_jax.exact_backlash(GRID, noisy_rig.pair, one_flank.eccentricities(0.05))
     # The driven gear stands the TE of the start beside i φ₁: see test_mounting.
     np.testing.assert_allclose(found.over(GRID), np.asarray(expected), atol=2e-5 * DEG)
 

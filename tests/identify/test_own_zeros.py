@@ -106,16 +106,12 @@ def test_a_line_has_a_phase_of_its_own_in_every_log():
 
 
 @pytest.mark.parametrize("turns", [0.0, 0.3])
-def test_a_log_of_another_rig_is_refused(turns):
+def test_a_log_of_another_rig_is_refused_and_a_rig_that_changed_is_named(turns):
     logs = [log_of(0.0), log_of(turns, 1, size=80.0)]
     with pytest.raises(LogError, match="driving shaft has a first order of"):
         fit(logs, PAIR, same_zero=not turns)
     with pytest.raises(LogError, match="not with the same zero"):
         fit(three(0)[:2], PAIR, same_zero=True)
-
-
-@pytest.mark.parametrize("turns", [0.0, 0.3])
-def test_a_rig_that_changed_is_named(turns):
     logs = [log_of(0.0, noise_arcsec=5.0), log_of(turns, 1, size=44.0, noise_arcsec=5.0)]
     result = fit(logs, PAIR, same_zero=not turns)
     assert "rigs-differ" in slugs(result)

@@ -100,13 +100,20 @@ def test_intervals_are_those_of_the_whole_posterior(seed):
     assert np.median(narrow / half) < 0.92  # one θ alone is too sure
 
 
-def test_long_logs_tell_the_noise(posterior):
+def test_long_logs_tell_the_noise_and_moved_rows_leave_the_fixed_part(posterior):
     """A coefficient that hangs on no prior scale: one θ is as good as all."""
     row = posterior.row(FIRST)[None]
     _, covariance, freedom = posterior.told(row)
     total = covariance * freedom / (freedom - 2)
     np.testing.assert_allclose(total, posterior.given_noise(row)[1], rtol=0.06)
     assert freedom.min() > 30
+    row = posterior.row(DELAY)
+    raw, moved = posterior.one(row), posterior.one(row, moved=True)
+    share = posterior.problem.natural / np.diag(posterior.problem.natural)
+    coefficients = np.linalg.solve(share, posterior.coefficients)
+    assert moved.value == pytest.approx(coefficients[posterior.problem.index[DELAY]])
+    assert raw.value != pytest.approx(moved.value, rel=1e-6)
+    assert moved.std < raw.std
 
 
 def test_readings_of_a_coefficient_narrow_it(posterior):
@@ -125,14 +132,3 @@ def test_readings_of_a_coefficient_narrow_it(posterior):
     assert narrower[0, 0] == pytest.approx(0.5 * covariance[0, 0])
     before, now = posterior.one(row[0]), after.one(row[0])
     assert now.std == pytest.approx(before.std / np.sqrt(2), rel=0.05)
-
-
-def test_moved_rows_leave_the_fixed_part(posterior):
-    """On orthogonal coefficients, delay is the mean of the log; on raw ones it is its level."""
-    row = posterior.row(DELAY)
-    raw, moved = posterior.one(row), posterior.one(row, moved=True)
-    share = posterior.problem.natural / np.diag(posterior.problem.natural)
-    coefficients = np.linalg.solve(share, posterior.coefficients)
-    assert moved.value == pytest.approx(coefficients[posterior.problem.index[DELAY]])
-    assert raw.value != pytest.approx(moved.value, rel=1e-6)
-    assert moved.std < raw.std

@@ -39,8 +39,8 @@ def _values(truth: dict) -> np.ndarray:
         truth[f"{shaft}_encoder"] * ARCSEC * np.exp(1j * np.radians(truth[f"{shaft}_encoder_deg"]))
         for shaft in ("driving", "driven")
     ]
-    found = np.array([*map(complex, gears_of(truth).cartesian), *encoders])
-    return np.stack([found.real, found.imag], axis=1).ravel()
+    found = [*map(complex, gears_of(truth).cartesian), *map(complex, encoders)]
+    return np.array([part for one in found for part in (one.real, one.imag)])
 
 
 def _projected(pair, truth: dict, points: int = 32) -> np.ndarray:

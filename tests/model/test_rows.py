@@ -108,7 +108,7 @@ def test_a_delay_is_taken_off(delay_s):
         assert inside.min() >= 20 and inside.max() < len(one.time) - 30
 
 
-def test_outliers_leave_their_neighbours_alone():
+def test_outliers_and_twins_of_a_time_stamp_leave_their_neighbours_alone():
     one = shafts()
     spoilt, driving = np.array([500, 501, 900]), one.driving.copy()
     driving[spoilt] += 0.5
@@ -117,10 +117,6 @@ def test_outliers_leave_their_neighbours_alone():
     assert np.abs(np.delete(apart, spoilt)).max() < 1e-5
     np.testing.assert_allclose(apart[spoilt], 0.5, atol=1e-3)
     assert np.abs(clean.speed - one.speed).max() < 0.05
-
-
-def test_twins_of_a_time_stamp_are_one_sample():
-    one = shafts()
     time = one.time.copy()
     time[700] = time[699]
     apart = replace(one, time=time).delayed(0.004)[0] - one.delayed(0.004)[0]

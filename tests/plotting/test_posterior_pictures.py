@@ -203,7 +203,7 @@ def test_the_right_axis_is_the_axial_displacement_and_a_drive_has_none(bands, ba
     assert plot_band_map(alone).axes[0].child_axes == []
 
 
-def test_title_says_how_much_of_the_period_there_is(banded, bands):
+def test_title_says_how_much_of_the_period_there_is_also_on_given_axes(banded, bands):
     assert bands.axes[0].get_title(loc="left").endswith("hunting period of 16 turns")
     shown = banded.driving_angle < 2 * REV
     parts = ("centre", "std", "low", "high")
@@ -213,9 +213,6 @@ def test_title_says_how_much_of_the_period_there_is(banded, bands):
     assert "2 of the 16 turns" in drawn.axes[0].get_title(loc="left")
     assert legend_texts(drawn.axes[0])[3].endswith("not shown")
     assert drawn.axes[1].get_title(loc="left") == "part of the map"
-
-
-def test_it_draws_on_given_axes_and_fewer_turns(banded):
     bands = Figure()
     upper, lower = bands.subplots(2)
     assert plot_band_map(banded, ax=lower, turns=3.0) is bands

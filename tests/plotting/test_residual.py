@@ -123,7 +123,7 @@ def test_the_level_is_that_of_false_alarms(monkeypatch):
     assert 30 <= seen <= 85 and FALSE_ALARM == 1e-3
 
 
-def test_the_correlation_of_whitened_rows_stays_in_the_band():
+def test_correlation_and_spectrum_are_those_of_known_rows():
     """And leaves it where the rows are not whitened."""
     path = np.asarray(lfilter([1.0], [1.0, -0.9], np.random.default_rng(1).standard_normal(4000)))
     white = [np.convolve(part, [1.0, -0.9], "valid") for part in (path[:1500], path[1500:])]
@@ -134,6 +134,12 @@ def test_the_correlation_of_whitened_rows_stays_in_the_band():
     raw, _ = autocorrelation([path], 60)
     np.testing.assert_allclose(raw[1:4], [0.9, 0.81, 0.729], atol=0.04)
     np.testing.assert_array_equal(autocorrelation([], 10)[0], [0.0])
+    places = np.random.default_rng(2).uniform(0, 20, 4000)
+    up, down = np.sort(places), np.sort(places)[::-1]
+    runs = [(up, 3 * np.sin(REV * 5.0 * up) + 5), (down, 3 * np.sin(REV * 5.0 * down) - 7)]
+    cycles, size = mean_spectrum(runs)
+    assert cycles[size.argmax()] == pytest.approx(5.0, abs=0.01)
+    assert size.max() == pytest.approx(3.0, rel=0.02) and size[0] < 0.1
 
 
 def test_a_log_before_any_fit_shows_both_flanks_and_its_waves():
@@ -154,13 +160,3 @@ def test_a_log_before_any_fit_shows_both_flanks_and_its_waves():
     log = EncoderLog.from_arrays(angle, angle, angle / 2, pair=Drive(Fraction(1, 2)), unit="deg")
     with pytest.raises(NoAnswerError, match="no run of this log has 16 samples"):
         plot_log(log)
-
-
-def test_the_spectrum_is_that_of_sines_beside_the_means_of_the_runs():
-    """Places that are unequal and fall, and runs with other means, leave the size of a sine."""
-    places = np.random.default_rng(2).uniform(0, 20, 4000)
-    up, down = np.sort(places), np.sort(places)[::-1]
-    runs = [(up, 3 * np.sin(REV * 5.0 * up) + 5), (down, 3 * np.sin(REV * 5.0 * down) - 7)]
-    cycles, size = mean_spectrum(runs)
-    assert cycles[size.argmax()] == pytest.approx(5.0, abs=0.01)
-    assert size.max() == pytest.approx(3.0, rel=0.02) and size[0] < 0.1

@@ -129,6 +129,12 @@ def test_a_span_of_your_own_and_views_that_meet_are_one(run):
         assert figure.axes[1].get_xlim() == pytest.approx(span, abs=0.01)
     time, _ = data(plot(run, span_s=(2.0, 2.1)).axes[1], TRUE)
     assert len(time) == pytest.approx(101, abs=3)
+    words = "`span_s` must hold two samples or more of the 0 … 9 s"
+    for span_s in ((3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)):
+        with pytest.raises(ValueError, match=words):
+            plot_simulation(run, span_s=span_s)
+    with pytest.raises(ValueError, match="`trace_every` must be at least 1"):
+        plot_simulation(replace(run, trace=None))
 
 
 @pytest.mark.parametrize("times", [{"turn_s": 9.0}, {"turn_s": 9.0, "braking_s": 9.0}])
@@ -146,12 +152,3 @@ def test_where_the_drive_blocks_the_picture_ends(run):
     assert figure.axes[1].get_xlim() == pytest.approx((1.9, 2.4), abs=0.01)
     assert marks(figure.axes[1])[-1] == 2.4
     assert "drive blocks" in words(figure)[0] and "outcome bound" in figure.get_suptitle()
-
-
-def test_a_run_without_a_trace_and_an_empty_span_are_refused(run):
-    words = "`span_s` must hold two samples or more of the 0 … 9 s"
-    for span_s in ((3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)):
-        with pytest.raises(ValueError, match=words):
-            plot_simulation(run, span_s=span_s)
-    with pytest.raises(ValueError, match="`trace_every` must be at least 1"):
-        plot_simulation(replace(run, trace=None))

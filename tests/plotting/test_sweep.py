@@ -22,11 +22,15 @@ def turns(count: int, times: int) -> np.ndarray:
     return np.repeat(np.linspace(0.0, 360.0, count), times)
 
 
-def test_one_case_a_place_is_a_line_through_the_values():
+def test_one_case_a_place_is_a_line_and_a_long_axis_is_taken_together():
     table = table_of(**{"motion.reversal_deg": turns(5, 1)})
     found = lines(plot(table), 0)
     np.testing.assert_allclose(found["all"][:, 1], table.columns["residual_gap_deg"])
     assert not plot(table).axes[0].collections
+    table = table_of(**{"motion.reversal_deg": turns(5000, 1)})
+    found = lines(plot_sweep(table), 0)["all"]
+    assert len(found) == 400
+    assert np.all(np.diff(found[:, 0]) > 0) and np.all(np.diff(found[:, 1]) > 0)
 
 
 def test_many_cases_a_place_are_a_median_and_a_band():
@@ -75,13 +79,6 @@ def test_colours_are_those_of_a_short_axis_or_the_one_asked_for():
     assert list(lines(plot_sweep(with_texts, by="judgement.margin_mm"), 0)) == names
     with pytest.raises(ValueError, match="`by` must be one of"):
         plot_sweep(table, by="seed")
-
-
-def test_a_long_axis_is_taken_together():
-    table = table_of(**{"motion.reversal_deg": turns(5000, 1)})
-    found = lines(plot_sweep(table), 0)["all"]
-    assert len(found) == 400
-    assert np.all(np.diff(found[:, 0]) > 0) and np.all(np.diff(found[:, 1]) > 0)
 
 
 def test_a_feedforward_controller_has_the_error_of_the_output_below():

@@ -49,16 +49,13 @@ def test_ensembles_in_different_modes_have_not_converged():
     assert sample(None, plain(), steps=300).diagnosis.agreed
 
 
-def test_a_proposal_is_the_density_that_it_says():
+def test_a_proposal_is_the_density_that_it_says_and_weighted_draws_that_of_the_target():
     """Its draws, weighted by the inverse of their density, are uniform: ∫ q = 1."""
     wide = Proposal.of(np.array([1.0, 2.0]), COVARIANCE[:2, :2], np.array([False, True]))
     draws = wide.draw(200_000, np.random.RandomState(0))
     box = np.all(np.abs(draws - [1.0, 2.0]) < 1.0, axis=1)
     volume = np.sum(box / np.exp(wide.log_density(draws))) / len(draws)
     assert volume == pytest.approx(4.0, rel=0.02)
-
-
-def test_weighted_draws_have_the_moments_of_the_density():
     found = Gaussian(np.zeros(3), COVARIANCE, spread=1.5, off=0.4).around()
     assert 0.3 < found.efficiency <= 1.0
     np.testing.assert_allclose(found.mean, 0.0, atol=0.15)
@@ -74,14 +71,11 @@ def test_the_rule_stops_at_the_first_look_that_is_enough():
     assert never.steps == 150 and not never.converged
 
 
-def test_equal_seeds_are_equal_and_steps_are_exact():
+def test_equal_seeds_are_equal_and_steps_are_exact_with_progress_after_every_block():
     first, again, other = (sample(None, seed=seed) for seed in (3, 3, 4))
     assert same(first, again) and not np.array_equal(first.draws, other.draws)
     assert first.record.draws.shape == (4, 100 // THIN, 16, 2)
     assert sample(None, steps=43).diagnosis.steps == 45
-
-
-def test_progress_comes_after_every_block_and_acceptance_is_a_share():
     seen = []
     found = sample(None, steps=120, progress=seen.append)
     assert [one.steps for one in seen] == [50, 100, 120] and seen[-1].remaining_s == 0
@@ -92,11 +86,6 @@ class Nowhere(Gaussian):
     def around(self) -> Proposal:
         start = Proposal.of(self.mean, self.covariance, np.zeros(len(self.mean), bool))
         return start.improved(lambda x: np.full(len(x), -np.inf))
-
-
-def test_a_density_that_is_nowhere_finite_has_no_answer():
-    with pytest.raises(NoAnswerError):
-        sample(None, Nowhere(np.zeros(2), np.eye(2)))
 
 
 WRONG = [
@@ -110,7 +99,7 @@ WRONG = [
 ]
 
 
-def test_arguments_that_make_no_sense_are_named():
+def test_arguments_and_densities_that_make_no_sense_are_refused():
     for name, value in WRONG:
         with pytest.raises(ValueError, match=f"`{name}`"):
             sample(None, **{name: value})
@@ -120,3 +109,5 @@ def test_arguments_that_make_no_sense_are_named():
     for rule in rules:
         with pytest.raises(ValueError, match=f"`{next(iter(rule))}`"):
             Until(**rule)
+    with pytest.raises(NoAnswerError):
+        sample(None, Nowhere(np.zeros(2), np.eye(2)))

@@ -34,7 +34,7 @@ def test_what_is_written_is_read_back_with_its_stop_rule(path):
     assert found.diagnosis.until == rule and str(found.diagnosis) == str(chains.diagnosis)
 
 
-def test_an_existing_or_damaged_file_is_refused_and_untouched(path):
+def test_an_existing_damaged_or_missing_file_is_refused(path, tmp_path):
     sample(path)
     before = path.read_bytes()
     target = plain()
@@ -52,6 +52,11 @@ def test_an_existing_or_damaged_file_is_refused_and_untouched(path):
                 attempt()
             sentence(caught.value)
             assert path.read_bytes() == before and only(path), kind
+    with pytest.raises(InputError, match="this checkpoint does not exist"):
+        read_chains(tmp_path / "posterior.h5")
+    with pytest.raises(InputError) as caught:
+        read_chains(tmp_path)
+    sentence(caught.value)
 
 
 def damaged(path: Path) -> dict[str, bytes]:
@@ -68,14 +73,6 @@ def damaged(path: Path) -> dict[str, bytes]:
         "half": whole[:middle],
         "one byte short": whole[:-1],
     } | {f"bit {k}": whole[:k] + bit + whole[k + 1 :] for k, bit in flipped.items()}
-
-
-def test_a_missing_file_and_a_folder_cannot_be_read(tmp_path):
-    with pytest.raises(InputError, match="this checkpoint does not exist"):
-        read_chains(tmp_path / "posterior.h5")
-    with pytest.raises(InputError) as caught:
-        read_chains(tmp_path)
-    sentence(caught.value)
 
 
 def test_a_second_writer_is_refused_and_a_file_left_over_no_hindrance(path):
@@ -140,7 +137,7 @@ def test_a_full_disk_leaves_the_generation_before(path, monkeypatch, generations
     assert same(sample(path, steps=200, resume=True), sample(None, steps=200))
 
 
-def test_what_was_to_be_replaced_stays_and_no_permission_leaves_no_folder(path, monkeypatch):
+def test_a_full_disk_leaves_the_file_that_was_to_be_replaced(path, monkeypatch):
     sample(path)
     before = path.read_bytes()
     full_after(monkeypatch, 0)
@@ -148,6 +145,8 @@ def test_what_was_to_be_replaced_stays_and_no_permission_leaves_no_folder(path, 
         sample(path, seed=1, overwrite=True)
     assert path.read_bytes() == before and only(path)
 
+
+def test_no_permission_leaves_no_folder(path, monkeypatch):
     def replace(source: Path, target: Path) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
 
@@ -170,13 +169,20 @@ def test_killed_at_any_moment_it_goes_on_bit_for_bit(tmp_path):
     assert found["files"] == ["posterior.h5"]
 
 
-def test_a_finished_run_resumed_is_there_at_once(path):
+def test_a_finished_run_is_there_at_once_or_goes_on_by_the_rule(path):
     chains = sample(path)
     before, inode, target = path.read_bytes(), path.stat().st_ino, plain()
     assert same(sample(path, target, resume=True), chains)
     assert path.stat().st_ino == inode  # nor was the file written anew
     assert len(target.sizes) <= 1  # no step was made
     assert path.read_bytes() == before and only(path)
+    path = path.with_name("other.h5")
+    by_the_rule: dict[str, Any] = {"steps": None, "until": Until(effective=2000.0)}
+    whole = sample(None, **by_the_rule)
+    sample(path, steps=85)
+    for _ in range(2):
+        assert same(sample(path, **by_the_rule, resume=True), whole)
+    assert whole.diagnosis.steps % 50 == 0 and whole.diagnosis.converged
 
 
 @pytest.mark.parametrize("first", [0, 50, 85, 87])
@@ -185,15 +191,6 @@ def test_more_steps_go_on_from_the_last(path, first):
         sample(path, steps=first)
     assert same(sample(path, steps=140, resume=True), sample(None, steps=140))
     assert same(read_chains(path), sample(None, steps=140)) and only(path)
-
-
-def test_a_run_by_steps_goes_on_by_the_rule_as_one_by_the_rule_alone(path):
-    by_the_rule: dict[str, Any] = {"steps": None, "until": Until(effective=2000.0)}
-    whole = sample(None, **by_the_rule)
-    sample(path, steps=85)
-    for _ in range(2):
-        assert same(sample(path, **by_the_rule, resume=True), whole)
-    assert whole.diagnosis.steps % 50 == 0 and whole.diagnosis.converged
 
 
 def test_a_checkpoint_of_another_run_says_what_differs(path):

@@ -48,9 +48,8 @@ def test_rows_are_single_fits(rig):
             one = single.parameters[name]
             for part, field in PARTS.items():
                 expected = np.array(getattr(one, field), float)  # NaN for None
-                np.testing.assert_allclose(
-                    table.columns[name + part][number], expected, 0, 1e-6 * (one.std or 1.0), name
-                )
+                cell, near = table.columns[name + part][number], 1e-6 * (one.std or 1.0)
+                np.testing.assert_allclose(cell, expected, rtol=0, atol=near, err_msg=name)
         assert table.columns["samples_used"][number] == single.samples["used"]
         assert table.columns["noise_std_deg"][number] == pytest.approx(single.noise.std_deg)
         assert table.columns["conditional_on"][number] == " ".join(single.conditional_on)

@@ -115,7 +115,7 @@ def test_std_is_the_closed_form_and_falls_with_the_square_root_of_the_turns(whit
             assert 1.0 < one.std / longer.std(name) / steady < 1.06, name  # less is drift
 
 
-def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):
+def test_the_price_of_not_trusting_the_encoders_which_one_direction_must(white_pair, white_plan):
     trusted = plan(white_pair, **WHITE_RUN, perfect_encoders=True)
     assert trusted.conditional_on == ("perfect_encoders", "no_delay")
     assert not trusted.parameters["driving_encoder_arcsec"].determined
@@ -123,9 +123,6 @@ def test_the_price_of_not_trusting_the_encoders(white_pair, white_plan):
         price = white_plan.std(name) / trusted.std(name)
         assert price == pytest.approx(1 / np.sin(white_pair.working_pressure_angles[0]), rel=0.02)
     assert trusted.std(GAP) == pytest.approx(white_plan.std(GAP), rel=0.01)  # the map pays nothing
-
-
-def test_one_direction_knows_no_gap_and_trusts_the_encoders(white_pair):
     one = plan(white_pair, **WHITE_RUN, directions="forward")
     assert one.flanks == ("A",) and one.outcome == "partly_determined"
     assert one.conditional_on == ("perfect_encoders", "no_delay")

@@ -28,12 +28,17 @@ def drive_plan(**changes):
     return plan(DRIVE, **dict(SHORT, **{"orders": FEW, **changes}))
 
 
-def test_backward_is_the_other_flank_and_tells_as_much():
+def test_backward_tells_as_much_and_a_shaft_that_turns_too_little_nothing():
     forward, backward = (drive_plan(directions=way) for way in ("forward", "backward"))
     assert (forward.flanks, backward.flanks) == (("A",), ("B",))
     for name in ("driving_amplitude_arcsec", "driven_phase_deg"):
         assert backward.std(name) == pytest.approx(forward.std(name), rel=0.02)
     assert "one direction" in str(backward.parameters["constant_backlash_deg"].reason)
+    found = plan(Drive(Fraction(1, 20)), turns=10.0, rate_hz=500.0, noise=WHITE, orders=FEW)
+    assert found.short == ("driven",)
+    assert "turned only 0.5" in str(found.parameters["driven_amplitude_arcsec"].reason)
+    assert "too little" in str(found.parameters["constant_backlash_deg"].reason)
+    assert found.parameters["driving_amplitude_arcsec"].determined
 
 
 def test_at_one_speed_the_ramps_tell_a_delay_or_nothing_does():
@@ -91,14 +96,6 @@ def test_dwell_and_assumed_amplitudes_change_what_they_should():
     assert amplitude.determined and not amplitude.significant and phase.std is None
     assert "upper limit" in str(amplitude.reason) and "not significant" in str(small)
     assert "three standard errors" in str(phase.reason)
-
-
-def test_a_shaft_that_turns_too_little_is_left_out():
-    found = plan(Drive(Fraction(1, 20)), turns=10.0, rate_hz=500.0, noise=WHITE, orders=FEW)
-    assert found.short == ("driven",)
-    assert "turned only 0.5" in str(found.parameters["driven_amplitude_arcsec"].reason)
-    assert "too little" in str(found.parameters["constant_backlash_deg"].reason)
-    assert found.parameters["driving_amplitude_arcsec"].determined
 
 
 def test_wrong_arguments_are_named(unchecked):

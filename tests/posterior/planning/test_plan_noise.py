@@ -42,22 +42,19 @@ def test_averages_of_the_noise_are_those_of_its_samples(size, correlation_s, whi
     np.testing.assert_allclose(counting, found, rtol=1e-14)
 
 
-def test_noise_that_cannot_be_is_refused():
+def test_counting_error_is_that_of_both_encoders_and_impossible_noise_is_refused():
+    generator = np.random.default_rng(1)
+    step = REV / 90_000
+    errors = step * (generator.uniform(size=200_000) - 9 / 16 * generator.uniform(size=200_000))
+    assert counting_std(paper_pair()) == pytest.approx(errors.std(), rel=0.01)
+    assert counting_std(Drive(Fraction(1, 2))) == 0.0
     for name in ("std_deg", "correlation_s", "white_std_deg"):
         for value in (-1.0, np.nan, np.inf):
             with pytest.raises(ValueError, match=name):
                 PlannedNoise(**{name: value})
 
 
-def test_counting_error_is_that_of_both_encoders():
-    generator = np.random.default_rng(1)
-    step = REV / 90_000
-    errors = step * (generator.uniform(size=200_000) - 9 / 16 * generator.uniform(size=200_000))
-    assert counting_std(paper_pair()) == pytest.approx(errors.std(), rel=0.01)
-    assert counting_std(Drive(Fraction(1, 2))) == 0.0
-
-
-def test_the_frozen_counts_of_the_paper_are_told_with_a_better_rate():
+def test_frozen_counts_are_told_with_a_better_rate():
     (sentence,) = frozen_counts(paper_pair(), [60.0], 2000.0)
     assert "45 counts of the driving encoder" in sentence
     assert "1987 Hz" in sentence
@@ -66,9 +63,6 @@ def test_the_frozen_counts_of_the_paper_are_told_with_a_better_rate():
     assert frozen_counts(paper_pair(), [60.0, 40.0], 2000.0)[1:] == [
         sentence.replace("60 rpm", "40 rpm").replace(" 45 counts", " 30 counts")
     ]
-
-
-def test_few_positions_within_a_count_are_frozen():
     drive = Drive(ratio=Fraction(1), driving=GearTable(encoder=Encoder(counts_per_rev=3600)))
     for rate_hz, frozen in ((1200.0, True), (900.0, True), (1193.0, False), (877.0, False)):
         assert bool(frozen_counts(drive, [60.0], rate_hz)) == frozen

@@ -35,7 +35,7 @@ def test_the_simultaneous_band_holds_exactly_its_share_of_the_draws(probability)
     assert at_each.all(axis=1).mean() < probability - 0.1
 
 
-def test_pieces_give_the_same_band_and_a_point_without_spread_is_a_point():
+def test_pieces_points_and_skewed_draws_have_their_bands():
     draws = _curves(2, 300)
     whole = band(draws)
     pieces = streamed_band(iter(np.split(draws.T, [7, 50])))
@@ -46,10 +46,6 @@ def test_pieces_give_the_same_band_and_a_point_without_spread_is_a_point():
     found = band(draws)
     assert found.low_simultaneous[5] == found.high_simultaneous[5] == 0.25
     assert np.isfinite(found.critical)
-
-
-def test_the_simultaneous_band_of_skewed_draws_contains_the_pointwise_one():
-    """Draws with one common error that is bounded below, as an unknown delay gives it."""
     common = np.maximum(np.random.default_rng(3).uniform(-1.0, 3.0, (2000, 1)), 0.0)
     found = band(common + 1e-3 * np.random.default_rng(4).standard_normal((2000, 20)))
     assert np.all(found.centre + found.critical * found.std < found.high)
