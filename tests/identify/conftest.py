@@ -2,13 +2,10 @@
 
 import pytest
 
-from tests.identify.quick import quick_rig as made_quick_rig
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.motion import PassMotion
+from vttig_jax.identify import Fit, fit
+from vttig_jax.logs import EncoderLog
+from vttig_jax.rig import PassMotion, SyntheticRig
 from vttig_jax.rig.paper import paper_rig as make_paper_rig
-from vttig_jax.rig.synthetic import SyntheticRig
 
 
 @pytest.fixture(scope="session")
@@ -38,26 +35,5 @@ def clean_rig(paper_pair, paper_rig) -> SyntheticRig:
 
 
 @pytest.fixture(scope="session")
-def clean_log(clean_rig) -> EncoderLog:
-    return clean_rig.log()
-
-
-@pytest.fixture(scope="session")
-def clean_fit(clean_rig, clean_log) -> Fit:
-    return fit(clean_log, clean_rig.pair)
-
-
-@pytest.fixture(scope="session")
-def quick_rig() -> SyntheticRig:
-    """The noisy rig at the lowest sampling rate that its tooth mesh allows; a fit takes 0.1 s."""
-    return made_quick_rig(0)
-
-
-@pytest.fixture(scope="session")
-def quick_log(quick_rig) -> EncoderLog:
-    return quick_rig.log(0)
-
-
-@pytest.fixture(scope="session")
-def quick_fit(quick_rig, quick_log) -> Fit:
-    return fit(quick_log, quick_rig.pair)
+def clean_fit(clean_rig) -> Fit:
+    return fit(clean_rig.log(), clean_rig.pair)

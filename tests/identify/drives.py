@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.pair.gear_pair import Drive, GearPair
-from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.logs import EncoderLog
+from vttig_jax.pair import Drive, GearPair, HarmonicOrders
 
 Curve = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Driving angle in rad and driving speed in rpm → arcsec of the driven shaft."""

@@ -1,5 +1,6 @@
 """Fits of a flank model of the user's own: a two-stage drive, and the exact relation itself."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -11,20 +12,18 @@ import numpy as np
 import pytest
 from msgspec import convert
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
 import vttig_jax
-from vttig_jax.base.errors import InputError, NoAnswerError, UsageError
-from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.fit_settings import FitSettings
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.logs.encoder_log import EncoderLog
+from tests.identify.drives import known
+from vttig_jax.base import ARCSEC, DEG, InputError, NoAnswerError, UsageError
+from vttig_jax.identify import Fit, FitSettings, fit
+from vttig_jax.logs import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
-from vttig_jax.pair.gear_pair import Drive
-from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.pair import Drive, HarmonicOrders
+from vttig_jax.runs.run_file import read_run, require_same_data
 
-RATIO = Fraction(391, 3200)
-DRIVE = Drive(RATIO, name="two stages")
+DRIVE = Drive(Fraction(391, 3200), name="two stages")
 PLAIN: dict[str, Any] = {"delay": "off", "lines": "report", "ratio_within": 0.0}
 """Settings with which nothing is selected, for a fit beside an oracle."""
 
@@ -57,12 +56,18 @@ def two_stages(values: Any) -> TwoStages:
 START = two_stages(np.zeros(6))
 
 
+def flanks_of(values: np.ndarray, angle: np.ndarray) -> list[np.ndarray]:
+    """Transmission error of both flanks."""
+    model, places = two_stages(values), jnp.asarray(angle)
+    return [np.asarray(model.transmission_error(places, flank)) for flank in ("A", "B")]
+
+
 def two_stage_log(
-    seed: int, *, noise_arcsec: float = 2.0, rho: float = 0.0, delay_s: float = 0.0, rpms=(30.0,)
+    seed: int, *, rho: float = 0.0, delay_s: float = 0.0, rpms: tuple[float, ...] = (30.0,)
 ) -> EncoderLog:
     """A log of 20 turns forth and back at every speed, with white or AR(1) noise."""
     rate = 200.0
-    pieces, steps = [np.zeros(40)], 0.0
+    pieces = [np.zeros(40)]
     for rpm in rpms:
         steps = int(20 * 60 / rpm * rate)
         pieces += [np.full(steps, rpm), np.zeros(40), np.full(steps, -rpm), np.zeros(40)]
@@ -71,16 +76,11 @@ def two_stage_log(
     time = np.arange(len(driving)) / rate
     seen = np.interp(time - delay_s, time, driving)
     backward = np.interp(time - delay_s, time, np.append(speed, 0.0)) < -1e-9
-    model = two_stages(TRUTH)
-    error = np.where(
-        backward,
-        np.asarray(model.transmission_error(jnp.asarray(seen), "B")) + GAP,
-        np.asarray(model.transmission_error(jnp.asarray(seen), "A")),
-    )
-    shocks = np.random.default_rng(seed).standard_normal(len(time)) * np.sqrt(1 - rho**2)
-    for place in range(1, len(shocks)) if rho else ():
-        shocks[place] += rho * shocks[place - 1]
-    driven = seen * float(RATIO) + error + noise_arcsec * ARCSEC * shocks
+    forth, back = flanks_of(TRUTH, seen)
+    error = np.where(backward, back + GAP, forth)
+    white = np.random.default_rng(seed).standard_normal(len(time)) * np.sqrt(1 - rho**2)
+    shocks = np.asarray(lfilter([1.0], [1.0, -rho], white))
+    driven = seen * float(DRIVE.ratio) + error + 2.0 * ARCSEC * shocks
     return EncoderLog.from_arrays(
         time, np.degrees(driving), np.degrees(driven), pair=DRIVE, unit="deg", source=f"two {seed}"
     )
@@ -115,8 +115,7 @@ def test_least_squares_of_the_samples_gives_the_same_numbers(white_log, white_fi
     back = np.concatenate([np.full(s.stop - s.start, s.flank == "B") for s in used])
 
     def left(scaled):
-        model = two_stages(scaled[:6] * ARCSEC)
-        sides = [np.asarray(model.transmission_error(jnp.asarray(angle), f)) for f in ("A", "B")]
+        sides = flanks_of(scaled[:6] * ARCSEC, angle)
         fitted = np.where(back, sides[1] + scaled[7] * ARCSEC, sides[0]) + scaled[6] * ARCSEC
         return (error - fitted) / ARCSEC
 
@@ -146,23 +145,6 @@ def test_parameters_lie_within_their_intervals(seed):
     assert result.outcome == "ok" and result.conditional_on == ("flank_model",)
 
 
-class Missing(TwoStages):
-    """The drive without the shaft between both stages."""
-
-    def transmission_error(self, angle, flank):
-        part = eqx.tree_at(lambda m: m.shafts, self, self.shafts * jnp.array([1.0, 0.0, 1.0]))
-        part = eqx.tree_at(lambda m: m.cosine, part, 0 * self.cosine)
-        return TwoStages.transmission_error(part, angle, flank)
-
-
-@pytest.mark.slow
-def test_a_model_without_the_middle_shaft_leaves_its_line(white_log, white_fit):
-    result = fit(white_log, DRIVE, model=Missing(*jax.tree.leaves(START)), **PLAIN)
-    assert result.residual_rms_deg > 5 * white_fit.residual_rms_deg
-    assert "no sample depends on it" in parameter(result, "model.cosine").reason
-    assert result.outcome == "partly_determined"
-
-
 class Turning(eqx.Module):
     """The middle shaft alone, with its order as a parameter: not linear in it."""
 
@@ -170,11 +152,10 @@ class Turning(eqx.Module):
     order: jax.Array
 
     def transmission_error(self, angle, flank):
-        rest = TwoStages.transmission_error(two_stages(jnp.array([*TRUTH, 0.0])[:6]), angle, "A")
+        rest = two_stages(TRUTH * [1, 0, 1, 1, 1, 0]).transmission_error(angle, "A")
+        lag = 0.3 if flank == "B" else 0.0
         middle = self.waves[0] * jnp.sin(self.order * angle)
-        middle += self.waves[1] * jnp.cos(self.order * angle + (0.3 if flank == "B" else 0.0))
-        known = TRUTH[1] * jnp.sin(23 / 64 * angle) + TRUTH[5] * jnp.cos(23 / 64 * angle)
-        return rest - known + middle
+        return rest + middle + self.waves[1] * jnp.cos(self.order * angle + lag)
 
 
 def test_an_order_of_the_model_is_a_parameter_like_others(white_log):
@@ -186,7 +167,8 @@ def test_an_order_of_the_model_is_a_parameter_like_others(white_log):
     assert np.max(np.abs(value[:2] - TRUTH[[1, 5]]) / std[:2]) < 4.0
 
 
-def test_the_report_the_folder_and_the_pictures_of_a_model(white_fit, tmp_path):
+def test_the_report_the_folder_and_the_curves_of_a_model(white_fit, tmp_path):
+    """A run with a model is not repeated from its file, and has no eccentricities."""
     text = str(white_fit)
     assert "flank model          TwoStages" in text and "model.shafts[1]" in text
     white_fit.save(tmp_path / "run", figures=True)
@@ -197,140 +179,98 @@ def test_the_report_the_folder_and_the_pictures_of_a_model(white_fit, tmp_path):
     np.testing.assert_array_equal(run.fit.covariance, white_fit.covariance)
     with pytest.raises(UsageError, match="TwoStages, whose code a run folder does not hold"):
         vttig_jax.backlash_map(run.fit)
+    with pytest.raises(InputError, match=r"whose code run\.toml does not hold"):
+        require_same_data(read_run(tmp_path / "run"))
+    with pytest.raises(NoAnswerError, match="TwoStages has no eccentricities"):
+        white_fit.eccentricities()
     fitted = white_fit.given.fitted
     np.testing.assert_allclose(fitted.shafts, model_part(white_fit)[0][:3], rtol=1e-12)
-
-
-def test_curves_hold_the_whole_transmission_error(white_fit):
     curve, residual = white_fit.curves[0], white_fit.residuals[0]
     model = white_fit.flank_model.transmission_error(jnp.asarray(curve.driving_angle), curve.flank)
     away = curve.transmission_error - residual - np.asarray(model)
     assert np.max(np.abs(away)) < 0.02 * np.ptp(curve.transmission_error)
 
 
-def test_a_run_with_a_model_is_not_repeated_from_its_file(white_fit, tmp_path):
-    from vttig_jax.runs.run_file import read_run, require_same_data
-
-    white_fit.save(tmp_path / "run", figures=False)
-    with pytest.raises(InputError, match=r"whose code run\.toml does not hold"):
-        require_same_data(read_run(tmp_path / "run"))
-
-
-def test_what_only_the_exact_relation_serves_is_refused(white_fit):
-    with pytest.raises(NoAnswerError, match="TwoStages has no eccentricities"):
-        white_fit.eccentricities()
-
-
-@pytest.mark.parametrize("name", ["perfect_encoders", "perfect_gears"])
-def test_a_setting_of_the_exact_relation_is_refused_by_name(white_log, name):
-    with pytest.raises(UsageError, match=f"{name} says what the exact relation contains"):
-        fit(white_log, DRIVE, model=START, settings=convert({name: True}, FitSettings))
-
-
-def test_logs_with_zeros_of_their_own_are_refused(white_log):
-    other = replace(white_log, source="other")
+def test_settings_and_models_that_do_not_fit_are_refused(white_log, white_fit, unchecked):
+    for name in ("perfect_encoders", "perfect_gears"):
+        settings = convert({name: True}, FitSettings)
+        with pytest.raises(UsageError, match=f"{name} says what the exact relation contains"):
+            fit(white_log, DRIVE, model=START, settings=settings)
     with pytest.raises(UsageError, match="several logs with zeros of their own"):
-        fit([white_log, other], DRIVE, model=START)
+        fit([white_log, replace(white_log, source="other")], DRIVE, model=START)
+    with pytest.raises(ValueError, match=r"`orders`.*HarmonicOrders"):
+        fit(white_log, DRIVE, model=START, orders={"driving": (1,)})  # pyright: ignore
+    with pytest.raises(ValueError, match=r"`fit`.*band_map"):
+        vttig_jax.backlash_map(white_fit.parameters)  # pyright: ignore
+    kink = of(lambda m, angle, _: jnp.sqrt(m.size) * jnp.cos(angle), 0.0)
+    words = "Wave has no finite derivative by model.size on flank A at the driving angle"
+    with pytest.raises(NoAnswerError, match=words):
+        fit(white_log, DRIVE, model=kink)
 
 
 class Wave(eqx.Module):
-    """One wave, with a leaf of any kind."""
+    """One wave with a leaf of any kind, or another formula of the model, angle and flank."""
 
     size: Any
     extra: Any = None
+    formula: Callable = eqx.field(static=True, default=lambda m, angle, _: m.size * jnp.cos(angle))
 
     def transmission_error(self, angle, flank):
-        return self.size * jnp.cos(angle)
+        return self.formula(self, angle, flank)
 
 
-class Level(Wave):
-    def transmission_error(self, angle, flank):
-        return self.size
+def of(formula: Callable, size: float = 1e-4, extra: Any = None) -> Wave:
+    return Wave(jnp.asarray(size), extra, formula)
 
 
-class Branch(Wave):
-    def transmission_error(self, angle, flank):
-        return self.size if angle > 1 else angle
-
-
-class Failing(Wave):
-    def transmission_error(self, angle, flank):
-        raise RuntimeError("mine")
-
-
-class Root(Wave):
-    def transmission_error(self, angle, flank):
-        return self.size * jnp.sqrt(jnp.maximum(angle - 40.0, 0.0))
-
-
-class Kink(Wave):
-    def transmission_error(self, angle, flank):
-        return jnp.sqrt(self.size) * jnp.cos(angle)
+def failing(model, angle, flank):
+    raise RuntimeError("mine")
 
 
 ONE = jnp.asarray(1e-4)
-WRONG = {
-    "no method": (3, "a int has no method `transmission_error", "model"),
-    "no parameters": (Wave(2), "Wave has no parameters", "model"),
-    "a Python float": (Wave(1e-4), "the leaf is a Python float", "model.size"),
-    "a complex number": (Wave(ONE + 1j), "the leaf is a complex number", "model.size"),
-    "no hash": (Wave(ONE, {1}), "Wave fails on flank A, .* unhashable type: 'set'", "model"),
-    "one number": (Level(ONE), r"Level returns float64 of shape \(\) on flank A", "model"),
-    "a condition": (Branch(ONE), r"fails on flank A, where JAX traces it \(", "model"),
-    "an error": (Failing(ONE), r"fails on flank A, .*\(RuntimeError: mine, in test_g", "model"),
-    "a class": (Branch, "Branch is a class; give an instance", "model"),
-}
+WRONG = [
+    (3, "a int has no method `transmission_error", "model"),
+    (Wave(2), "Wave has no parameters", "model"),
+    (Wave(1e-4), "the leaf is a Python float", "model.size"),
+    (Wave(ONE + 1j), "the leaf is a complex number", "model.size"),
+    (Wave(ONE, {1}), "Wave fails on flank A, .* unhashable type: 'set'", "model"),
+    (of(lambda m, *_: m.size), r"Wave returns float64 of shape \(\) on flank A", "model"),
+    (of(lambda m, a, _: a if a > 1 else m.size), r"on flank A, where JAX traces it \(", "model"),
+    (of(failing), r"fails on flank A, .*\(RuntimeError: mine, in test_g", "model"),
+    (Wave, "Wave is a class; give an instance", "model"),
+]
 
 
-@pytest.mark.parametrize("case", WRONG)
-def test_a_wrong_model_is_refused_in_one_sentence(white_log, case):
-    model, words, where = WRONG[case]
+@pytest.mark.parametrize(("model", "words", "where"), WRONG)
+def test_a_wrong_model_is_refused_in_one_sentence(white_log, model, words, where):
     with pytest.raises(UsageError, match=words) as caught:
         fit(white_log, DRIVE, model=model)
     assert caught.value.where == where and "\n" not in str(caught.value)
 
 
-def test_a_model_without_finite_derivatives_is_named_with_the_place(white_log):
-    words = "Kink has no finite derivative by model.size on flank A at the driving angle"
-    with pytest.raises(NoAnswerError, match=words):
-        fit(white_log, DRIVE, model=Kink(jnp.asarray(0.0)))
-
-
 @pytest.mark.slow
-def test_a_parameter_that_free_orders_explain_stays_at_its_start(white_log):
+def test_what_free_orders_or_the_constant_backlash_explain_stays_at_its_start(white_log):
     result = fit(white_log, DRIVE, model=Wave(ONE), orders=HarmonicOrders((1,), (), 0), **PLAIN)
     size = parameter(result, "model.size")
     assert not size.determined and "free orders of the fit explain it" in size.reason
     assert "stays at 0.0001" in size.reason
     (order, _) = result.orders
     assert (order.shaft, order.order) == ("driving", 1)
-
-
-def test_arguments_of_another_kind_are_named(white_log, white_fit, unchecked):
-    with pytest.raises(ValueError, match=r"`orders`.*HarmonicOrders"):
-        fit(white_log, DRIVE, model=START, orders={"driving": (1,)})  # pyright: ignore
-    with pytest.raises(ValueError, match=r"`fit`.*band_map"):
-        vttig_jax.backlash_map(white_fit.parameters)  # pyright: ignore
+    formula = lambda m, a, flank: m.size * jnp.sin(a) + (m.extra if flank == "B" else 0.0)  # noqa: E731
+    models = [of(formula, extra=jnp.asarray(gap)) for gap in (3 * GAP, 0.0)]
+    fits = [fit(white_log, DRIVE, model=model, **PLAIN) for model in models]
+    gaps = [parameter(one, "constant_backlash_deg").value for one in fits]
+    assert gaps[1] - gaps[0] == pytest.approx(3 * GAP / DEG, abs=1e-6)
+    covered = [known(one.checks.gap_over_angles_covered.value) for one in fits]
+    assert covered[0] == pytest.approx(covered[1], abs=1e-6)
+    assert "explain it as well" in parameter(fits[0], "model.extra").reason
 
 
 def test_free_orders_stand_beside_a_model(white_log):
-    """A model of the first order, and the meshes as free orders of each flank."""
-    result = fit(white_log, DRIVE, model=Wave(ONE), orders=HarmonicOrders((5,), (), 0), **PLAIN)
+    """A model of the first order with a leaf that does nothing, and a mesh on each flank."""
+    orders = HarmonicOrders((5,), (), 0)
+    result = fit(white_log, DRIVE, model=Wave(ONE, ONE), orders=orders, **PLAIN)
+    assert "no sample depends on it" in parameter(result, "model.extra").reason
+    assert result.outcome == "partly_determined"
     for order in result.orders:
         assert order.order == 5 and abs(order.amplitude_arcsec - 4.0) < 5 * order.std_arcsec
-
-
-class Gap(Wave):
-    def transmission_error(self, angle, flank):
-        return self.size * jnp.sin(angle) + (self.extra if flank == "B" else 0.0)
-
-
-@pytest.mark.slow
-def test_a_gap_of_the_model_counts_beside_the_constant_backlash(white_log):
-    own = fit(white_log, DRIVE, model=Gap(ONE, jnp.asarray(3 * GAP)), **PLAIN)
-    plain = fit(white_log, DRIVE, model=Gap(ONE, jnp.asarray(0.0)), **PLAIN)
-    gaps = [parameter(one, "constant_backlash_deg") for one in (own, plain)]
-    assert abs(gaps[1].value - gaps[0].value - 3 * GAP / DEG) < 1e-6
-    covered: list[Any] = [one.checks.gap_over_angles_covered.value for one in (own, plain)]
-    assert abs(covered[0] - covered[1]) < 1e-6
-    assert "explain it as well" in parameter(own, "model.extra").reason

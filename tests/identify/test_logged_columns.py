@@ -6,12 +6,13 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from vttig_jax.base.units import ARCSEC, DEG
-from vttig_jax.identify.identification import fit
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.motion import PassMotion
+from vttig_jax.base import ARCSEC, DEG
+from vttig_jax.identify import fit
+from vttig_jax.logs import EncoderLog
+from vttig_jax.rig import PassMotion
 
 SHIFT_MM = 0.05
+MOTION = PassMotion(speed_rpm=180.0, reversal_deg=7200.0)
 
 
 def test_a_logged_axial_position_is_taken_out(clean_rig):
@@ -22,44 +23,26 @@ def test_a_logged_axial_position_is_taken_out(clean_rig):
         (np.asarray(2.0), np.asarray(2.0)),
     )
     moved = eqx.tree_at(lambda e: e.axial_mm, clean_rig.eccentricities, np.asarray(SHIFT_MM))
-    rig = replace(
-        clean_rig,
-        pair=tapered,
-        eccentricities=moved,
-        motion=PassMotion(speed_rpm=180.0, reversal_deg=7200.0),
-    )
-    log = rig.log()
+    log = replace(clean_rig, pair=tapered, eccentricities=moved, motion=MOTION).log()
     closed = SHIFT_MM * (np.tan(3 * DEG) + np.tan(2 * DEG)) / 80.0 / DEG
-    assert fit(log, tapered).value("constant_backlash_deg") == pytest.approx(
-        0.038 - closed, abs=2e-5
-    )
-    column = EncoderLog.from_arrays(
-        log.time,
-        log.driving_angle / DEG,
-        log.driven_angle / DEG,
-        pair=tapered,
-        unit="deg",
-        axial_mm=np.full(len(log), SHIFT_MM),
-    )
-    assert fit(column, tapered).value("constant_backlash_deg") == pytest.approx(0.038, abs=2e-5)
     assert closed > 1e-4
+    column = replace(log, axial_mm=np.full(len(log), SHIFT_MM))
+    for one, gap in ((log, 0.038 - closed), (column, 0.038)):
+        found = fit(one, tapered).value("constant_backlash_deg")
+        assert found == pytest.approx(gap, abs=2e-5)
 
 
 @pytest.mark.portable
 def test_an_axial_position_that_changes_is_followed(clean_rig):
     """Each flank by its own helix: s moves flank A up by s tan β_L/R₂, flank B down."""
-    log = replace(clean_rig, motion=PassMotion(speed_rpm=180.0, reversal_deg=7200.0)).log()
+    log = replace(clean_rig, motion=MOTION).log()
     axial = 0.05 * np.sin(np.linspace(0, 20, len(log)))
     slope = np.tan(3 * DEG) / 80.0
     turning_back = np.arange(len(log)) > np.argmax(log.driving_angle)
     driven = log.driven_angle + np.where(turning_back, -slope, slope) * axial
+    angles = log.driving_angle / DEG, driven / DEG
     shaken = EncoderLog.from_arrays(
-        log.time,
-        log.driving_angle / DEG,
-        driven / DEG,
-        pair=clean_rig.pair,
-        unit="deg",
-        axial_mm=axial,
+        log.time, *angles, pair=clean_rig.pair, unit="deg", axial_mm=axial
     )
     result = fit(shaken, clean_rig.pair)
     assert result.residual_rms_deg < 1e-5

@@ -1,24 +1,25 @@
 """Logs that start anywhere share their orders: amplitudes of all, phases of the first."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.identify.drives import drive, drive_log, known, level, near, there_and_back
-from tests.identify.quick import TRUTH, quick_rig, scores
+from vttig_jax.base import LogError
 from vttig_jax.base.angles import difference_deg
-from vttig_jax.base.errors import LogError
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.identify import Fit, fit
+from vttig_jax.logs import EncoderLog
 
 PAIR = drive("9/16", orders=(1, 2))
 STARTS = (0.0, 0.3, 5.7)
 """Driving turns before the zero of each log."""
 
-SIZES = {"driving_amplitude_arcsec": 40.0, "driven_amplitude_arcsec": 25.0}
-PHASES = {"driving_phase_deg": np.degrees(0.3), "driven_phase_deg": np.degrees(1.0)}
+SIZES = ("driving_amplitude_arcsec", "driven_amplitude_arcsec")
+TRUE = dict(zip(SIZES, (40.0, 25.0), strict=True))
+TRUE |= {"driving_phase_deg": np.degrees(0.3), "driven_phase_deg": np.degrees(1.0)}
+TRUE["constant_backlash_deg"] = 300 / 3600
 
 
 def log_of(
@@ -30,7 +31,7 @@ def log_of(
     **options,
 ) -> EncoderLog:
     def error(angle, speed):
-        driven = 25 * np.sin(PAIR.ratio.numerator / PAIR.ratio.denominator * angle + 1.0)
+        driven = 25 * np.sin(9 / 16 * angle + 1.0)
         driving = size * np.sin(angle + 0.3) + 15 * np.sin(2 * angle)
         return driving + driven + line * np.sin(1.37 * angle)
 
@@ -56,32 +57,22 @@ SEEDS = range(6)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_amplitudes_are_those_of_all_logs(seed):
-    alone = fit(three(seed)[0], PAIR).parameters
-    for name, truth in SIZES.items():
-        one = joined(seed).parameters[name]
-        assert near(one, truth)
-        assert known(one.std) == pytest.approx(known(alone[name].std) / np.sqrt(3), rel=0.15)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_phases_and_gap_hold(seed):
-    result = joined(seed)
-    for name, truth in PHASES.items():
-        assert near(result.parameters[name], truth)
-    assert near(result.parameters["constant_backlash_deg"], 300 / 3600)
+def test_amplitudes_are_those_of_all_logs_and_phases_and_gap_hold(seed):
+    found, alone = joined(seed).parameters, fit(three(seed)[0], PAIR).parameters
+    for name, truth in TRUE.items():
+        assert near(found[name], truth), name
+    for name in SIZES:
+        std = known(alone[name].std) / np.sqrt(3)
+        assert known(found[name].std) == pytest.approx(std, rel=0.15)
 
 
 def test_start_angles_hold_and_are_as_uncertain_as_they_say():
     off = []
     for seed in SEEDS:
         for turns, log in list(zip(STARTS, joined(seed).logs, strict=True))[1:]:
-            start = log.start
-            for value, std, truth in (
-                (start.driving_deg, start.driving_std_deg, 360 * turns),
-                (start.driven_deg, start.driven_std_deg, 360 * turns * float(PAIR.ratio)),
-            ):
-                off.append(float(difference_deg(known(value), truth)) / known(std))
+            for shaft, truth in (("driving", 360 * turns), ("driven", 360 * turns * 9 / 16)):
+                value, std = (getattr(log.start, f"{shaft}_{k}deg") for k in ("", "std_"))
+                off.append(float(difference_deg(value, truth)) / std)
     assert np.max(np.abs(off)) < 4 and 0.6 < np.sqrt(np.mean(np.square(off))) < 1.4
 
 
@@ -99,57 +90,28 @@ def test_a_start_that_nothing_tells_leaves_the_log_its_own_orders():
     result, two = fit([*three(0)[:2], short], PAIR), fit(three(0)[:2], PAIR)
     assert "start-unknown" in slugs(result) and result.logs[2].start.driven_deg is None
     assert result.logs[1].start.driven_deg is not None and "start-unknown" not in slugs(two)
-    for name, truth in SIZES.items():
+    for name in SIZES:
         one, other = result.parameters[name], two.parameters[name]
-        assert near(one, truth) and known(one.std) == pytest.approx(known(other.std), rel=0.1)
+        assert near(one, TRUE[name]) and known(one.std) == pytest.approx(known(other.std), rel=0.1)
 
 
 def test_a_line_has_a_phase_of_its_own_in_every_log():
     motion = there_and_back((60.0,), 60.0)
-    logs = [
-        log_of(turns, k, line=20.0, motion=motion, noise_arcsec=5.0)
-        for k, turns in enumerate(STARTS)
-    ]
-    result = fit(logs, PAIR)
+    options: dict[str, Any] = {"line": 20.0, "motion": motion, "noise_arcsec": 5.0}
+    result = fit([log_of(turns, k, **options) for k, turns in enumerate(STARTS)], PAIR)
     (line,) = result.checks.lines
     assert abs(line.cycles_per_rev - 1.37) < 4 * line.cycles_std
     own = [one for one in result.orders if not float(one.order).is_integer()]
     assert own and all(abs(one.amplitude_arcsec - 20.0) < 4 * one.std_arcsec for one in own)
 
 
-@pytest.mark.slow
-def test_eccentric_gears_share_their_eccentricities():
-    rig = quick_rig(0)
-    first, whole = rig.log(0), rig.log(1)
-    assert whole.driven is not None and whole.driving is not None
-    part = slice(700, None)
-    readings = whole.driving.reading[part], whole.driven.reading[part]
-    late = EncoderLog.from_arrays(whole.time[part], *readings, pair=rig.pair, source="late")
-    result, alone = fit([first, late], rig.pair, delay="off"), fit(first, rig.pair, delay="off")
-    assert all(abs(score) < 4 for score in scores(result).values())
-    for name in TRUTH:
-        if name.endswith("eccentricity_mm"):
-            share = known(result.parameters[name].std) / known(alone.parameters[name].std)
-            assert share == pytest.approx(2**-0.5, rel=0.15), name
-    start = result.logs[1].start
-    off = difference_deg(known(start.driving_deg), np.degrees(whole.driving_angle[700]))
-    assert abs(off) < 4 * known(start.driving_std_deg) < 5.0
-
-
 @pytest.mark.parametrize("turns", [0.0, 0.3])
-def test_a_log_of_another_rig_is_refused(turns):
+def test_a_log_of_another_rig_is_refused_and_a_rig_that_changed_is_named(turns):
     logs = [log_of(0.0), log_of(turns, 1, size=80.0)]
     with pytest.raises(LogError, match="driving shaft has a first order of"):
         fit(logs, PAIR, same_zero=not turns)
-
-
-def test_a_zero_that_is_not_the_same_is_refused():
     with pytest.raises(LogError, match="not with the same zero"):
         fit(three(0)[:2], PAIR, same_zero=True)
-
-
-@pytest.mark.parametrize("turns", [0.0, 0.3])
-def test_a_rig_that_changed_is_named(turns):
     logs = [log_of(0.0, noise_arcsec=5.0), log_of(turns, 1, size=44.0, noise_arcsec=5.0)]
     result = fit(logs, PAIR, same_zero=not turns)
     assert "rigs-differ" in slugs(result)
@@ -159,8 +121,6 @@ def test_a_rig_that_changed_is_named(turns):
 
 @pytest.mark.parametrize("noise_arcsec", [0.0, 0.5, 20.0])
 def test_logs_of_one_rig_are_not_named(noise_arcsec):
-    zeros = ((0.0, False), (0.3, False), (0.0, True))
-    for turns, same_zero in zeros:
+    for turns, same_zero in ((0.0, False), (0.3, False), (0.0, True)):
         logs = [log_of(t, k, noise_arcsec=noise_arcsec) for k, t in enumerate((0.0, turns))]
-        result = fit(logs, PAIR, same_zero=same_zero)
-        assert "rigs-differ" not in slugs(result), (turns, same_zero)
+        assert "rigs-differ" not in slugs(fit(logs, PAIR, same_zero=same_zero))

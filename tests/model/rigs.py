@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from vttig_jax.base.units import ARCSEC, DEG, REV
-from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.base import ARCSEC, DEG, REV
+from vttig_jax.kinematics import exact_model
+from vttig_jax.logs import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
 from vttig_jax.model import shafts_of
 from vttig_jax.model.mixed_fit import mixed_fit
-from vttig_jax.pair.gear_pair import Drive, Eccentricities, Gear, GearPair
-from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.pair import Drive, Eccentricities, Gear, GearPair, HarmonicOrders
 
 PAIRS = ((45, 80), (60, 35), (19, 61))
 RATE_HZ = 250.0

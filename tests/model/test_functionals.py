@@ -22,7 +22,6 @@ from vttig_jax.model import (
 )
 
 FIRST = ColumnName(RowName("a"))
-
 WALKERS, STEPS = 64, 800
 
 
@@ -74,12 +73,13 @@ def quantiles(mean: np.ndarray, std: np.ndarray) -> np.ndarray:
     return np.interp([0.025, 0.975], below, grid)
 
 
-def test_means_are_those_of_the_coefficients(posterior):
-    rows = np.random.default_rng(1).normal(size=(5, len(posterior.problem.columns)))
-    mean, _, _ = posterior.told(rows)
+def test_means_are_those_of_the_coefficients_and_covariances_positive(posterior):
+    rows = np.random.default_rng(1).normal(size=(8, len(posterior.problem.columns)))
+    mean, covariance, freedom = posterior.told(rows)
     np.testing.assert_allclose(mean, rows @ posterior.coefficients, rtol=1e-10)
-    one = posterior.one(rows[2])
-    assert one.value == pytest.approx(mean[2])
+    assert posterior.one(rows[2]).value == pytest.approx(mean[2])
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9)
+    assert np.linalg.eigvalsh(covariance).min() > 0 and freedom.min() > 4
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
@@ -100,21 +100,20 @@ def test_intervals_are_those_of_the_whole_posterior(seed):
     assert np.median(narrow / half) < 0.92  # one θ alone is too sure
 
 
-def test_long_logs_tell_the_noise(posterior):
+def test_long_logs_tell_the_noise_and_moved_rows_leave_the_fixed_part(posterior):
     """A coefficient that hangs on no prior scale: one θ is as good as all."""
     row = posterior.row(FIRST)[None]
     _, covariance, freedom = posterior.told(row)
     total = covariance * freedom / (freedom - 2)
     np.testing.assert_allclose(total, posterior.given_noise(row)[1], rtol=0.06)
     assert freedom.min() > 30
-
-
-def test_covariances_are_positive(posterior):
-    rows = np.random.default_rng(3).normal(size=(8, len(posterior.problem.columns)))
-    _, covariance, freedom = posterior.told(rows)
-    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-9)
-    assert np.linalg.eigvalsh(covariance).min() > 0
-    assert freedom.min() > 4
+    row = posterior.row(DELAY)
+    raw, moved = posterior.one(row), posterior.one(row, moved=True)
+    share = posterior.problem.natural / np.diag(posterior.problem.natural)
+    coefficients = np.linalg.solve(share, posterior.coefficients)
+    assert moved.value == pytest.approx(coefficients[posterior.problem.index[DELAY]])
+    assert raw.value != pytest.approx(moved.value, rel=1e-6)
+    assert moved.std < raw.std
 
 
 def test_readings_of_a_coefficient_narrow_it(posterior):
@@ -126,22 +125,10 @@ def test_readings_of_a_coefficient_narrow_it(posterior):
     acts[:, : len(problem.columns)] = row @ problem.natural
     start = row @ problem.natural @ problem.start
     far = mean + 2 * np.sqrt(covariance[0])
-    after = posterior.with_readings(
-        Readings(acts, (far - start) / problem.unit, covariance[0, 0] / problem.unit**2)
-    )
+    variance = covariance[0, 0] / problem.unit**2
+    after = posterior.with_readings(Readings(acts, (far - start) / problem.unit, variance))
     moved, narrower = after.given_noise(row)
     assert moved[0] == pytest.approx(0.5 * (mean[0] + far[0]))
     assert narrower[0, 0] == pytest.approx(0.5 * covariance[0, 0])
     before, now = posterior.one(row[0]), after.one(row[0])
     assert now.std == pytest.approx(before.std / np.sqrt(2), rel=0.05)
-
-
-def test_moved_rows_leave_the_fixed_part(posterior):
-    """On orthogonal coefficients, delay is the mean of the log; on raw ones it is its level."""
-    row = posterior.row(DELAY)
-    raw, moved = posterior.one(row), posterior.one(row, moved=True)
-    share = posterior.problem.natural / np.diag(posterior.problem.natural)
-    coefficients = np.linalg.solve(share, posterior.coefficients)
-    assert moved.value == pytest.approx(coefficients[posterior.problem.index[DELAY]])
-    assert raw.value != pytest.approx(moved.value, rel=1e-6)
-    assert moved.std < raw.std

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.model.rigs import PAIRS, exact_log, fitted, gear_pair, gears_of
-from vttig_jax.base.units import ARCSEC
-from vttig_jax.kinematics.exact import exact_model
+from vttig_jax.base import ARCSEC
+from vttig_jax.kinematics import exact_model
 from vttig_jax.model import ENCODERS, GEARS, Relation, fitted_gears, parameters_of
 from vttig_jax.pair.schema import Flank
 
@@ -28,43 +28,31 @@ FLANKS: tuple[Flank, Flank] = ("A", "B")
 WAVES = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("both", -1): (1, -1)}
 
 
-def _relation(pair, both=True, flank: Flank = "A", names=(*GEARS, *ENCODERS), gap=0.0) -> Relation:
-    return Relation(
-        names,
-        tuple(WAVES),
-        both,
-        flank,
-        jnp.asarray(float(pair.ratio)),
-        jnp.asarray(float(pair.centre_distance_mm)),
-        jnp.asarray(pair.base_radii.sum(axis=0)),
-        jnp.asarray(gap),
-    )
+def _relation(pair, both=True, flank: Flank = "A") -> Relation:
+    numbers = float(pair.ratio), float(pair.centre_distance_mm), pair.base_radii.sum(axis=0), 0.0
+    return Relation((*GEARS, *ENCODERS), tuple(WAVES), both, flank, *map(jnp.asarray, numbers))
 
 
 def _values(truth: dict) -> np.ndarray:
     """Cartesian parameters: eccentricities by the model's own convention, encoders as sines."""
-    found = []
-    for offset in gears_of(truth).cartesian:
-        found += [float(np.real(offset)), float(np.imag(offset))]
-    for shaft in ("driving", "driven"):
-        size = truth[f"{shaft}_encoder"] * ARCSEC
-        phase = np.radians(truth[f"{shaft}_encoder_deg"])
-        found += [size * np.cos(phase), size * np.sin(phase)]
-    return np.array(found)
+    encoders = [
+        truth[f"{shaft}_encoder"] * ARCSEC * np.exp(1j * np.radians(truth[f"{shaft}_encoder_deg"]))
+        for shaft in ("driving", "driven")
+    ]
+    found = [*map(complex, gears_of(truth).cartesian), *map(complex, encoders)]
+    return np.array([part for one in found for part in (one.real, one.imag)])
 
 
 def _projected(pair, truth: dict, points: int = 32) -> np.ndarray:
     """Coefficients from the exact model on a fine grid of both angles."""
     model = exact_model(pair, gears_of(truth | {"constant_backlash_deg": 0.0}))
-    ratio = float(pair.ratio)
     angles = 2 * np.pi * np.arange(points) / points
     one, two = (x.ravel() for x in np.meshgrid(angles, angles, indexing="ij"))
-    flanks = [
-        np.asarray(model.at_both_angles(jnp.asarray(one), jnp.asarray(two), f)) for f in FLANKS
-    ]
-    encoders = truth["driven_encoder"] * np.sin(two + np.radians(truth["driven_encoder_deg"]))
-    encoders -= (
-        ratio * truth["driving_encoder"] * np.sin(one + np.radians(truth["driving_encoder_deg"]))
+    places = jnp.asarray(one), jnp.asarray(two)
+    flanks = [np.asarray(model.at_both_angles(*places, f)) for f in FLANKS]
+    encoders = sum(
+        gain * truth[f"{shaft}_encoder"] * np.sin(angle + np.radians(truth[f"{shaft}_encoder_deg"]))
+        for shaft, angle, gain in (("driving", one, -float(pair.ratio)), ("driven", two, 1.0))
     )
     curves = [np.mean(flanks, axis=0) + encoders * ARCSEC, flanks[1] - flanks[0]]
     found = []
@@ -96,16 +84,12 @@ def test_one_flank_has_the_coefficients_of_that_flank(flank):
     assert np.abs(one[:-1].reshape(-1, 2) - mean).max() > 1e-6
 
 
-NAMES = {"constant_backlash_deg": "constant_backlash_deg"} | {
-    f"{shaft}{name}": f"{shaft}{key}"
+KEYS = {"eccentricity_mm": "mm", "encoder_arcsec": "encoder", "encoder_phase_deg": "encoder_deg"}
+NAMES = {
+    f"{shaft}_{name}": f"{shaft}_{key}"
     for shaft in ("driving", "driven")
-    for name, key in (
-        ("_eccentricity_mm", "_mm"),
-        ("_phase_deg", "_phase_deg"),
-        ("_encoder_arcsec", "_encoder"),
-        ("_encoder_phase_deg", "_encoder_deg"),
-    )
-}
+    for name, key in (KEYS | {"phase_deg": "phase_deg"}).items()
+} | {"constant_backlash_deg": "constant_backlash_deg"}
 """Parameter → key of the truth."""
 
 
@@ -148,8 +132,7 @@ def test_a_wide_gap_moves_no_eccentricity():
 def test_one_flank_tells_gears_and_no_gap():
     pair = gear_pair(45, 80)
     truth = TRUTH | {"driving_encoder": 0.0, "driven_encoder": 0.0}
-    fit = fitted(exact_log(pair, truth, back=False), pair)
-    parameters: Any = parameters_of(fit, pair)
+    parameters: Any = parameters_of(fitted(exact_log(pair, truth, back=False), pair), pair)
     off = _off(parameters, truth)
     assert set(off) == {n for n in NAMES if "encoder" not in n and "backlash" not in n}
     assert max(off.values()) < 4.0
@@ -179,8 +162,7 @@ def test_constants_are_what_the_gears_add():
     gears = fitted_gears(pair, fit)
     assert gears is not None and gears.relation.names == (*GEARS, *ENCODERS)
     np.testing.assert_allclose(gears.constants, _projected(pair, TRUTH)[-2:], atol=2e-6)
-    perfect = fitted_gears(pair, fit, gears=False)
-    assert perfect is not None and perfect.relation.names == ENCODERS
-    alone = fitted_gears(pair, fit, encoders=False)
-    assert alone is not None and alone.relation.names == GEARS
+    for perfect, names in (("gears", ENCODERS), ("encoders", GEARS)):
+        found = fitted_gears(pair, fit, **{perfect: False})
+        assert found is not None and found.relation.names == names
     assert fitted_gears(pair, replace(fit, waves=())) is None

@@ -1,7 +1,5 @@
 """What is the same log makes the same claims, however it is written down."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
@@ -39,25 +37,23 @@ def claimed(given) -> dict:
     return claims(logged(given))
 
 
-@pytest.mark.parametrize("unit", ["deg", "rev", "arcsec", "urad"])
+UNITS = {"deg": np.pi / 180, "rev": 2 * np.pi, "arcsec": np.pi / 648000, "urad": 1e-6}
+
+
+@pytest.mark.parametrize("unit", UNITS)
 def test_units_of_the_angles(given, claimed, unit):
-    scale = {"deg": np.pi / 180, "rev": 2 * np.pi, "arcsec": np.pi / 648000, "urad": 1e-6}[unit]
+    time, *angles = given
+    driving, driven = (angle / UNITS[unit] for angle in angles)
+    same(claimed, claims(logged((time, driving, driven), unit=unit)))
+
+
+@pytest.mark.parametrize(("later_s", "periods"), [(1e6, 0), (0.0, 5)])
+def test_zeros_of_time_and_angles(given, claimed, later_s, periods):
+    """A later clock, or both shafts whole turns on: 80 and 45."""
     time, driving, driven = given
-    same(claimed, claims(logged((time, driving / scale, driven / scale), unit=unit)))
-
-
-def _later(given: Columns) -> Columns:
-    return given[0] + 1e6, *given[1:]
-
-
-def _turned(given: Columns) -> Columns:
-    """Both shafts whole turns on: 80 and 45."""
-    return given[0], given[1] + 160 * np.pi, given[2] + 90 * np.pi
-
-
-@pytest.mark.parametrize("written", [_later, _turned])
-def test_zeros_of_time_and_angles(given, claimed, written: Callable[[Columns], Columns]):
-    same(claimed, claims(logged(written(given))), share=0.05)
+    on = 2 * np.pi * periods
+    moved = time + later_s, driving + 16 * on, driven + 9 * on
+    same(claimed, claims(logged(moved)), share=0.05)
 
 
 def test_time_scaled(given, claimed):
@@ -69,13 +65,9 @@ def test_columns_swapped_with_the_ratio(given, claimed):
     """TE is −1/i of that before, and the flanks change places; the delay changes its sign."""
     inverse, ratio = drive("16/9", HarmonicOrders((1, 2), (1, 2, 3), 0)), 9 / 16
     swapped = claims(logged((given[0], given[2], given[1]), inverse), pair=inverse)
-    for name, twin, factor in (
-        (GAP, GAP, 1 / ratio),
-        (SIZES[0], SIZES[1], 1 / ratio),
-        (SIZES[1], SIZES[0], 1 / ratio),
-        ("delay_s", "delay_s", 1.0),
-    ):
+    for name, twin in ((GAP, GAP), SIZES, SIZES[::-1], ("delay_s", "delay_s")):
         one, other = claimed[name], swapped[twin]
+        factor = 1.0 if name == "delay_s" else 1 / ratio
         allowed = factor * one.std
         assert abs(other.value) == pytest.approx(factor * abs(one.value), abs=allowed), name
         assert other.std == pytest.approx(allowed, rel=0.3), name

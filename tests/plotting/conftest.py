@@ -1,6 +1,7 @@
 """Fits with chosen numbers: tests of pictures need no identification."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from fractions import Fraction
 
 import jax.numpy as jnp
@@ -8,15 +9,14 @@ import numpy as np
 import pytest
 
 from tests.identify.quick import quick_rig
-from vttig_jax.base.units import ARCSEC, DEG
+from vttig_jax.base import ARCSEC, DEG
+from vttig_jax.identify import Checks, Fit
 from vttig_jax.identify.identification import fit as identified
 from vttig_jax.identify.orders import Order
-from vttig_jax.identify.records import Checks, Noise
-from vttig_jax.identify.result import Fit
-from vttig_jax.kinematics.harmonic import OrderModel
-from vttig_jax.kinematics.te_curve import TECurve
-from vttig_jax.pair.gear_pair import Drive, Flank
-from vttig_jax.pair.schema import HarmonicOrders
+from vttig_jax.identify.records import Noise
+from vttig_jax.kinematics import OrderModel, TECurve
+from vttig_jax.pair import Drive, HarmonicOrders
+from vttig_jax.pair.gear_pair import Flank
 
 ORDERS = (
     Order("driving", 1, "A", 72.0, 0.2, 10.0),
@@ -53,7 +53,7 @@ def made_curve(
 def make_fit(paper_pair) -> Callable[..., Fit]:
     """Function that returns a `Fit` with the given curves, orders, source and pair."""
     rig = quick_rig(0)
-    core = identified(rig.log(0), rig.pair, orders=HarmonicOrders((1,), (1,), 0)).core
+    fitted = identified(rig.log(0), rig.pair, orders=HarmonicOrders((1,), (1,), 0))
 
     def make(
         curves=None,
@@ -66,17 +66,11 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
         curves = (made_curve("A"), made_curve("B")) if curves is None else curves
         generator = np.random.default_rng(0)
         amplitude = 70 * ARCSEC
-        return Fit(
+        return replace(
+            fitted,
             pair=pair,
             source=source,
-            sha256="",
-            outcome="ok",
             flanks=tuple(sorted({curve.flank for curve in curves})),
-            samples={"read": 1, "used": 1, "forward": 1, "backward": 0, "masked": 0},
-            zero="start",
-            zero_readings={},
-            conditional_on=(),
-            parameters={},
             orders=orders,
             model=OrderModel(
                 jnp.asarray(float(pair.ratio)),
@@ -91,12 +85,8 @@ def make_fit(paper_pair) -> Callable[..., Fit]:
             residuals=tuple(
                 residual_arcsec * ARCSEC * generator.standard_normal(len(curve)) for curve in curves
             ),
-            covariance=np.eye(1),
-            covariance_names=("constant_backlash",),
-            values=np.zeros(1),
             checks=Checks(),
             findings=(),
-            core=core,
         )
 
     return make

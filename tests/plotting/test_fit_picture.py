@@ -1,15 +1,55 @@
+"""Pictures of a curve and of a fit."""
+
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from msgspec.structs import replace as changed
 
 from tests.plotting.axes import data, legend_texts
-from vttig_jax.base.units import ARCSEC, DEG
+from vttig_jax.base import ARCSEC, DEG
 from vttig_jax.identify.records import GapAtSpeed
-from vttig_jax.kinematics.te_curve import TECurve
+from vttig_jax.kinematics import TECurve
+from vttig_jax.plotting import plot_te
 from vttig_jax.plotting.curves import MOST_POINTS, folded_turns
 from vttig_jax.plotting.fit import plot_fit
+from vttig_jax.plotting.style import FLANK_COLOURS, unit_size
+
+pytestmark = pytest.mark.smoke
+
+
+@pytest.mark.parametrize(
+    ("unit", "per_rad", "sign"), [("arcsec", 648000 / np.pi, "arcsec"), ("deg", 180 / np.pi, "°")]
+)
+def test_the_line_is_the_curve_with_its_words(make_curve, unit, per_rad, sign):
+    curve = make_curve("B")
+    (ax,) = plot_te(curve, unit=unit).axes
+    (line,) = ax.lines
+    x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    np.testing.assert_allclose(x, np.degrees(curve.driving_angle), rtol=1e-13)
+    np.testing.assert_allclose(y, curve.transmission_error * per_rad, rtol=1e-13)
+    assert ax.get_xlabel() == "driving angle [°]"
+    assert ax.get_ylabel() == f"transmission error [{sign}]"
+    assert ax.get_title(loc="left") == "transmission error, flank B"
+    assert line.get_color() == FLANK_COLOURS["B"] != FLANK_COLOURS["A"]
+    with pytest.raises(ValueError, match="`unit` must be arcsec or deg, but is 'mm'"):
+        unit_size("mm")
+
+
+def test_a_curve_on_given_axes_is_thinned_and_has_ticks_at_whole_turns(make_curve):
+    (ax,) = plot_te(make_curve("A", 0.0, 7560.0)).axes
+    assert np.all(np.asarray(ax.get_xticks()) % 360 == 0)
+    assert 5 <= len(ax.get_xticks()) <= 12
+    (ax,) = plot_te(make_curve("A", 0.0, 90.0)).axes
+    assert np.any(np.asarray(ax.get_xticks()) % 360 != 0)
+    figure, curve = Figure(), make_curve("A", points=3 * MOST_POINTS)
+    upper, lower = figure.subplots(2)
+    assert plot_te(curve, ax=lower, unit="deg") is figure
+    assert len(lower.lines) == 1 and not upper.lines
+    y = np.asarray(lower.lines[0].get_ydata())
+    assert len(y) <= MOST_POINTS
+    assert np.ptp(y) == pytest.approx(np.degrees(curve.peak_to_peak), rel=1e-14)
 
 
 @pytest.mark.parametrize(("unit", "size"), [("arcsec", ARCSEC), ("deg", DEG)])
@@ -47,53 +87,37 @@ def test_the_words(make_fit):
     fit = make_fit()
     figure = plot_fit(fit)
     axes = figure.axes
-    assert [ax.get_ylabel() for ax in axes] == [
-        "TE, flank A [arcsec]",
-        "TE, flank B [arcsec]",
-        "residual [arcsec]",
-    ]
+    shown = [ax.get_ylabel() for ax in axes]
+    assert shown == ["TE, flank A [arcsec]", "TE, flank B [arcsec]", "residual [arcsec]"]
     assert [ax.get_xlabel() for ax in axes] == ["", "", "driving angle [°]"]
     assert figure.get_suptitle() == "transmission error and its fit · VTTIG rig · log.csv"
     assert legend_texts(axes[0]) == legend_texts(axes[1]) == ["measured", "fitted"]
     rms = [np.sqrt(np.mean(residual**2)) / ARCSEC for residual in fit.residuals]
     assert legend_texts(axes[2]) == [f"flank A: {rms[0]:.3g}″ rms", f"flank B: {rms[1]:.3g}″ rms"]
     assert axes[2].get_title(loc="left") == "residual (4.5″ rms of averaged rows)"
-    assert [ax.get_ylabel() for ax in plot_fit(fit, unit="deg").axes] == [
-        "TE, flank A [°]",
-        "TE, flank B [°]",
-        "residual [arcsec]",
-    ]
-
-
-def test_panels_share_the_angle_axis(make_fit):
-    axes = plot_fit(make_fit()).axes
+    in_deg = [ax.get_ylabel() for ax in plot_fit(fit, unit="deg").axes]
+    assert in_deg == ["TE, flank A [°]", "TE, flank B [°]", "residual [arcsec]"]
+    # Panels share the angle axis.
     axes[0].set_xlim(100, 200)
     assert all(ax.get_xlim() == (100, 200) for ax in axes)
-
-
-@pytest.mark.parametrize("flank", ["A", "B"])
-def test_one_flank_has_two_panels(make_fit, make_curve, flank):
-    axes = plot_fit(make_fit(curves=(make_curve(flank),))).axes
-    assert [ax.get_ylabel() for ax in axes] == [f"TE, flank {flank} [arcsec]", "residual [arcsec]"]
-
-
-def test_a_flank_that_was_not_measured_does_not_matter(worm_fit):
-    assert np.isnan(np.asarray(worm_fit.model.offset)[1])
-    figure = plot_fit(worm_fit)
+    figure = plot_fit(make_fit(source=r"run $\nonsense$.csv"))
     figure.draw_without_rendering()
-    assert all(np.isfinite(data(ax, 0)[1]).all() for ax in figure.axes)
+    assert figure.get_suptitle().endswith(r"run $\nonsense$.csv")
 
 
-def test_several_runs_share_one_legend(make_fit, make_curve):
+def test_panels_of_one_flank_and_of_several_runs(make_fit, make_curve, worm_fit):
+    for flank, fit in (("B", make_fit(curves=(make_curve("B"),))), ("A", worm_fit)):
+        figure = plot_fit(fit)
+        figure.draw_without_rendering()
+        words = [ax.get_ylabel() for ax in figure.axes]
+        assert words == [f"TE, flank {flank} [arcsec]", "residual [arcsec]"]
+        assert all(np.isfinite(data(ax, 0)[1]).all() for ax in figure.axes)
+    assert np.isnan(np.asarray(worm_fit.model.offset)[1])  # B was not measured
     curves = (make_curve("A", 0, 400), make_curve("A", 500, 900), make_curve("B", 100, 700))
     axes = plot_fit(make_fit(curves=curves)).axes
     assert [len(ax.lines) for ax in axes] == [4, 2, 3]
     assert [len(legend_texts(ax)) for ax in axes] == [2, 2, 2]
-
-
-def test_runs_together_are_thinned(make_fit, make_curve):
-    curves = (make_curve("A", points=30_000), make_curve("A", points=30_000))
-    ax = plot_fit(make_fit(curves=curves)).axes[0]
+    ax = plot_fit(make_fit(curves=(make_curve("A", points=30_000),) * 2)).axes[0]
     assert len(data(ax, 0)[0]) + len(data(ax, 2)[0]) <= MOST_POINTS
 
 
@@ -101,33 +125,16 @@ def test_the_span_selects(make_fit):
     fit = make_fit()
     axes = plot_fit(fit, span_deg=(400.0, 700.0)).axes
     assert axes[0].get_xlim() == (400.0, 700.0)
-    inside = (fit.curves[0].driving_angle >= 400 * DEG) & (fit.curves[0].driving_angle <= 700 * DEG)
-    assert 0 < inside.sum() < inside.size
+    curve = fit.curves[0]
+    inside = (curve.driving_angle >= 400 * DEG) & (curve.driving_angle <= 700 * DEG)
     x, y = data(axes[0], 0)
-    np.testing.assert_allclose(x, fit.curves[0].driving_angle[inside] / DEG)
-    np.testing.assert_allclose(y, fit.curves[0].transmission_error[inside] / ARCSEC)
+    np.testing.assert_allclose(x, curve.driving_angle[inside] / DEG)
+    np.testing.assert_allclose(y, curve.transmission_error[inside] / ARCSEC)
     rms = np.sqrt(np.mean(fit.residuals[0][inside] ** 2)) / ARCSEC
     assert legend_texts(axes[2])[0] == f"flank A: {rms:.3g}″ rms"
 
-
-def test_a_span_beside_the_log_is_refused(make_fit):
     with pytest.raises(ValueError, match=r"`span_deg` must overlap .* 30° … 1800°, but is 2000°"):
-        plot_fit(make_fit(), span_deg=(2000.0, 2100.0))
-
-
-def test_a_dollar_in_a_name_is_no_formula(make_fit):
-    figure = plot_fit(make_fit(source=r"run $\nonsense$.csv"))
-    figure.draw_without_rendering()
-    assert figure.get_suptitle().endswith(r"run $\nonsense$.csv")
-
-
-def test_legends_cover_no_data(make_fit):
-    figure = plot_fit(make_fit())
-    figure.draw_without_rendering()
-    for ax in figure.axes:
-        legend = ax.get_legend()
-        assert legend is not None
-        assert legend.get_window_extent().y0 >= ax.get_window_extent().y1 - 1
+        plot_fit(fit, span_deg=(2000.0, 2100.0))
 
 
 def test_gaps_at_several_speeds_have_a_panel(make_fit):

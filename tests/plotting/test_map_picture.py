@@ -3,18 +3,15 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from tests.plotting.axes import data, legend_texts
-from vttig_jax.base.errors import NoAnswerError
-from vttig_jax.kinematics.backlash_map import BacklashMap
-from vttig_jax.kinematics.exact import exact_model
-from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.base import NoAnswerError
+from vttig_jax.kinematics import BacklashMap, closed_model, exact_model
 from vttig_jax.kinematics.hunting_coverage import HuntingCoverage
-from vttig_jax.pair.gear_pair import Drive, Gear, GearPair
-from vttig_jax.plotting.backlash_map import plot_map
+from vttig_jax.pair import Drive, Gear, GearPair
+from vttig_jax.plotting import plot_map
 from vttig_jax.plotting.curves import MOST_POINTS
 
 
@@ -24,11 +21,7 @@ def grid(paper_pair, paper_rig) -> BacklashMap:
     return BacklashMap(model, closed_model(paper_pair, paper_rig), paper_pair)
 
 
-def right_axis(ax: Axes):
-    return next(iter(ax.child_axes), None)
-
-
-def test_lines_are_the_map_over_the_hunting_period(grid):
+def test_lines_are_the_map_and_its_extremes_are_marked(grid):
     (ax,) = plot_map(grid).axes
     x, y = data(ax, 0)
     assert x[0] == 0 and x[-1] == pytest.approx(5760) and len(x) <= MOST_POINTS
@@ -36,58 +29,43 @@ def test_lines_are_the_map_over_the_hunting_period(grid):
     x, y = data(ax, 1)
     np.testing.assert_allclose(y, np.degrees(grid.first_order_over(np.radians(x))), atol=1e-12)
     assert np.abs(data(ax, 0)[1] - data(ax, 1)[1]).max() > 1e-6
-
-
-def test_the_extremes_are_marked(grid):
-    (ax,) = plot_map(grid).axes
     assert len(ax.lines) == 4
     for line, extreme in ((2, grid.smallest), (3, grid.largest)):
         x, y = data(ax, line)
         assert x == pytest.approx(np.degrees(extreme.driving_angle))
         assert y == pytest.approx(np.degrees(extreme.backlash))
-    assert legend_texts(ax) == [
-        f"smallest: {grid.smallest}",
-        f"largest: {grid.largest}",
-        "backlash map",
-        "first order only",
-    ]
-    assert "teeth" in legend_texts(ax)[0]
+    smallest, largest, *lines = legend_texts(ax)
+    assert smallest == f"smallest: {grid.smallest}" and "teeth" in smallest
+    assert largest == f"largest: {grid.largest}" and lines == ["backlash map", "first order only"]
+    (unknown,) = plot_map(replace(grid, unknown="the driven shaft turned too little")).axes
+    assert legend_texts(unknown)[0] == "backlash map"
+    assert unknown.get_title(loc="left").startswith("backlash of the fitted orders · ")
 
 
-def test_the_words(grid):
-    (ax,) = plot_map(grid).axes
-    assert ax.get_xlabel() == "driving angle [°]"
-    assert ax.get_ylabel() == "backlash, angle of the driven gear [°]"
-    words = "backlash, and where it is smallest · VTTIG rig · hunting period of 16 turns"
-    assert ax.get_title(loc="left") == words
+SPUR = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
+TAPER = 2 * np.tan(np.radians(3))
 
 
-def test_the_right_axis_of_a_tapered_pair_is_the_axial_displacement(grid, paper_pair):
-    figure = plot_map(grid)
-    figure.draw_without_rendering()
-    right = right_axis(figure.axes[0])
-    assert right is not None
-    assert right.get_ylabel() == "axial displacement that closes it [mm]"
-    per_deg = np.radians(1) * 80 / (2 * np.tan(np.radians(3)))
-    assert right.get_ylim() == pytest.approx(np.array(figure.axes[0].get_ylim()) * per_deg)
-
-
-def test_the_right_axis_of_spur_gears_is_at_the_reference_circle(paper_rig):
-    pair = GearPair(Gear(45), Gear(80), module_mm=2.0, pressure_angles_deg=20.0)
-    figure = plot_map(BacklashMap(exact_model(pair, paper_rig), None, pair))
-    figure.draw_without_rendering()
-    right = right_axis(figure.axes[0])
-    assert right is not None
-    assert right.get_ylabel() == "at the reference circle [mm]"
-    per_deg = np.radians(1) * 80
-    assert right.get_ylim() == pytest.approx(np.array(figure.axes[0].get_ylim()) * per_deg)
-
-
-def test_a_drive_is_in_degrees_only(make_fit):
+def test_the_words_and_the_right_axis(grid, paper_rig, make_fit):
+    """It is the axial displacement of a tapered pair, and at the reference circle of spur gears."""
+    spur = BacklashMap(exact_model(SPUR, paper_rig), None, SPUR)
+    for one, words, mm in (
+        (grid, "axial displacement that closes it [mm]", 80 / TAPER),
+        (spur, "at the reference circle [mm]", 80),
+    ):
+        figure = plot_map(one)
+        figure.draw_without_rendering()
+        (ax,) = figure.axes
+        (right,) = ax.child_axes
+        assert right.get_ylabel() == words
+        assert right.get_ylim() == pytest.approx(np.radians(ax.get_ylim()) * mm)
+        assert ax.get_xlabel() == "driving angle [°]"
+        assert ax.get_ylabel() == "backlash, angle of the driven gear [°]"
     drive = Drive(Fraction(9, 16), name="drive")
     (ax,) = plot_map(BacklashMap(make_fit().model, None, drive)).axes
-    assert right_axis(ax) is None
-    assert len(ax.lines) == 3 and "teeth" not in legend_texts(ax)[0]
+    assert not ax.child_axes and len(ax.lines) == 3 and "teeth" not in legend_texts(ax)[0]
+    words = "backlash, and where it is smallest · drive · hunting period of 16 turns"
+    assert ax.get_title(loc="left") == words
 
 
 def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
@@ -109,32 +87,15 @@ def test_a_long_hunting_period_is_cut_and_says_so(paper_rig):
     assert legend_texts(whole)[0].endswith(turn) and "turn" not in legend_texts(ax)[0]
 
 
-def test_extremes_that_are_not_known_are_not_marked(grid):
-    (ax,) = plot_map(replace(grid, unknown="the driven shaft turned too little")).axes
-    assert legend_texts(ax)[0] == "backlash map"
-    assert ax.get_title(loc="left").startswith("backlash of the fitted orders · ")
-
-
-def test_the_turns_can_be_fewer(grid):
-    (ax,) = plot_map(grid, turns=1).axes
-    assert ax.get_xlim() == (0, 360)
-    assert "first 1 of the 16 turns" in ax.get_title(loc="left")
-    assert legend_texts(ax)[0].endswith("not shown")
-
-
-def test_no_turns_are_refused(grid):
-    with pytest.raises(ValueError, match="`turns` must be at least 1, but is 0"):
-        plot_map(grid, turns=0)
-
-
-def test_it_draws_on_given_axes(grid):
+def test_fewer_turns_on_given_axes_and_what_is_refused(grid, worm_fit):
     figure = Figure()
     upper, lower = figure.subplots(2)
     assert plot_map(grid, ax=lower, turns=1) is figure
-    assert lower.lines and not upper.lines
-
-
-def test_a_flank_that_was_not_measured_is_a_sentence(worm_fit):
+    assert lower.lines and not upper.lines and lower.get_xlim() == (0, 360)
+    assert "first 1 of the 16 turns" in lower.get_title(loc="left")
+    assert legend_texts(lower)[0].endswith("not shown")
+    with pytest.raises(ValueError, match="`turns` must be at least 1, but is 0"):
+        plot_map(grid, turns=0)
     with pytest.raises(NoAnswerError, match="one of its flanks was not measured; record both"):
         plot_map(BacklashMap(worm_fit.model, None, Drive(Fraction(1, 2))))
 
@@ -152,7 +113,7 @@ def test_legend_and_title_cover_nothing(grid):
     assert title.get_window_extent().y0 >= box.y1 - 1
 
 
-def test_angles_that_were_not_covered_are_shaded(grid, paper_pair):
+def test_uncovered_angles_are_shaded_and_a_delay_makes_a_band(grid, paper_pair):
     spans = np.radians([[720.0, 1440.0], [3600.0, 5760.0]])
     seen = HuntingCoverage(paper_pair, {"A": spans, "B": spans})
     (ax,) = plot_map(replace(grid, coverage=seen)).axes
@@ -162,10 +123,6 @@ def test_angles_that_were_not_covered_are_shaded(grid, paper_pair):
     assert legend_texts(ax)[-1] == "extrapolated: not covered on both flanks"
     (plain,) = plot_map(grid).axes
     assert len(plain.patches) == 0 and ax.get_ylim() == plain.get_ylim()
-
-
-def test_a_map_that_a_delay_may_shift_has_a_band(grid):
-    (plain,) = plot_map(grid).axes
     (ax,) = plot_map(replace(grid, shift=(-0.01, 0.02))).axes
     assert "95 %, with the delay left open" in legend_texts(ax)
     assert not any("delay" in text for text in legend_texts(plain))

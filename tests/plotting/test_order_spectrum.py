@@ -6,7 +6,7 @@ from matplotlib.container import BarContainer
 from matplotlib.patches import Rectangle
 
 from vttig_jax.identify.orders import Order
-from vttig_jax.plotting.order_spectrum import plot_orders
+from vttig_jax.plotting import plot_orders
 
 pytestmark = pytest.mark.smoke
 
@@ -36,9 +36,15 @@ def test_bars_are_the_orders(make_fit, log):
         assert [bar[1] for bar in drawn] == [o.amplitude_arcsec for o in orders]
         assert [bar[2] for bar in drawn] == pytest.approx([o.std_arcsec for o in orders])
         assert [bar[3] for bar in drawn] == [o.significant for o in orders]
+        low, high = ax.get_ylim()
+        assert low < min(o.amplitude_arcsec for o in fit.orders)
+        assert high > max(o.amplitude_arcsec + o.std_arcsec for o in fit.orders)
+        assert ax.get_yscale() == ("log" if log else "linear") and (log or low == 0)
+    # Flanks stand side by side.
+    assert [bar[0] for bar in bars(axes[0])] == pytest.approx([-0.19, 0.19, 0.81, 1.19])
 
 
-def test_the_words(make_fit):
+def test_the_words_of_both_flanks_and_of_one(make_fit, worm_fit):
     figure = plot_orders(make_fit())
     axes = figure.axes
     assert axes[0].get_ylabel() == "amplitude at the driven gear [arcsec]"
@@ -47,26 +53,11 @@ def test_the_words(make_fit):
     assert figure.get_suptitle() == "order spectrum: the largest is driven 1, 92″ · VTTIG rig"
     texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert texts == ["flank A", "flank B", "not significant"]
-
-
-def test_flanks_stand_side_by_side(make_fit):
-    places = [bar[0] for bar in bars(plot_orders(make_fit()).axes[0])]
-    assert places == pytest.approx([-0.19, 0.19, 0.81, 1.19])
-
-
-def test_the_scale_is_an_option(make_fit):
-    fit = make_fit()
-    assert plot_orders(fit).axes[0].get_yscale() == "log"
-    linear = plot_orders(fit, log=False).axes[0]
-    assert linear.get_yscale() == "linear" and linear.get_ylim()[0] == 0
-
-
-@pytest.mark.parametrize("log", [True, False])
-def test_every_bar_is_in_view(make_fit, log):
-    fit = make_fit()
-    low, high = plot_orders(fit, log=log).axes[-1].get_ylim()
-    assert low < min(o.amplitude_arcsec for o in fit.orders)
-    assert high > max(o.amplitude_arcsec + o.std_arcsec for o in fit.orders)
+    figure = plot_orders(worm_fit)
+    figure.draw_without_rendering()
+    (ax,) = figure.axes
+    assert bars(ax) == [(pytest.approx(0.0), 3.8, pytest.approx(0.05), True)]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["flank A"]
 
 
 def test_noise_takes_no_room_and_names_stay_apart(make_fit):
@@ -84,21 +75,9 @@ def test_noise_takes_no_room_and_names_stay_apart(make_fit):
     assert box.y1 < ax.bbox.y1 and len(bars(ax)) == 3
 
 
-def test_one_flank_stands_on_its_tick(worm_fit):
-    figure = plot_orders(worm_fit)
-    figure.draw_without_rendering()
-    (ax,) = figure.axes
-    assert bars(ax) == [(pytest.approx(0.0), 3.8, pytest.approx(0.05), True)]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["flank A"]
-
-
-def test_nothing_fitted_is_said(make_fit):
+def test_nothing_fitted_is_said_and_amplitudes_of_zero_can_be_drawn(make_fit):
     (ax,) = plot_orders(make_fit(orders=())).axes
     assert [text.get_text() for text in ax.texts] == ["no order was fitted"]
-
-
-def test_amplitudes_of_zero_can_be_drawn(make_fit):
-    fit = make_fit(orders=(Order("driving", 1, "A", 0.0, 0.1, 0.0),))
-    figure = plot_orders(fit)
+    figure = plot_orders(make_fit(orders=(Order("driving", 1, "A", 0.0, 0.1, 0.0),)))
     figure.draw_without_rendering()
     assert figure.axes[0].get_yscale() == "linear"

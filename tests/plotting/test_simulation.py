@@ -1,7 +1,6 @@
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -9,12 +8,10 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
 from tests.plotting.axes import data
-from vttig_jax.control.scenario.spec import parse_scenario_spec
-from vttig_jax.control.simulation.result import Simulation
-from vttig_jax.control.simulation.simulate import simulate
-from vttig_jax.plotting.dispatch import plot
+from vttig_jax.control import Simulation, parse_scenario_spec, simulate
+from vttig_jax.plotting import plot
 from vttig_jax.plotting.simulation import plot_simulation
-from vttig_jax.rig.paper import paper_pair
+from vttig_jax.rig import paper_pair
 
 RIG = {
     "driving_mm": 0.0226,
@@ -30,15 +27,8 @@ FLANK_B, FLANK_A, TRUE = 1, 2, 3
 @pytest.fixture(scope="module")
 def run() -> Simulation:
     """Two turns, a dwell of 2 s and back; the paper's controller closes too far."""
-    spec = parse_scenario_spec(
-        {
-            "pair": "pair.toml",
-            "plant": "play",
-            "flanks": "closed",
-            "eccentricities": RIG,
-            "motion": {"reversal_deg": 720.0},
-        }
-    )
+    scenario = {"pair": "pair.toml", "plant": "play", "flanks": "closed", "eccentricities": RIG}
+    spec = parse_scenario_spec(scenario | {"motion": {"reversal_deg": 720.0}})
     return simulate(spec, paper_pair(), trace_every=1)
 
 
@@ -50,10 +40,8 @@ def panels(run) -> list[Axes]:
 
 def with_times(run: Simulation, **times: float) -> Simulation:
     """The run with other landmarks of its motion."""
-    motion = run.case.motion
-    for name, value in times.items():
-        motion = eqx.tree_at(lambda m, name=name: getattr(m, name), motion, np.asarray(value))
-    return replace(run, case=eqx.tree_at(lambda case: case.motion, run.case, motion))
+    motion = replace(run.case.motion, **{name: np.asarray(one) for name, one in times.items()})
+    return replace(run, case=replace(run.case, motion=motion))
 
 
 def marks(ax: Axes) -> list[float]:
@@ -68,7 +56,13 @@ def words(figure: Any) -> list[list[str]]:
     return [[text.get_text() for text in one.get_texts()] for one in found if one]
 
 
-def test_transmission_error_lies_between_the_flanks_and_jumps_from_one_to_the_other(run, panels):
+def test_transmission_error_is_that_of_the_metrics_and_lies_between_the_flanks(run, panels):
+    shown = data(panels[0], 0)[1]
+    assert shown[0] == 0
+    assert shown.max() == pytest.approx(run.metrics["te_max_deg"])
+    assert shown.min() == pytest.approx(run.metrics["te_min_deg"])
+    in_arcsec = data(plot_simulation(run, unit="arcsec").axes[0], 0)[1]
+    np.testing.assert_allclose(in_arcsec, 3600 * shown, rtol=1e-12)
     time, error = data(panels[0], TRUE)
     lower, upper = (np.interp(time, *data(panels[0], line)) for line in (FLANK_A, FLANK_B))
     assert (error >= lower - 1e-9).all() and (error <= upper + 1e-9).all()
@@ -78,88 +72,69 @@ def test_transmission_error_lies_between_the_flanks_and_jumps_from_one_to_the_ot
     assert (upper - lower)[before].min() > 0.01 and (upper - lower)[after].min() > 0.01
 
 
-def test_it_is_that_of_the_metrics(run, panels):
-    shown = data(panels[0], 0)[1]
-    assert shown[0] == 0
-    assert shown.max() == pytest.approx(run.metrics["te_max_deg"])
-    assert shown.min() == pytest.approx(run.metrics["te_min_deg"])
-    in_arcsec = data(plot_simulation(run, unit="arcsec").axes[0], 0)[1]
-    np.testing.assert_allclose(in_arcsec, 3600 * shown, rtol=1e-12)
-
-
-def test_the_close_views_hold_the_ramps(panels):
-    whole, brakes, turns = panels[0], panels[1], panels[2]
+def test_the_close_views_hold_the_ramps_and_marks(run, panels):
+    whole, brakes, turns = panels[:3]
     assert whole.get_xlim() == (0, 9)
     assert brakes.get_xlim() == pytest.approx((1.9, 2.65), abs=0.01)
     assert turns.get_xlim() == pytest.approx((4.4, 5.15), abs=0.01)
     for ax in panels[3:]:
         assert ax.get_xlim() in (brakes.get_xlim(), turns.get_xlim())
+    closes = float(run.accumulators.detection_s)
+    assert marks(whole) == []
     for left, right in zip(panels[1::2], panels[2::2], strict=True):
         assert left.get_ylim() == right.get_ylim()
-
-
-def test_brakes_closing_and_turn_are_marked(run, panels):
-    closes = float(run.accumulators.detection_s)
-    assert marks(panels[0]) == []
-    for left, right in zip(panels[1::2], panels[2::2], strict=True):
         assert marks(left) == pytest.approx([2.0, closes])
         assert marks(right) == pytest.approx([4.5])
 
 
-def test_what_is_commanded_beyond_the_closed_gap_is_filled(run, panels):
+def test_what_is_commanded_beyond_the_closed_gap_is_filled_and_speeds_are_shown(run, panels):
     shift = panels[3]
-    (closed, commanded, reached) = (data(shift, line) for line in range(3))
-    np.testing.assert_allclose(
-        np.maximum(commanded[1] - closed[1], 0).max(), run.metrics["interference_mm"], rtol=0.02
-    )
+    closed, commanded, reached = (data(shift, line) for line in range(3))
+    too_far = np.maximum(commanded[1] - closed[1], 0).max()
+    assert too_far == pytest.approx(run.metrics["interference_mm"], rel=0.02)
     assert (reached[1] <= closed[1] + 1e-9).all()
-    after = closed[0] > 2.1
+    after = closed[0] > 2.1  # the play is taken up
     np.testing.assert_allclose(reached[1][after], closed[1][after], atol=1e-9)
     (beyond,) = (c for c in shift.collections if isinstance(c, PolyCollection))
     colour = np.ravel(np.asarray(beyond.get_facecolor()))[:3]
     np.testing.assert_allclose(colour, to_rgb(shift.lines[0].get_color()))
     box = beyond.get_paths()[0].get_extents()
     assert box.y1 == pytest.approx(commanded[1].max())
-
-
-def test_speed_and_what_the_observer_sees(panels):
     time, speed = data(panels[5], 1)
-    expected = np.interp(time, [2.0, 2.5], [60.0, 0.0])
-    np.testing.assert_allclose(speed, expected, atol=1e-9)
-    assert 0 < np.abs(data(panels[5], 0)[1] - speed).max() < 5
+    np.testing.assert_allclose(speed, np.interp(time, [2.0, 2.5], [60.0, 0.0]), atol=1e-9)
+    assert 0 < np.abs(data(panels[5], 0)[1] - speed).max() < 5  # what the observer sees
 
 
 def test_the_words(run):
     figure = plot_simulation(run)
-    assert figure.get_suptitle() == (
-        "simulation · VTTIG rig of the paper · play plant, controller acceleration, outcome ok"
-    )
+    said = "play plant, controller acceleration, outcome ok"
+    assert figure.get_suptitle() == f"simulation · VTTIG rig of the paper · {said}"
     assert figure.axes[1].get_ylabel() == "transmission error [°]"
     assert figure.axes[3].get_ylabel() == "axial shift [mm]"
-    assert words(figure) == [
-        [
-            *("flank B", "flank A", "transmission error", "measured by encoders"),
-            *("motor brakes", "controller closes", "motor turns"),
-        ],
-        ["closes the gap", "commanded", "reached", "commanded too far"],
-        ["reference", "observer's estimate"],
+    assert [", ".join(row) for row in words(figure)] == [
+        "flank B, flank A, transmission error, measured by encoders, motor brakes,"
+        " controller closes, motor turns",
+        "closes the gap, commanded, reached, commanded too far",
+        "reference, observer's estimate",
     ]
 
 
-def test_a_span_of_your_own(run):
-    panels = plot_simulation(run, span_s=(2.0, 2.1)).axes
-    assert len(panels) == 4
-    assert panels[1].get_xlim() == (2.0, 2.1)
-    time, _ = data(panels[1], TRUE)
+def test_a_span_of_your_own_and_views_that_meet_are_one(run):
+    for figure, span in (
+        (plot(run, span_s=(2.0, 2.1)), (2.0, 2.1)),
+        (plot_simulation(with_times(run, turn_s=2.55)), (1.9, 3.2)),
+        (plot_simulation(with_times(run, braking_s=4.5)), (4.482, 4.617)),  # no ramp at all
+    ):
+        assert len(figure.axes) == 4
+        assert figure.axes[1].get_xlim() == pytest.approx(span, abs=0.01)
+    time, _ = data(plot(run, span_s=(2.0, 2.1)).axes[1], TRUE)
     assert len(time) == pytest.approx(101, abs=3)
-
-
-def test_views_that_meet_are_one(run):
-    panels = plot_simulation(with_times(run, turn_s=2.55)).axes
-    assert len(panels) == 4
-    assert panels[1].get_xlim() == pytest.approx((1.9, 3.2), abs=0.01)
-    panels = plot_simulation(with_times(run, braking_s=4.5)).axes  # no ramp at all
-    assert panels[1].get_xlim() == pytest.approx((4.482, 4.617), abs=0.01)
+    words = "`span_s` must hold two samples or more of the 0 … 9 s"
+    for span_s in ((3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)):
+        with pytest.raises(ValueError, match=words):
+            plot_simulation(run, span_s=span_s)
+    with pytest.raises(ValueError, match="`trace_every` must be at least 1"):
+        plot_simulation(replace(run, trace=None))
 
 
 @pytest.mark.parametrize("times", [{"turn_s": 9.0}, {"turn_s": 9.0, "braking_s": 9.0}])
@@ -177,20 +152,3 @@ def test_where_the_drive_blocks_the_picture_ends(run):
     assert figure.axes[1].get_xlim() == pytest.approx((1.9, 2.4), abs=0.01)
     assert marks(figure.axes[1])[-1] == 2.4
     assert "drive blocks" in words(figure)[0] and "outcome bound" in figure.get_suptitle()
-
-
-def test_the_picture_follows_the_object(run):
-    assert plot(run, span_s=(2.0, 2.1)).axes[1].get_xlim() == (2.0, 2.1)
-
-
-def test_a_run_without_a_trace_is_refused(run):
-    with pytest.raises(ValueError, match="`trace_every` must be at least 1"):
-        plot_simulation(replace(run, trace=None))
-
-
-def test_an_empty_span_is_refused(run):
-    for span_s in ((3.0, 2.0), (2.0, 2.0), (20.0, 30.0), (2.0001, 2.0004)):
-        with pytest.raises(
-            ValueError, match="`span_s` must hold two samples or more of the 0 … 9 s"
-        ):
-            plot_simulation(run, span_s=span_s)

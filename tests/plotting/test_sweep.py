@@ -7,7 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.control.sweep_files import table_of
-from vttig_jax.plotting.dispatch import plot
+from vttig_jax.plotting import plot
 from vttig_jax.plotting.sweep import plot_sweep
 
 pytestmark = pytest.mark.smoke
@@ -22,11 +22,15 @@ def turns(count: int, times: int) -> np.ndarray:
     return np.repeat(np.linspace(0.0, 360.0, count), times)
 
 
-def test_one_case_a_place_is_a_line_through_the_values():
+def test_one_case_a_place_is_a_line_and_a_long_axis_is_taken_together():
     table = table_of(**{"motion.reversal_deg": turns(5, 1)})
     found = lines(plot(table), 0)
     np.testing.assert_allclose(found["all"][:, 1], table.columns["residual_gap_deg"])
     assert not plot(table).axes[0].collections
+    table = table_of(**{"motion.reversal_deg": turns(5000, 1)})
+    found = lines(plot_sweep(table), 0)["all"]
+    assert len(found) == 400
+    assert np.all(np.diff(found[:, 0]) > 0) and np.all(np.diff(found[:, 1]) > 0)
 
 
 def test_many_cases_a_place_are_a_median_and_a_band():
@@ -53,16 +57,12 @@ def test_every_controller_has_its_line_and_missing_values_are_left_out():
 
 
 def test_the_axis_is_the_longest_one_or_the_one_asked_for():
-    axes = {
-        "draw": np.arange(24),
-        "motion.speed_rpm": turns(3, 8),
-        "seed": np.tile(np.arange(8), 3),
-    }
-    table = table_of(**axes)
-    assert plot_sweep(table).axes[1].get_xlabel() == "seed"
+    axes = {"motion.speed_rpm": turns(3, 8), "seed": np.tile(np.arange(8), 3)}
+    table = table_of(draw=np.arange(24), **axes)
     assert len(lines(plot_sweep(table), 0)) == 3  # speeds
-    assert plot_sweep(table, axis="motion.speed_rpm").axes[1].get_xlabel() == "speed [rpm]"
-    assert plot_sweep(table, axis="draw").axes[1].get_xlabel() == "draw of the posterior"
+    labels = {"seed": None, "speed [rpm]": "motion.speed_rpm", "draw of the posterior": "draw"}
+    for words, axis in labels.items():
+        assert plot_sweep(table, axis=axis).axes[1].get_xlabel() == words
     with pytest.raises(ValueError, match=r"`axis` must be one of draw, motion\.speed_rpm, seed"):
         plot_sweep(table, axis="controller")
     with pytest.raises(ValueError, match="axis of numbers"):
@@ -81,27 +81,15 @@ def test_colours_are_those_of_a_short_axis_or_the_one_asked_for():
         plot_sweep(table, by="seed")
 
 
-def test_a_long_axis_is_taken_together():
-    table = table_of(**{"motion.reversal_deg": turns(5000, 1)})
-    found = lines(plot_sweep(table), 0)["all"]
-    assert len(found) == 400
-    assert np.all(np.diff(found[:, 0]) > 0) and np.all(np.diff(found[:, 1]) > 0)
-
-
 def test_a_feedforward_controller_has_the_error_of_the_output_below():
     names = np.tile(["none", "feedforward"], 6)
     table = table_of(**{"motion.reversal_deg": turns(6, 2), "controller": names})
     table.columns["output_error_deg"][names == "none"] += 1.0
     figure = plot_sweep(table)
     assert len(figure.axes) == 3
+    # Two styles, so that a curve on another one is seen.
+    assert len({line.get_linestyle() for line in figure.axes[0].get_lines()}) == 2
     found = lines(figure, 2)
     np.testing.assert_allclose(found["none"][:, 1] - found["feedforward"][:, 1], 1 - 1e-5)
     table.columns["controller"] = np.tile(["none", "predictive"], 6)
     assert len(plot_sweep(table).axes) == 2
-
-
-def test_a_curve_on_another_one_is_seen():
-    names = np.repeat(["none", "feedforward"], 6)
-    figure = plot_sweep(table_of(**{"motion.reversal_deg": turns(6, 2), "controller": names}))
-    styles = [line.get_linestyle() for line in figure.axes[0].get_lines()]
-    assert len(set(styles)) == 2

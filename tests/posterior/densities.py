@@ -1,10 +1,13 @@
-"""Log densities with known answers, for the tests of the sampler."""
+"""Log densities with known answers, and short runs of the sampler on them."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from vttig_jax.posterior import run_ensembles
+from vttig_jax.posterior.chains import Chains
 from vttig_jax.posterior.proposal import Proposal
 
 
@@ -51,3 +54,26 @@ def ar1(rho: float, shape: tuple[int, ...], seed: int) -> np.ndarray:
     for step in range(1, shape[0]):
         noise[step] += rho * noise[step - 1]
     return noise
+
+
+def sample(path: Path | None, target: Gaussian | None = None, **options: Any) -> Chains:
+    settings: dict[str, Any] = {"steps": 100, "walkers": 16} | options
+    return run_ensembles(target or plain(), checkpoint=path, **settings)
+
+
+def same(one: Chains, other: Chains) -> bool:
+    return one.header == other.header and all(
+        np.array_equal(getattr(one.record, name), getattr(other.record, name))
+        for name in ("draws", "log_density", "accepted")
+    )
+
+
+def sentence(error: BaseException) -> str:
+    text = str(error)
+    assert "\n" not in text and text.endswith(".")
+    return text
+
+
+def only(path: Path) -> bool:
+    """No lock and no temporary file is left."""
+    return [item.name for item in path.parent.iterdir()] == [path.name]

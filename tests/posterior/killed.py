@@ -9,16 +9,15 @@ import signal
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from tests.posterior.densities import Gaussian, plain
 from vttig_jax.base.files import atomic_write as atomic
-from vttig_jax.posterior import checkpoint
-from vttig_jax.posterior.chains import Chains, read_chains, run_ensembles
-
-STEPS = 1500
+from vttig_jax.posterior import checkpoint, run_ensembles
+from vttig_jax.posterior.chains import Chains, read_chains
 
 
 def kill() -> None:
@@ -27,27 +26,16 @@ def kill() -> None:
 
 def run(path: Path | None, target: Gaussian | None = None) -> Chains:
     resume = path is not None and path.exists()
-    return run_ensembles(
-        target or plain(3), steps=STEPS, walkers=16, checkpoint=path, resume=resume
-    )
+    return run_ensembles(target or plain(3), steps=1500, walkers=16, checkpoint=path, resume=resume)
 
 
 class Doomed(Gaussian):
-    """A density that is killed in its `left`-th call."""
-
-    left = 0
+    """A density that is killed in its 950th call."""
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
-        self.left -= 1
-        if self.left == 0:
+        if len(self.sizes) == 949:
             kill()
         return super().log_density(points)
-
-
-def in_a_call(path: Path) -> None:
-    target = Doomed(np.zeros(3), np.eye(3))
-    target.left = 950
-    run(path, target)
 
 
 def in_the_writing(path: Path) -> None:
@@ -78,7 +66,7 @@ def around_the_move(path: Path, *, after: bool) -> None:
     run(path)
 
 
-def forked(work: Callable[[], object], delay_s: float | None = None) -> int:
+def forked(work: Callable[[], object], delay_s: float | None) -> int:
     """Do the work in a process of its own, killed after a while; the signal that ended it."""
     pid = os.fork()
     if pid == 0:
@@ -94,38 +82,28 @@ def main(folder: Path) -> None:
     checkpoint.SAVE_S, checkpoint.SLOWER = 0.0, 0.0  # a generation every block
     began = time.monotonic()
     whole = run(None)
-    whole_s = time.monotonic() - began
+    delays = (time.monotonic() - began) * np.random.default_rng().uniform(0.02, 0.1, 6)
     path = folder / "posterior.h5"
     moments: list[tuple[Callable[[], object], float | None]] = [
-        (lambda: in_a_call(path), None),
-        (lambda: in_the_writing(path), None),
-        (lambda: around_the_move(path, after=False), None),
-        (lambda: around_the_move(path, after=True), None),
+        (partial(run, path, Doomed(np.zeros(3), np.eye(3))), None),
+        (partial(in_the_writing, path), None),
+        (partial(around_the_move, path, after=False), None),
+        (partial(around_the_move, path, after=True), None),
+        *((partial(run, path), delay) for delay in delays),
     ]
-    delays = whole_s * np.random.default_rng().uniform(0.02, 0.1, 6)
-    moments += [(lambda: run(path), delay) for delay in delays]
     signals, steps, left_over = [], [], 0
     for work, delay_s in moments:
         signals.append(forked(work, delay_s))
         left_over += any(folder.glob(".posterior.h5.*.tmp"))
         steps.append(read_chains(path).diagnosis.steps if path.exists() else 0)
-    last = run(path)
-    kept = read_chains(path)
-    print(
-        json.dumps(
-            {
-                "signals": signals,
-                "steps": steps,
-                "left_over": left_over,
-                "same": all(
-                    np.array_equal(getattr(chains.record, name), getattr(whole.record, name))
-                    for chains in (last, kept)
-                    for name in ("draws", "log_density", "accepted")
-                ),
-                "files": sorted(item.name for item in folder.iterdir()),
-            }
-        )
+    same = all(
+        np.array_equal(getattr(chains.record, name), getattr(whole.record, name))
+        for chains in (run(path), read_chains(path))
+        for name in ("draws", "log_density", "accepted")
     )
+    files = sorted(item.name for item in folder.iterdir())
+    found = {"signals": signals, "steps": steps, "left_over": left_over, "same": same}
+    print(json.dumps(found | {"files": files}))
 
 
 if __name__ == "__main__":

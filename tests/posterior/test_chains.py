@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.posterior.densities import Gaussian, plain
-from tests.posterior.runs import same, sample
-from vttig_jax.base.errors import NoAnswerError
-from vttig_jax.posterior.chains import THIN, run_ensembles
+from tests.posterior.densities import Gaussian, plain, same, sample
+from vttig_jax.base import NoAnswerError
+from vttig_jax.posterior import Until, run_ensembles
+from vttig_jax.posterior.chains import THIN
 from vttig_jax.posterior.proposal import Proposal
-from vttig_jax.posterior.until import Until
 
 COVARIANCE = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.3], [0.0, 0.3, 4.0]])
 
@@ -27,44 +26,37 @@ def test_moments_are_those_of_the_density_although_the_start_is_not():
 
 
 class TwoModes(Gaussian):
-    """Two modes, far apart; walkers start where `around` is, in the first one."""
+    """Two modes, far apart; half of the ensembles begin in the second one."""
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         far = points - [12.0, 0.0]
         return np.logaddexp(super().log_density(points), -0.5 * (far**2).sum(axis=1))
 
+    def around(self) -> Proposal:
+        class Split(Proposal):
+            def starts(self, count: int, random: np.random.RandomState) -> np.ndarray:
+                found = super().starts(count, random)
+                found[np.arange(count) % 4 < 2, 0] += 12.0
+                return found
+
+        return Split(**vars(super().around()))
+
 
 def test_ensembles_in_different_modes_have_not_converged():
-    """The negative control of R-hat: half of the ensembles begin in the other mode."""
-    target = TwoModes(np.zeros(2), np.eye(2))
-    around = target.around()
-    split = np.arange(4 * 16) % 4 < 2
-
-    class Split(Proposal):
-        def starts(self, count: int, random: np.random.RandomState) -> np.ndarray:
-            found = super().starts(count, random)
-            found[split, 0] += 12.0
-            return found
-
-    target.around = lambda: Split(**vars(around))
-    found = sample(None, target, steps=300).diagnosis
+    found = sample(None, TwoModes(np.zeros(2), np.eye(2)), steps=300).diagnosis
     assert found.r_hat[0] > 1.5 and not found.agreed and not found.converged
     assert found.r_hat[1] < 1.05
     assert sample(None, plain(), steps=300).diagnosis.agreed
 
 
-def test_a_proposal_is_the_density_that_it_says():
+def test_a_proposal_is_the_density_that_it_says_and_weighted_draws_that_of_the_target():
     """Its draws, weighted by the inverse of their density, are uniform: ∫ q = 1."""
     wide = Proposal.of(np.array([1.0, 2.0]), COVARIANCE[:2, :2], np.array([False, True]))
     draws = wide.draw(200_000, np.random.RandomState(0))
     box = np.all(np.abs(draws - [1.0, 2.0]) < 1.0, axis=1)
     volume = np.sum(box / np.exp(wide.log_density(draws))) / len(draws)
     assert volume == pytest.approx(4.0, rel=0.02)
-
-
-def test_weighted_draws_have_the_moments_of_the_density():
-    target = Gaussian(np.zeros(3), COVARIANCE, spread=1.5, off=0.4)
-    found = target.around()
+    found = Gaussian(np.zeros(3), COVARIANCE, spread=1.5, off=0.4).around()
     assert 0.3 < found.efficiency <= 1.0
     np.testing.assert_allclose(found.mean, 0.0, atol=0.15)
     starts = found.starts(512, np.random.RandomState(1))
@@ -73,30 +65,21 @@ def test_weighted_draws_have_the_moments_of_the_density():
 
 
 def test_the_rule_stops_at_the_first_look_that_is_enough():
-    rule = Until(effective=500.0)
-    found = sample(None, steps=None, until=rule)
-    assert found.diagnosis.converged and found.diagnosis.effective.min() >= 500
-    longer = sample(None, steps=None, until=Until(effective=3000.0))
-    assert longer.diagnosis.steps > found.diagnosis.steps
-    never = sample(None, steps=None, until=Until(effective=1e9, most_steps=150))
-    assert never.diagnosis.steps == 150 and not never.diagnosis.converged
+    rules = Until(effective=500.0), Until(effective=3000.0), Until(1e9, most_steps=150)
+    found, longer, never = (sample(None, steps=None, until=rule).diagnosis for rule in rules)
+    assert found.converged and found.effective.min() >= 500 and longer.steps > found.steps
+    assert never.steps == 150 and not never.converged
 
 
-def test_equal_seeds_are_equal_and_steps_are_exact():
+def test_equal_seeds_are_equal_and_steps_are_exact_with_progress_after_every_block():
     first, again, other = (sample(None, seed=seed) for seed in (3, 3, 4))
     assert same(first, again) and not np.array_equal(first.draws, other.draws)
     assert first.record.draws.shape == (4, 100 // THIN, 16, 2)
     assert sample(None, steps=43).diagnosis.steps == 45
-
-
-def test_progress_comes_after_every_block():
     seen = []
-    sample(None, steps=120, progress=seen.append)
+    found = sample(None, steps=120, progress=seen.append)
     assert [one.steps for one in seen] == [50, 100, 120] and seen[-1].remaining_s == 0
-
-
-def test_acceptance_is_a_share_of_all_proposals():
-    assert 0.3 < sample(None, steps=500).diagnosis.acceptance < 0.95
+    assert 0.3 < found.diagnosis.acceptance < 0.95
 
 
 class Nowhere(Gaussian):
@@ -105,29 +88,26 @@ class Nowhere(Gaussian):
         return start.improved(lambda x: np.full(len(x), -np.inf))
 
 
-def test_a_density_that_is_nowhere_finite_has_no_answer():
+WRONG = [
+    ("ensembles", 3),
+    ("walkers", 15),
+    ("walkers", 2),
+    ("walkers", 4000),
+    ("seed", -1),
+    ("steps", 39),
+    ("until", Until()),
+]
+
+
+def test_arguments_and_densities_that_make_no_sense_are_refused():
+    for name, value in WRONG:
+        with pytest.raises(ValueError, match=f"`{name}`"):
+            sample(None, **{name: value})
+    with pytest.raises(ValueError, match="`checkpoint`"):
+        sample(None, resume=True)
+    rules: list[dict[str, Any]] = [{"effective": 0.0}, {"r_hat": 1.0}, {"most_steps": 5}]
+    for rule in rules:
+        with pytest.raises(ValueError, match=f"`{next(iter(rule))}`"):
+            Until(**rule)
     with pytest.raises(NoAnswerError):
         sample(None, Nowhere(np.zeros(2), np.eye(2)))
-
-
-def test_arguments_that_make_no_sense_are_named():
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({"ensembles": 3}, "ensembles"),
-        ({"walkers": 15}, "walkers"),
-        ({"walkers": 2}, "walkers"),
-        ({"walkers": 4000}, "walkers"),
-        ({"seed": -1}, "seed"),
-        ({"steps": 39}, "steps"),
-        ({"until": Until()}, "until"),
-        ({"resume": True}, "checkpoint"),
-    ]
-    for options, name in cases:
-        with pytest.raises(ValueError, match=f"`{name}`"):
-            sample(None, **options)
-
-
-@pytest.mark.parametrize("wrong", [{"effective": 0.0}, {"r_hat": 1.0}, {"most_steps": 5}])
-def test_a_rule_that_makes_no_sense_is_named(wrong: dict[str, Any]):
-    (name,) = wrong
-    with pytest.raises(ValueError, match=f"`{name}`"):
-        Until(**wrong)

@@ -8,19 +8,15 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from tests.posterior.made import drive_fit, quick_fit, quick_posterior, short_rig
-from vttig_jax.base.errors import InputError
-from vttig_jax.identify.identification import fit
-from vttig_jax.identify.result import Fit
-from vttig_jax.pair.schema import HarmonicOrders
-from vttig_jax.posterior.sampler import read_posterior, sample, settings_of
+from tests.identify.quick import quick_rig
+from tests.posterior.made import drive_fit, quick_fit, quick_posterior
+from vttig_jax.base import InputError
+from vttig_jax.identify import Fit, fit
+from vttig_jax.pair import HarmonicOrders
+from vttig_jax.posterior import read_posterior, sample
+from vttig_jax.posterior.sampler import settings_of
 
-
-def two_logs() -> Fit:
-    """Each log has a zero of its own."""
-    rig = short_rig()
-    return fit([rig.log(0), rig.log(1)], rig.pair, same_zero=False)
-
+RIG = quick_rig(0)
 
 DIFFERENT: dict[str, Callable[[], Fit]] = {
     "one flank": lambda: quick_fit(flank="A"),
@@ -28,7 +24,7 @@ DIFFERENT: dict[str, Callable[[], Fit]] = {
     "perfect encoders": lambda: quick_fit(perfect_encoders=True),
     "perfect gears": lambda: quick_fit(perfect_gears=True),
     "a known delay": lambda: quick_fit(delay="off"),
-    "two logs": two_logs,
+    "two logs": lambda: fit([RIG.log(0), RIG.log(1)], RIG.pair, same_zero=False),
     "fractional orders": lambda: drive_fit(
         orders=HarmonicOrders((*range(1, 9), 23 / 64), tuple(range(1, 9)), 0)
     ),
@@ -68,7 +64,7 @@ def test_values_and_intervals_are_those_of_the_fit():
         assert drawn.high95 == pytest.approx(known.high95, abs=0.3 * known.std), name
 
 
-def test_draws_belong_to_their_fit(tmp_path):
+def test_draws_belong_to_their_fit_and_have_its_flank_model(tmp_path):
     """A checkpoint is read back as it was written, and refused for another fit."""
     result, place = drive_fit(), tmp_path / "chains.h5"
     made = sample(result, steps=50, checkpoint=place, seed=3, walkers=34)
@@ -76,22 +72,14 @@ def test_draws_belong_to_their_fit(tmp_path):
     np.testing.assert_array_equal(made.draws, read.draws)
     np.testing.assert_array_equal(made.cosine, read.cosine)
     assert read.seed == 3
+    other_seed = sample(result, steps=50, walkers=34)
+    assert not np.array_equal(other_seed.draws, read.draws)
     assert settings_of(place) == {"seed": 3, "ensembles": 4, "walkers": 34}
     for other in (drive_fit(1), quick_fit()):
         with pytest.raises(InputError):
             read_posterior(place, other)
         with pytest.raises(InputError):
             sample(other, checkpoint=place, resume=True, steps=50, seed=3, walkers=34)
-
-
-def test_equal_seeds_give_equal_draws():
-    result = drive_fit()
-    first, again, other = (sample(result, steps=50, seed=seed) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first.draws, again.draws)
-    assert not np.array_equal(first.draws, other.draws)
-
-
-def test_the_flank_model_of_a_draw_has_its_first_orders():
     found = sample(drive_fit(), steps=50)
     place = list(found.fit.model.terms).index((1, 0))
     common = 0.5 * (found.sine[:, 0, place] + found.sine[:, 1, place])
@@ -116,9 +104,8 @@ class Wavy(eqx.Module):
 @pytest.mark.slow
 @pytest.mark.parametrize("orders", [HarmonicOrders((2, 3), (1, 2, 3), 0), None], ids=str)
 def test_a_flank_model_of_the_user_is_sampled(orders):
-    rig = short_rig()
     start = Wavy(jnp.asarray(0.0), jnp.zeros(2))
-    result = fit(rig.log(0), rig.pair, model=start, orders=orders, lines="report")
+    result = fit(RIG.log(0), RIG.pair, model=start, orders=orders, lines="report")
     found = sample(result, steps=100)
     told = [name for name, one in result.parameters.items() if one.determined]
     assert "model.wave[0]" in told

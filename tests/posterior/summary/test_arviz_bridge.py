@@ -8,15 +8,17 @@ import pytest
 
 from tests.posterior.densities import plain
 from tests.posterior.made import quick_posterior
-from vttig_jax.base.errors import UsageError
-from vttig_jax.posterior.chains import run_ensembles
+from vttig_jax.base import UsageError
+from vttig_jax.posterior import Until, run_ensembles
 from vttig_jax.posterior.summary.arviz_export import arviz_data
-from vttig_jax.posterior.until import Until
 
 
-@pytest.fixture(scope="module")
-def posterior():
-    return quick_posterior()
+class Group(dict):
+    """Variables of arviz, all with attributes."""
+
+    def __init__(self, names):
+        super().__init__({name: SimpleNamespace(attrs={}) for name in names})
+        self.attrs: dict = {}
 
 
 def fake_arviz(version: str) -> tuple[ModuleType, list]:
@@ -25,16 +27,7 @@ def fake_arviz(version: str) -> tuple[ModuleType, list]:
 
     def from_dict(*args, **groups):
         calls.append((args, groups))
-        own = args[0] if args else groups
-
-        class Group(dict):
-            attrs: dict
-
-        made = {}
-        for name, variables in own.items():
-            made[name] = Group({v: SimpleNamespace(attrs={}) for v in variables})
-            made[name].attrs = {}
-        return made
+        return {name: Group(own) for name, own in (args[0] if args else groups).items()}
 
     module = ModuleType("arviz")
     module.__version__, module.from_dict = version, from_dict  # pyright: ignore
@@ -54,8 +47,8 @@ def test_the_installed_arviz_counts_the_effective_draws_of_the_diagnosis():
 @pytest.mark.parametrize(
     ("version", "nested"), [("0.23.4", False), ("1.0.0", True), ("1.2.0rc1", True)]
 )
-def test_each_data_model_gets_its_own_call(posterior, monkeypatch, version, nested):
-    module, calls = fake_arviz(version)
+def test_each_data_model_gets_its_own_call(monkeypatch, version, nested):
+    posterior, (module, calls) = quick_posterior(), fake_arviz(version)
     monkeypatch.setitem(sys.modules, "arviz", module)
     found = posterior.to_arviz()
     ((args, groups),) = calls
@@ -71,8 +64,8 @@ def test_each_data_model_gets_its_own_call(posterior, monkeypatch, version, nest
     assert found["posterior"].attrs["steps"] == steps
 
 
-def test_without_arviz_the_extra_is_named(posterior, monkeypatch):
+def test_without_arviz_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "arviz", None)
     with pytest.raises(UsageError, match="arviz") as caught:
-        posterior.to_arviz()
+        quick_posterior().to_arviz()
     assert caught.value.exit_code == 2
