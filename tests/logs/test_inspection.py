@@ -9,11 +9,7 @@ from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from tests.schemas import load_schema
 from vttig_jax.base.files.json_io import dumps
 from vttig_jax.cli.main import main
-from vttig_jax.logs.checks.sampling import (
-    SpeedPlateau,
-    aliased,
-    order_spectrum,
-)
+from vttig_jax.logs.checks.sampling import SpeedPlateau, aliased, order_spectrum
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.motion.segments import find_segments

@@ -31,8 +31,6 @@ def pair_of(
     return found
 
 
-def test_the_usual_rack():
-    assert parse_pair_spec(spec_table(spec_of(pair_of()))).rack == RackTable()
 
 
 USUAL = 1 - math.sin(math.radians(20))
@@ -119,10 +117,6 @@ def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears(norma
         np.testing.assert_allclose(other.recessions(z), one.recessions(z), rtol=1e-13)
 
 
-def test_a_rack_is_numpy_doubles():
-    rack = Rack(1.0, 0.25)
-    assert rack.tip_radius is None and rack.depth_ratio == 1.0
-    assert all(isinstance(value, np.ndarray) for value in (rack.addendum, rack.clearance))
 
 
 @pytest.mark.parametrize(

@@ -116,20 +116,6 @@ def test_without_results_an_existing_file_is_refused_when_written(tmp_path):
     assert contents(tmp_path) == {"map.csv": b"old"}
 
 
-def test_results_are_moved_last(tmp_path, monkeypatch):
-    moved, real = [], os.replace
-
-    def replace(source: Path, target: Path) -> None:
-        moved.append(target.name)
-        real(source, target)
-
-    monkeypatch.setattr(os, "replace", replace)
-    with RunFolder(tmp_path, results=("fit.json",)) as run:
-        run.write_text("fit.json", "{}")
-        run.write_text("run.toml", "")
-    assert moved == ["run.toml", "fit.json"]
-
-
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, RuntimeError])
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_an_interrupted_run_leaves_the_folder_as_it_was(tmp_path, interruption, overwrite):
@@ -210,17 +196,6 @@ def test_a_file_where_the_folder_should_be(tmp_path, below):
     ):
         pytest.fail("the block must not run")
     assert contents(tmp_path) == {"run": b"a file"}
-
-
-def test_a_second_writer_is_refused_until_the_first_is_done(tmp_path):
-    with RunFolder(tmp_path) as first:
-        first.write_text("a.txt", "1")
-        with pytest.raises(UsageError, match="another vttig is writing"), RunFolder(tmp_path):
-            pytest.fail("the block must not run")
-        first.write_text("b.txt", "2")
-    with RunFolder(tmp_path) as second:
-        second.write_text("c.txt", "3")
-    assert set(contents(tmp_path)) == {"a.txt", "b.txt", "c.txt"}
 
 
 def test_a_second_process_is_refused(tmp_path):
