@@ -4,6 +4,7 @@ A damage changes one channel, the time, which rows there are, or the order of th
 `damaged_logs()` draws one to three of them. What can happen to the text stands in `mutations.py`.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -178,9 +179,15 @@ def swapped_names(draw: st.DrawFn, text: Text) -> Text:
     return replace(text, names=tuple(names))
 
 
-OF_A_CHANNEL = wraps, reset, index_reload, half_rate, saturation, slip, late_readings, wild_reading
-OF_THE_ROWS = (gap, duplicated_rows, removed_rows, shuffled_rows, few_rows)
-OF_THE_LOG = (jitter, coarse_time, wrong_ratio, swapped_columns, swapped_names)
+def _named(*damages: Callable) -> dict[str, Callable]:
+    return {damage.__name__: damage for damage in damages}
+
+
+OF_A_CHANNEL = _named(
+    wraps, reset, index_reload, half_rate, saturation, slip, late_readings, wild_reading
+)
+OF_THE_ROWS = _named(gap, duplicated_rows, removed_rows, shuffled_rows, few_rows)
+OF_THE_LOG = _named(jitter, coarse_time, wrong_ratio, swapped_columns, swapped_names)
 
 
 @st.composite
@@ -189,17 +196,17 @@ def damaged_logs(draw: st.DrawFn) -> Damaged:
     text = clean_log()
     kinds = st.sampled_from([*OF_A_CHANNEL, *OF_THE_ROWS, *OF_THE_LOG])
     chosen = draw(st.lists(kinds, min_size=1, max_size=3, unique=True))
-    for damage in chosen:
+    for name in chosen:
         if len(text.time) <= 60:
             break
-        if damage in OF_THE_ROWS:
-            rows = damage(draw, len(text.time))
+        if name in OF_THE_ROWS:
+            rows = OF_THE_ROWS[name](draw, len(text.time))
             columns = {"time": text.time, "driving": text.driving, "driven": text.driven}
-            text = replace(text, **{name: column[rows] for name, column in columns.items()})
-        elif damage in OF_A_CHANNEL:
+            text = replace(text, **{role: column[rows] for role, column in columns.items()})
+        elif name in OF_A_CHANNEL:
             role = draw(st.sampled_from(["driving", "driven"]))
             values = np.asarray(getattr(text, role), np.int64)
-            text = replace(text, **{role: damage(draw, values, text.time)})
+            text = replace(text, **{role: OF_A_CHANNEL[name](draw, values, text.time)})
         else:
-            text = damage(draw, text)
-    return Damaged(tuple(damage.__name__ for damage in chosen), text.to_bytes())
+            text = OF_THE_LOG[name](draw, text)
+    return Damaged(tuple(chosen), text.to_bytes())

@@ -104,7 +104,7 @@ def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears(norma
     again = pair_from_spec(spec_of(normal))
     assert isinstance(again, GearPair)
 
-    def sizes(pair: GearPair) -> list[np.ndarray]:
+    def sizes(pair: GearPair) -> list[Any]:
         teeth = [tooth_of(pair, shaft) for shaft in ("driving", "driven")]
         numbers = [(tooth.fillet_radius_mm, tooth.profile_shift_mm) for tooth in teeth]
         bent = [tooth.recessions(np.array([-3.0, 4.0])) for tooth in teeth]

@@ -30,7 +30,9 @@ def write_run(
             raise then
 
 
-def assert_not_entered(folder: Path, error: type[Exception], words: str, **options: Any) -> Any:
+def assert_not_entered(
+    folder: Path, error: type[InputError | UsageError], words: str, **options: Any
+) -> Any:
     """The context is refused before its block in one sentence; returns the place of the error."""
     with pytest.raises(error, match=words) as caught, RunFolder(folder, **options):
         pytest.fail("the block must not run")
