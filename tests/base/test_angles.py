@@ -12,30 +12,19 @@ ANGLES = st.floats(-1e6, 1e6)
 COEFFICIENTS = st.floats(-1e3, 1e3)
 
 
-@given(ANGLES)
-def test_wrapped_angles_lie_in_one_turn_and_are_the_same_direction(angle):
-    wrapped = wrap_deg(angle)
+@given(ANGLES, ANGLES)
+def test_wrapped_angles_and_differences_are_the_same_direction(angle, other):
+    wrapped, way = wrap_deg(angle), difference_deg(angle, other)
     assert 0.0 <= wrapped < 360.0
-    turns = (angle - wrapped) / 360.0
-    assert turns == pytest.approx(round(turns), abs=1e-9)
+    assert -180.0 <= way < 180.0
+    for turns in ((angle - wrapped) / 360.0, (angle - other - way) / 360.0):
+        assert turns == pytest.approx(round(turns), abs=1e-9)
 
 
-def test_the_largest_angle_below_zero_does_not_become_a_whole_turn():
+def test_angles_at_the_ends_of_the_ranges():
     assert wrap_deg(-1e-20) == 0.0
     np.testing.assert_array_equal(wrap_deg([[-90.0], [720.0]]), [[270.0], [0.0]])
-
-
-@given(ANGLES, ANGLES)
-def test_the_difference_is_the_short_way_round(angle, other):
-    way = difference_deg(angle, other)
-    assert -180.0 <= way < 180.0
-    turns = (angle - other - way) / 360.0
-    assert turns == pytest.approx(round(turns), abs=1e-9)
-
-
-def test_half_a_turn_is_counted_backwards():
-    assert difference_deg(180.0, 0.0) == -180.0
-    assert difference_deg(0.0, 180.0) == -180.0
+    assert difference_deg(180.0, 0.0) == difference_deg(0.0, 180.0) == -180.0
 
 
 @given(COEFFICIENTS, COEFFICIENTS, st.floats(0, 360))

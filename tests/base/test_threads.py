@@ -23,41 +23,27 @@ def two_threads():
 @pytest.mark.usefixtures("two_threads")
 def test_threads_are_limited_inside_and_given_back():
     @one_blas_thread
-    def seen(given: int) -> tuple[int, set[int]]:
+    def seen(given: int) -> tuple[float, set[int]]:
         """Text."""
-        return given, threads()
+        return 5 / given, threads()
 
-    assert seen(5) == (5, {1}) and threads() == {2}
+    assert seen(5) == (1.0, {1}) and threads() == {2}
     assert seen.__name__ == "seen" and seen.__doc__ == "Text."
-
-
-@pytest.mark.usefixtures("two_threads")
-def test_threads_are_given_back_after_an_error():
-    @one_blas_thread
-    def fails() -> None:
-        assert threads() == {1}
-        raise KeyError
-
-    with pytest.raises(KeyError):
-        fails()
+    with pytest.raises(ZeroDivisionError):
+        seen(0)
     assert threads() == {2}
 
 
 @pytest.mark.usefixtures("two_threads")
 def test_a_fit_and_its_search_for_lines_use_one(monkeypatch):
     found: dict[str, set[int]] = {}
+    for name in ("mixed_fit", "found_lines"):
 
-    def watch(name: str) -> None:
-        function = getattr(identification, name)
-
-        def watched(*args, **keywords):
+        def watched(*args, name=name, function=getattr(identification, name), **keywords):
             found[name] = threads()
             return function(*args, **keywords)
 
         monkeypatch.setattr(identification, name, watched)
-
-    watch("mixed_fit")
-    watch("found_lines")
     rig = paper_rig(0, PassMotion(reversal_deg=900.0, dwell_s=0.5))
     vttig_jax.fit(rig.log(0), rig.pair)
     assert found == {"mixed_fit": {1}, "found_lines": {1}} and threads() == {2}

@@ -153,11 +153,7 @@ def through_inspect(case: Case, folder: Path, *, stdin: bool = False) -> Found:
     pipe = SimpleNamespace(
         buffer=io.BytesIO(case.log.read_bytes()), closed=False, isatty=lambda: False
     )
-    with (
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-        patch("sys.stdin", pipe),
-    ):
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), patch("sys.stdin", pipe):
         code = main(["inspect", log, "--json", *case.words(folder)])
     report = json.loads(out.getvalue())
     if code:

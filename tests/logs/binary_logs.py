@@ -4,6 +4,7 @@ import gzip
 import io
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -49,35 +50,20 @@ def _hdf5(arrays: Arrays) -> bytes:
     return file.getvalue()
 
 
-def _table(arrays: Arrays):
+def _arrow(suffix: str, arrays: Arrays) -> bytes:
     import pyarrow as pa
+    from pyarrow import feather, parquet
 
     size = min(map(len, arrays.values()))
-    return pa.table({name: values[:size] for name, values in arrays.items()})
-
-
-def _parquet(arrays: Arrays) -> bytes:
-    from pyarrow import parquet
-
+    table = pa.table({name: values[:size] for name, values in arrays.items()})
     file = io.BytesIO()
-    parquet.write_table(_table(arrays), file)
-    return file.getvalue()
-
-
-def _feather(arrays: Arrays) -> bytes:
-    from pyarrow import feather
-
-    file = io.BytesIO()
-    feather.write_feather(_table(arrays), file, compression="lz4")
-    return file.getvalue()
-
-
-def _stream(arrays: Arrays) -> bytes:
-    import pyarrow as pa
-
-    file, table = io.BytesIO(), _table(arrays)
-    with pa.ipc.new_stream(file, table.schema) as writer:
-        writer.write_table(table)
+    if suffix == ".parquet":
+        parquet.write_table(table, file)
+    elif suffix == ".feather":
+        feather.write_feather(table, file, compression="lz4")
+    else:
+        with pa.ipc.new_stream(file, table.schema) as writer:
+            writer.write_table(table)
     return file.getvalue()
 
 
@@ -123,9 +109,9 @@ WRITERS: dict[str, Callable[[Arrays], bytes]] = {
     ".npy": _npy,
     ".mat": _mat,
     ".h5": _hdf5,
-    ".parquet": _parquet,
-    ".feather": _feather,
-    ".arrows": _stream,
+    ".parquet": partial(_arrow, ".parquet"),
+    ".feather": partial(_arrow, ".feather"),
+    ".arrows": partial(_arrow, ".arrows"),
     ".tdms": _tdms,
     ".mf4": _mdf,
     ".xlsx": lambda arrays: xlsx({"log": [[*arrays], *_rows(arrays)]}),

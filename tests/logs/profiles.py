@@ -24,14 +24,18 @@ def spec(**log) -> PairSpec:
     )
 
 
-def played(lower: np.ndarray, gap: float, start: float = 0.0) -> np.ndarray:
+def played(lower: np.ndarray, gap: float | np.ndarray, start: float = 0.0) -> np.ndarray:
     """The driven angle by the play operator: it stays until `lower` or `lower` + `gap` moves it.
 
     It begins `start` above `lower`.
     """
-    driven, here = np.empty_like(lower), lower[0] + start
-    for k, low in enumerate(lower):
-        here = driven[k] = min(max(here, low), low + gap)
+    return _between(lower, lower + gap, lower[0] + start)
+
+
+def _between(low: np.ndarray, high: np.ndarray, here: float) -> np.ndarray:
+    driven = np.empty_like(low)
+    for k, bounds in enumerate(zip(low, high, strict=True)):
+        here = driven[k] = min(max(here, bounds[0]), bounds[1])
     return driven
 
 
@@ -69,11 +73,7 @@ def geared(angle, ratio=45 / 80, gap=0.04, first=0.02, driven=0.015, noise=0.0, 
         return first * np.sin(angle * DEG + shift) + driven * np.sin(wheel - shift)
 
     low, high = ratio * angle + error(0.3), ratio * angle + error(-0.3) + gap
-    reached = np.empty_like(angle)
-    place = low[0]
-    for k, bounds in enumerate(zip(low, high, strict=True)):
-        place = min(max(place, bounds[0]), bounds[1])
-        reached[k] = place
+    reached = _between(low, high, low[0])
     flank = np.where(reached <= low, 1, np.where(reached >= high, -1, 0))
     return reached + noise * np.random.default_rng(seed).standard_normal(len(angle)), flank
 
@@ -81,3 +81,11 @@ def geared(angle, ratio=45 / 80, gap=0.04, first=0.02, driven=0.015, noise=0.0, 
 def counts(angle, per_rev=90_000):
     """Whole counts passed at an angle in degrees."""
     return np.floor(angle * (per_rev / 360)).astype(np.int64)
+
+
+def late(time, angle, seed=0, share=0.1):
+    """`angle` with a share of readings 3 to 11 ms late, and which they are."""
+    generator = np.random.default_rng(seed)
+    which = generator.random(len(time)) < share
+    back = np.interp(time - generator.uniform(0.003, 0.011, len(time)), time, angle)
+    return np.where(which, back, angle), which

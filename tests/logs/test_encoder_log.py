@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.logs.profiles import DEG, counts, drive, geared, spec, trapezoid
+from tests.logs.profiles import DEG, drive, spec
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.pair.gear_pair import pair_from_spec
@@ -14,6 +14,7 @@ PAIR = spec()
 TIME = np.arange(2000) / 1000.0
 FIRST = 45 * np.arange(2000)
 SECOND = FIRST * 9 // 16
+CURVE = {"driven": None, "transmission_error": TIME}
 
 
 def from_arrays(
@@ -57,18 +58,15 @@ def test_zero():
     assert reading.driving_angle[0] == pytest.approx(3.6 * DEG) and reading.zero == "reading"
 
 
-def test_units_of_each_shaft():
-    log = from_arrays(driven=SECOND * 0.004, unit=("counts", "deg"))
-    np.testing.assert_allclose(log.driven_angle, SECOND * 0.004 * DEG, rtol=1e-14)
+def test_units_of_each_shaft_and_the_scale_and_sign_of_the_pair_file():
+    log, plain = from_arrays(driven=SECOND * 0.004, unit=("counts", "deg")), from_arrays()
+    np.testing.assert_allclose(log.driven_angle, plain.driven_angle, rtol=1e-12)
     assert log.driving.unit == "counts" and log.driven is not None and log.driven.unit == "deg"
-
-
-def test_sign_and_scale_of_the_pair_file():
-    pair = spec(driving_scale="1/2", driven_encoder={"sign": -1})
-    log = from_arrays(pair=pair)
-    plain = from_arrays()
-    np.testing.assert_allclose(log.driving_angle, plain.driving_angle / 2, rtol=1e-14)
-    np.testing.assert_allclose(log.driven_angle, -plain.driven_angle, rtol=1e-14)
+    scaled = from_arrays(pair=spec(driving_scale="1/2", driven_encoder={"sign": -1}))
+    np.testing.assert_allclose(scaled.driving_angle, plain.driving_angle / 2, rtol=1e-14)
+    np.testing.assert_allclose(scaled.driven_angle, -plain.driven_angle, rtol=1e-14)
+    assert scaled.driving.per_turn is None
+    np.testing.assert_array_equal(scaled.driving.reading, FIRST)
 
 
 def test_curve_instead_of_the_second_shaft():
@@ -83,19 +81,16 @@ def test_curve_instead_of_the_second_shaft():
     np.testing.assert_allclose(arcsec.transmission_error, curve * DEG / 3600, rtol=1e-14)
 
 
-def test_further_columns():
-    log = from_arrays(direction=np.sign(TIME - 1), axial_mm=TIME, torque=-TIME, source="rig")
+def test_further_columns_and_copies_of_the_readings():
+    driving = FIRST.copy()
+    columns = {"direction": np.sign(TIME - 1), "axial_mm": TIME, "torque": -TIME, "source": "rig"}
+    log = from_arrays(driving=driving, **columns)
+    driving[:] = 0
+    assert log.driving.reading[-1] == FIRST[-1]
     assert log.direction is not None and log.direction.dtype == np.int8
     assert log.axial_mm is not None and log.axial_mm[-1] == TIME[-1]
     assert log.torque is not None and log.torque[-1] == -TIME[-1]
     assert log.source == "rig"
-
-
-def test_inputs_are_copied():
-    driving = FIRST.copy()
-    log = from_arrays(driving=driving)
-    driving[:] = 0
-    assert log.driving.reading[-1] == FIRST[-1]
 
 
 def test_gear_pair_serves_like_the_pair_file():
@@ -112,10 +107,7 @@ def test_gear_pair_serves_like_the_pair_file():
         ({"transmission_error": TIME}, "both are given"),
         ({"unit": "furlong"}, "'furlong'"),
         ({"unit": ("deg", "furlong")}, "'furlong'"),
-        (
-            {"driven": None, "transmission_error": TIME, "transmission_error_unit": "counts"},
-            "count",
-        ),
+        ({**CURVE, "transmission_error_unit": "counts"}, "count"),
         ({"driven": SECOND[:-1]}, r"`driven` must be of shape \(2000,\)"),
         ({"time": TIME[:, None]}, "`time_s` must be one-dimensional"),
         ({"driving": FIRST.astype(str)}, "`driving` must hold numbers"),
@@ -146,23 +138,10 @@ def spoiled(values, row, value):
         ({"driving": FIRST // 500}, "`driving`", "standstill"),
         ({"direction": spoiled(FIRST * 0, 8, 2)}, "sample 8", "2 is not a direction"),
         ({"driven": None, "transmission_error": np.zeros(2000)}, "transmission_error", "constant"),
-        (
-            {"driven": None, "transmission_error": TIME, "pair": spec(driven_scale=2)},
-            "log.driven_scale",
-            "remove this scale",
-        ),
+        ({**CURVE, "pair": spec(driven_scale=2)}, "log.driven_scale", "remove this scale"),
     ],
 )
 def test_bad_data(options, where, words):
     with pytest.raises(LogError) as caught:
         from_arrays(**options)
     assert where in caught.value.where and words in caught.value.message, caught.value
-
-
-def test_play_is_seen_in_the_error():
-    _, angle, _ = trapezoid(rate=500.0, reversal=720.0)
-    driven, flank = geared(angle, first=0.0, driven=0.0)
-    log = from_arrays(np.arange(len(angle)) / 500.0, counts(angle), counts(driven))
-    error = log.transmission_error / DEG
-    gap = error[flank == -1].mean() - error[flank == 1].mean()
-    assert gap == pytest.approx(0.04, abs=0.001)

@@ -9,11 +9,7 @@ from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from tests.schemas import load_schema
 from vttig_jax.base.files.json_io import dumps
 from vttig_jax.cli.main import main
-from vttig_jax.logs.checks.sampling import (
-    SpeedPlateau,
-    aliased,
-    order_spectrum,
-)
+from vttig_jax.logs.checks.sampling import SpeedPlateau, aliased, order_spectrum
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.motion.segments import find_segments
@@ -71,15 +67,12 @@ def test_spectrum_finds_the_eccentricities(report):
     assert len(size) == 32
 
 
-def test_short_logs_tell_fewer_orders_apart():
+def test_short_logs_tell_fewer_orders_apart_or_none_of_a_shaft():
     log = rig(reversal=1000.0)
     lines, notes = order_spectrum(log, find_segments(log).segments)
     assert 0 < max(line.order for line in lines) < 8
     assert "only orders 1 to" in notes[0]
-
-
-def test_shafts_that_turned_less_than_once_have_no_spectrum():
-    log = rig(reversal=540.0)
+    log = rig(reversal=540.0)  # the driven shaft turns less than once
     lines, _ = order_spectrum(log, find_segments(log).segments)
     assert {line.shaft for line in lines} == {"driving"}
     assert order_spectrum(log, ()) == ((), ())
@@ -87,9 +80,8 @@ def test_shafts_that_turned_less_than_once_have_no_spectrum():
 
 def test_orders_shared_by_both_shafts_are_listed_once():
     time, angle, _ = trapezoid(rate=500.0)
-    log = EncoderLog.from_arrays(
-        time, angle, 0.5 * angle + 0.01 * np.sin(angle), pair=drive("1/2"), unit="deg"
-    )
+    driven = 0.5 * angle + 0.01 * np.sin(angle)
+    log = EncoderLog.from_arrays(time, angle, driven, pair=drive("1/2"), unit="deg")
     lines, _ = order_spectrum(log, find_segments(log).segments)
     named = {(line.shaft, line.order) for line in lines}
     assert ("driving", 1) in named and ("driven", 1) in named and ("driven", 2) not in named
@@ -97,9 +89,8 @@ def test_orders_shared_by_both_shafts_are_listed_once():
 
 def test_commensurate_sampling_is_told():
     frozen = inspect_log(rig(rate=500.0, ripple=0.0))
-    assert [(c.shaft, round(c.counts_per_sample)) for c in frozen.commensurate] == [
-        ("driving", 180)
-    ]
+    (one,) = frozen.commensurate
+    assert (one.shaft, round(one.counts_per_sample)) == ("driving", 180)
     assert "a whole number" in flat(frozen)
     free = inspect_log(rig(rate=501.3, ripple=0.0))
     assert free.commensurate == () and "a whole number" not in flat(free)
@@ -160,12 +151,12 @@ def test_curve_logs():
 
 
 def test_measured_worm(data_dir):
-    log = read_log(data_dir / "worm_mount" / "ap_gt1100.csv", drive("1/225"))
-    found = inspect_log(log)
+    found = inspect_log(read_log(data_dir / "worm_mount" / "ap_gt1100.csv", drive("1/225")))
     checked(found)
     size = {s.order: s.amplitude_arcsec for s in found.spectrum}
     assert size[1] == pytest.approx(3.78, abs=0.1) and size[2] == pytest.approx(0.38, abs=0.1)
     assert found.columns[1].resolution_arcsec == pytest.approx(0.036)
+    assert found.columns[1].turns == pytest.approx(5.694, abs=1e-3)
 
 
 def test_what_spoils_a_fit_is_noted_first(report):

@@ -32,6 +32,10 @@ def test_a_log_keeps_its_file(path):
     assert log.driving.reading.dtype == np.int64
     again = read_log(path, log.spec or spec(), **log.keywords)
     np.testing.assert_array_equal(again.driven_angle, log.driven_angle)
+    known = read_log(path, ratio="16:9", counts=90_000)
+    assert known.spec is not None and known.spec.driving.encoder.counts_per_rev == 90_000
+    again = read_log(path, known.spec)
+    np.testing.assert_array_equal(again.driving.reading, known.driving.reading)
 
 
 @pytest.mark.slow
@@ -60,13 +64,6 @@ def test_a_long_log_takes_little_more_memory_than_its_text_and_columns(tmp_path,
         if peak < most:
             break
     assert len(log) == count and peak < most
-
-
-def test_a_recognised_log_is_read_again_with_its_spec(path):
-    log = read_log(path, ratio="16:9", counts=90_000)
-    assert log.spec is not None and log.spec.driving.encoder.counts_per_rev == 90_000
-    again = read_log(path, log.spec)
-    np.testing.assert_array_equal(again.driving.reading, log.driving.reading)
 
 
 @pytest.mark.parametrize("late_s", [1.37e-4, 1.7e-3])
@@ -152,11 +149,6 @@ def test_calibration_table_of_an_encoder(data_dir):
     found = -log.transmission_error / DEG
     assert 2 * abs(np.mean((found - found.mean()) * wave)) == pytest.approx(first, rel=1e-9)
     assert 0.008 < first < 0.47
-
-
-def test_a_measured_worm(data_dir):
-    worm = read_log(data_dir / "worm_mount" / "ap_gt1100.csv", drive("1/225"))
-    assert len(worm) == 666 and worm.driving.turns == pytest.approx(5.694, abs=1e-3)
 
 
 def test_rows_that_are_left_out_are_as_if_they_were_not_there(tmp_path):

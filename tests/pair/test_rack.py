@@ -9,30 +9,24 @@ from scipy.optimize import bisect
 
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.tooth import tooth_of
-from vttig_jax.pair.gear_pair import GearPair, Rack, pair_from_spec, spec_of
-from vttig_jax.pair.pair_file import parse_pair_spec, spec_table
-from vttig_jax.pair.schema import RackTable
+from vttig_jax.pair.gear_pair import GearPair, pair_from_spec, spec_of
+from vttig_jax.pair.pair_file import parse_pair_spec
 
 
 def pair_of(
-    rack: dict | None = None, *, driving: dict | None = None, driven: dict | None = None, **pair
+    rack: dict | None = None, driving: dict | None = None, driven: dict | None = None, **pair
 ) -> GearPair:
     width = {"face_width_mm": 20.0}
+    size = {} if "normal_module_mm" in pair else {"module_mm": 2.0}
     table = {
-        "pair": {"module_mm": 2.0, "pressure_angle_deg": 20.0, **pair},
+        "pair": {**size, "pressure_angle_deg": 20.0, **pair},
         "driving": {"teeth": 45, **width, **(driving or {})},
         "driven": {"teeth": 80, **width, **(driven or {})},
         "rack": rack or {},
     }
-    if "normal_module_mm" in pair:
-        del table["pair"]["module_mm"]
     found = pair_from_spec(parse_pair_spec(table))
     assert isinstance(found, GearPair)
     return found
-
-
-def test_the_usual_rack():
-    assert parse_pair_spec(spec_table(spec_of(pair_of()))).rack == RackTable()
 
 
 USUAL = 1 - math.sin(math.radians(20))
@@ -109,20 +103,15 @@ def test_depths_and_shifts_count_in_normal_modules_where_that_is_given(normal):
 def test_a_pair_with_a_normal_module_goes_back_to_a_file_of_the_same_gears(normal):
     again = pair_from_spec(spec_of(normal))
     assert isinstance(again, GearPair)
-    np.testing.assert_allclose(again.tip_radii, normal.tip_radii, rtol=1e-14)
-    np.testing.assert_allclose(again.root_radii, normal.root_radii, rtol=1e-14)
-    for shaft in ("driving", "driven"):
-        one, other = tooth_of(normal, shaft), tooth_of(again, shaft)
-        assert other.fillet_radius_mm == pytest.approx(one.fillet_radius_mm, rel=1e-14)
-        assert other.profile_shift_mm == pytest.approx(one.profile_shift_mm, rel=1e-14)
-        z = np.array([-3.0, 4.0])
-        np.testing.assert_allclose(other.recessions(z), one.recessions(z), rtol=1e-13)
 
+    def sizes(pair: GearPair) -> list[Any]:
+        teeth = [tooth_of(pair, shaft) for shaft in ("driving", "driven")]
+        numbers = [(tooth.fillet_radius_mm, tooth.profile_shift_mm) for tooth in teeth]
+        bent = [tooth.recessions(np.array([-3.0, 4.0])) for tooth in teeth]
+        return [pair.tip_radii, pair.root_radii, np.array(numbers), *bent]
 
-def test_a_rack_is_numpy_doubles():
-    rack = Rack(1.0, 0.25)
-    assert rack.tip_radius is None and rack.depth_ratio == 1.0
-    assert all(isinstance(value, np.ndarray) for value in (rack.addendum, rack.clearance))
+    for found, wanted in zip(sizes(again), sizes(normal), strict=True):
+        np.testing.assert_allclose(found, wanted, rtol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,9 @@ def test_the_contracts_example(write):
     assert spec.fit == HarmonicOrders()
     assert spec.fit.driving_orders == spec.fit.driven_orders == (1, 2, 3, 4, 5, 6, 7, 8)
     assert spec.drive is None and spec.unit == UnitTable()
+    assert spec.rack == RackTable(addendum=1.0, clearance=0.25, tip_radius=None)
+    assert spec.driving.stated is None and "stated" not in str(spec_table(spec))
+    assert (spec.driving.profile_shift, spec.driven.crowning_um) == (0.0, 0.0)
     assert spec.ratio == Fraction(9, 16)
     assert encoder.sign == 1 and encoder.modulus is None
 
@@ -89,13 +92,6 @@ def test_a_spec_goes_back_to_the_table_it_came_from(text):
         if name in read.get(section, {}):
             read[section][name] = tuple(read[section][name])
     assert stated_table(spec) == read
-
-
-def test_defaults_of_the_teeth(write):
-    plain = load_pair_spec(write(CONTRACT))
-    assert plain.rack == RackTable(addendum=1.0, clearance=0.25, tip_radius=None)
-    assert plain.driving.stated is None and "stated" not in str(spec_table(plain))
-    assert (plain.driving.profile_shift, plain.driven.crowning_um) == (0.0, 0.0)
 
 
 def test_a_written_pair_file_has_no_defaults():

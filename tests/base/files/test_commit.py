@@ -55,18 +55,6 @@ def test_an_overwrite_is_old_or_new_at_every_moment(old, tmp_path):
     assert contents(old) == {name: text.encode() for name, text in NEW.items()}
 
 
-def test_the_check_of_states_sees_a_mixture(old, tmp_path, monkeypatch):
-    """Without the record of the stage, as before, a kill leaves files of both."""
-    monkeypatch.setattr(commit, "_read_record", lambda stage: None)
-    with recorded(old, tmp_path / "states") as states:
-        write(old, NEW, overwrite=True)
-    found = []
-    for state in states:
-        commit.settle_if_free(state)
-        found.append(visible(state))
-    assert any(now not in (OLD | FOLLOWING, NEW) for now in found)
-
-
 def test_a_new_run_stands_or_is_written_again_without_overwrite(tmp_path):
     folder = tmp_path / "run"
     with recorded(folder, tmp_path / "states") as states:

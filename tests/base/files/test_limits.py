@@ -11,12 +11,14 @@ from vttig_jax.base.files import limits
 from vttig_jax.base.files.limits import MemoryBudget, most_memory, read_regular
 
 
-def test_a_regular_file_is_read_whole(tmp_path):
+def test_a_regular_file_is_read_whole_and_others_are_refused(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(bytes(range(256)) * 100)
-    assert read_regular(path) == path.read_bytes()
     (tmp_path / "link").symlink_to(path)
-    assert read_regular(tmp_path / "link") == path.read_bytes()
+    assert read_regular(path) == read_regular(tmp_path / "link") == path.read_bytes()
+    for other, error in ((tmp_path, IsADirectoryError), (tmp_path / "none", FileNotFoundError)):
+        with pytest.raises(error):
+            read_regular(other)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in the file system")
@@ -36,13 +38,6 @@ def test_what_has_no_end_is_refused_at_once(tmp_path):
     thread.join(10.0)
     assert len(found) == 3
     assert found[:2] == ["it is a device or a pipe and no regular file"] * 2
-
-
-def test_a_folder_and_a_missing_file(tmp_path):
-    with pytest.raises(IsADirectoryError):
-        read_regular(tmp_path)
-    with pytest.raises(FileNotFoundError):
-        read_regular(tmp_path / "none")
 
 
 def test_a_file_beyond_the_limit_is_not_read(tmp_path, monkeypatch):

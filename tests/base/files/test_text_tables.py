@@ -25,25 +25,16 @@ def test_wrong_alignments_are_refused(align):
         text_table([], ["a", "b", "c"], align=align)
 
 
-def test_digits_stay_as_they_were_written():
+def test_digits_stay_as_they_were_written_and_no_line_ends_in_a_space():
     assert "1.500e-05" in text_table([("1.500e-05",)], ["x"])
     assert "007" in key_values([("number", "007")])
-
-
-def test_no_rows_leave_the_headers():
     assert text_table([], ["gear", ("e", "mm")]) == "gear  e [mm]"
-
-
-def test_no_line_ends_in_a_space():
     table = text_table([("a", ""), ("b", "text")], ["x", "y"], align="ll")
-    assert [line for line in table.splitlines() if line != line.rstrip()] == []
+    assert all(line == line.rstrip() for line in table.splitlines())
 
 
 def test_key_values_indent_below_a_title():
     pairs = [("teeth", "45 / 80"), ("contact ratio", None)]
     assert key_values(pairs) == "teeth          45 / 80\ncontact ratio  –"
     assert key_values(pairs, title="pair") == "pair\n  teeth          45 / 80\n  contact ratio  –"
-
-
-def test_no_pairs_leave_the_title():
     assert key_values([], title="pair") == "pair"

@@ -5,10 +5,18 @@ from typing import Annotated, Literal
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec import Meta
+from msgspec import NODEFAULT, Meta
 
 from vttig_jax.base.errors import InputError, LogError
-from vttig_jax.base.files.toml_io import Table, TomlFile, did_you_mean, key, plain_table, value_keys
+from vttig_jax.base.files.toml_io import (
+    Table,
+    TomlFile,
+    did_you_mean,
+    key,
+    keys,
+    plain_table,
+    value_keys,
+)
 
 pytestmark = pytest.mark.smoke
 
@@ -39,42 +47,38 @@ RECIPE = TomlFile(
 )
 
 
-def test_what_is_wrong_is_a_sentence_and_a_key():
-    for table, where, message in (
-        ({"ofen": {}}, "ofen", "unknown key `ofen`; did you mean `oven`?"),
-        ({"xyz": 1}, "xyz", "unknown key `xyz`; known keys here: name, oven, steps, spare."),
-        (
-            {"oven": {"heat_degC": 1, "fun": 1}},
-            "oven.fun",
-            "unknown key `fun`; did you mean `fan`?",
-        ),
-        (
-            {"oven": {"fan": "on"}},
-            "oven",
-            "table missing required field heat_degC; write for example heat_degC = 180.0.",
-        ),
-        ({"steps": [{}]}, "steps[0]", "table missing required field minutes, but it is {}."),
-        (
-            {"oven": {"heat_degC": 1.0, "fan": "maybe"}},
-            "oven.fan",
-            "expected 'off' or 'on', but it is 'maybe'.",
-        ),
-        ({"oven": {"heat_degC": 0}}, "oven.heat_degC", "expected a number > 0.0, but it is 0."),
-        (
-            {"oven": {"heat_degC": 1, "shelf": "top"}},
-            "oven.shelf",
-            "expected a whole number, but it is 'top'.",
-        ),
-        (
-            {"steps": [{"minutes": 1}, {"minutes": 2, "minute": 1}]},
-            "steps[1].minute",
-            "unknown key `minute`; did you mean `minutes`?",
-        ),
-        ({"oven": 3}, "oven", "expected a table, but it is 3."),
-    ):
-        with pytest.raises(RecipeError) as caught:
-            RECIPE.convert(table, Recipe)
-        assert (caught.value.where, caught.value.message) == (where, message)
+def refused(table: dict) -> tuple[str, str]:
+    with pytest.raises(RecipeError) as caught:
+        RECIPE.convert(table, Recipe)
+    return caught.value.where, caught.value.message
+
+
+WRONG = [
+    ({"ofen": {}}, "ofen", "unknown key `ofen`; did you mean `oven`?"),
+    ({"xyz": 1}, "xyz", "unknown key `xyz`; known keys here: name, oven, steps, spare."),
+    ({"oven": {"heat_degC": 1, "fun": 1}}, "oven.fun", "unknown key `fun`; did you mean `fan`?"),
+    ({"oven": {"fan": "on"}}, "oven",
+     "table missing required field heat_degC; write for example heat_degC = 180.0."),
+    ({"steps": [{}]}, "steps[0]", "table missing required field minutes, but it is {}."),
+    ({"oven": {"heat_degC": 1.0, "fan": "maybe"}}, "oven.fan",
+     "expected 'off' or 'on', but it is 'maybe'."),
+    ({"oven": {"heat_degC": 0}}, "oven.heat_degC", "expected a number > 0.0, but it is 0."),
+    ({"oven": {"heat_degC": 1, "shelf": "top"}}, "oven.shelf",
+     "expected a whole number, but it is 'top'."),
+    ({"steps": [{"minutes": 1}, {"minutes": 2, "minute": 1}]}, "steps[1].minute",
+     "unknown key `minute`; did you mean `minutes`?"),
+    ({"oven": 3}, "oven", "expected a table, but it is 3."),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("table", "where", "message"), WRONG)
+def test_what_is_wrong_is_a_sentence_and_a_key(table, where, message):
+    assert refused(table) == (where, message)
+
+
+def test_long_values_are_cut():
+    _, message = refused({"oven": {"heat_degC": "x" * 10_000}})
+    assert len(message) < 200 and "xxx...xxx" in message
 
 
 def test_a_good_table_is_the_struct():
@@ -88,30 +92,23 @@ def test_a_good_table_is_the_struct():
 def test_a_value_inside_a_file_names_its_own_key():
     kind = next(one.kind for one in value_keys(Recipe) if one.name == "oven.heat_degC")
     assert RECIPE.convert(7, kind, "list[2]") == 7.0
-    with pytest.raises(RecipeError) as caught:
-        RECIPE.convert(700, kind, "list[2]")
-    assert caught.value.where == "list[2]"
-    with pytest.raises(RecipeError) as caught:
-        RECIPE.convert({"heat_degC": "hot"}, Oven, "ovens")
-    assert caught.value.where == "ovens.heat_degC"
-
-
-def test_the_file_stands_before_the_key():
-    for source, where, whole in (
-        ("f", "k", "f: k"),
-        ("", "k", "k"),
-        ("f", "", "f"),
-        ("", "", ""),
+    for value, struct, place, where in (
+        (700, kind, "list[2]", "list[2]"),
+        ({"heat_degC": "hot"}, Oven, "ovens", "ovens.heat_degC"),
     ):
+        with pytest.raises(RecipeError) as caught:
+            RECIPE.convert(value, struct, place)
+        assert caught.value.where == where
+
+
+def test_the_file_stands_before_the_key_of_its_own_errors():
+    for source, where, whole in (("f", "k", "f: k"), ("", "k", "k"), ("f", "", "f"), ("", "", "")):
         with pytest.raises(RecipeError) as caught, RECIPE.error_context(source):
             raise RecipeError("burnt.", where=where)
         assert (caught.value.where, caught.value.message) == (whole, "burnt.")
-
-
-def test_errors_of_another_kind_are_left_alone():
-    with pytest.raises(LogError) as caught, RECIPE.error_context("f"):
+    with pytest.raises(LogError) as other, RECIPE.error_context("f"):
         raise LogError("no log.", where="k")
-    assert caught.value.where == "k"
+    assert other.value.where == "k"
 
 
 def test_what_is_no_toml_is_refused(tmp_path):
@@ -142,12 +139,6 @@ def test_a_good_file_is_read(tmp_path):
     assert RECIPE.read(path) == {"name": "café"}
 
 
-def test_long_values_are_cut():
-    with pytest.raises(RecipeError) as caught:
-        RECIPE.convert({"oven": {"heat_degC": "x" * 10_000}}, Recipe)
-    assert len(caught.value.message) < 200 and "xxx...xxx" in caught.value.message
-
-
 leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
 names = st.sampled_from(["name", "oven", "steps", "fan", "heat_degC", "` - at `$.b"]) | st.text()
 anything = st.recursive(
@@ -169,3 +160,24 @@ def test_any_table_is_a_struct_or_our_error(table):
 def test_the_closest_name_is_proposed():
     assert did_you_mean("ofen", ["oven", "name"], "no.") == "did you mean `oven`?"
     assert did_you_mean("zzz", ["oven", "name"], "no.") == "no."
+
+
+def test_keys_of_a_struct():
+    name, oven, steps, spare = keys(Recipe)
+    assert [one.name for one in (name, oven, steps, spare)] == ["name", "oven", "steps", "spare"]
+    assert [one.table for one in (name, oven, steps, spare)] == [None, Oven, None, Oven]
+    assert (name.default, name.unit, name.meaning) == ("", "", "of the dish")
+    assert (oven.default, oven.meaning, oven.required) == (None, "the oven", False)
+
+
+def test_keys_that_hold_values():
+    found = {one.name: one for one in value_keys(Recipe)}
+    assert list(found) == [
+        *("name", "oven.heat_degC", "oven.fan", "oven.shelf"),
+        *("steps", "spare.heat_degC", "spare.fan", "spare.shelf"),
+    ]
+    heat, shelf = found["oven.heat_degC"], found["oven.shelf"]
+    assert (heat.default, heat.required, heat.examples) == (NODEFAULT, True, (180.0,))
+    assert (heat.unit, heat.types) == ("degC", (float,))
+    assert (shelf.default, shelf.unit, shelf.meaning) == (None, "1", "from below")
+    assert shelf.types == (int, type(None))

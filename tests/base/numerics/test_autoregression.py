@@ -43,13 +43,9 @@ def test_white_noise_asks_for_no_order():
     assert np.mean(np.array(orders) > 0) < 0.05
 
 
-@pytest.mark.parametrize("rows", [50, 5000])
-def test_more_rows_carry_a_weaker_correlation(rows):
+def test_more_rows_carry_a_weaker_correlation():
     weak = np.array([1.0, 0.15, 0.0225])
-    assert len(whitening_filter(weak, rows)) == (1 if rows == 50 else 2)
-
-
-def test_nothing_to_whiten():
+    assert [len(whitening_filter(weak, rows)) for rows in (50, 5000)] == [1, 2]
     np.testing.assert_array_equal(whitening_filter(np.zeros(5), 100), [1.0])
 
 

@@ -26,10 +26,6 @@ def test_everything_else_is_rounded_as_usual(whole, share):
     assert whole_below(whole + share) == whole
 
 
-def test_floats_would_decide_otherwise():
-    assert math.floor(0.3 / 0.1) == 2 and math.ceil(3 * 0.1 / 0.1) == 4
-
-
 @given(st.integers(1, 2**26))
 def test_smooth_lengths_are_those_of_scipy(least):
     assert next_smooth(least) == next_fast_len(least, real=True)

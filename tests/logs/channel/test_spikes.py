@@ -3,16 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.logs.profiles import counts, geared, trapezoid
+from tests.logs.profiles import counts, geared, late, trapezoid
 from vttig_jax.logs.channel.speed import smooth_speed, spikes, without_spikes
-
-
-def late(time, angle, seed=0, share=0.1):
-    """`angle` with a share of readings 3 to 11 ms late, and which they are."""
-    generator = np.random.default_rng(seed)
-    which = generator.random(len(time)) < share
-    back = np.interp(time - generator.uniform(0.003, 0.011, len(time)), time, angle)
-    return np.where(which, back, angle), which
 
 
 @pytest.mark.parametrize("rate", [200.0, 500.0, 1987.0])

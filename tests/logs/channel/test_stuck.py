@@ -34,34 +34,28 @@ def test_stuck(dither):
         assert abs(start - 900) <= 5
 
 
-def _wide_gap(first_deg: float = 0.0) -> EncoderLog:
-    """A tendon of 1:1 that crosses 30° after each reversal; friction holds it at first."""
+def tendon(first_deg=0.0):
+    """Time, and angles of a tendon of 1:1 that crosses 30° after each reversal.
+
+    Friction holds it for the first degrees.
+    """
     time = np.arange(6000) / 500
     driving = 60 * np.sin(time)
-    driven = played(driving - first_deg, 30.0 + first_deg)
-    return EncoderLog.from_arrays(time, driving, driven, pair=drive("1/1"), unit="deg")
+    return time, driving, played(driving - first_deg, 30.0 + first_deg)
 
 
-@pytest.mark.parametrize("first_deg", [0.0, 2.0])
-def test_a_standstill_behind_every_reversal_is_a_gap(first_deg):
-    assert len(_wide_gap(first_deg)) == 6000
-
-
-def test_a_standstill_from_a_reversal_to_the_end_is_none():
-    log = _wide_gap()
-    turn = int(np.argmax(np.degrees(log.driving_angle[:1000])))
-    driven = np.degrees(log.driven_angle)[:1200]
-    driven[turn:] = driven[turn]
-    driving, time = np.degrees(log.driving_angle)[:1200], log.time[:1200]
-    with pytest.raises(LogError, match="the driven channel stands still"):
-        EncoderLog.from_arrays(time, driving, driven, pair=drive("1/1"), unit="deg")
-
-
-def test_a_driving_shaft_that_stands_still_behind_a_reversal_is_stuck():
-    log = _wide_gap()
-    driving, driven = np.degrees(log.driven_angle), np.degrees(log.driving_angle)
+def test_a_standstill_behind_every_reversal_is_a_gap_and_others_are_none():
+    pair = drive("1/1")
+    for first_deg in (0.0, 2.0):
+        assert len(EncoderLog.from_arrays(*tendon(first_deg), pair=pair, unit="deg")) == 6000
+    time, driving, driven = tendon()
     with pytest.raises(LogError, match="the driving channel stands still"):
-        EncoderLog.from_arrays(log.time, driving, driven, pair=drive("1/1"), unit="deg")
+        EncoderLog.from_arrays(time, driven, driving, pair=pair, unit="deg")
+    turn = int(np.argmax(driving[:1000]))
+    driven[turn:] = driven[turn]
+    shown = (column[:1200] for column in (time, driving, driven))
+    with pytest.raises(LogError, match="the driven channel stands still"):
+        EncoderLog.from_arrays(*shown, pair=pair, unit="deg")
 
 
 def test_saturated():
@@ -70,12 +64,8 @@ def test_saturated():
     assert len(log(second=np.minimum(SECOND, SECOND.max() - 500))) == len(TIME)
 
 
-def test_a_wrong_ratio_is_no_standstill():
-    assert len(log(second=SECOND // 60)) == len(TIME)
+def test_a_wrong_ratio_and_a_coarse_encoder_are_no_standstill():
+    coarse = spec(driven_encoder={"counts_per_rev": 36})
+    assert len(log(second=SECOND // 60)) == len(log(second=SECOND // 2500, pair=coarse))
     worm = EncoderLog.from_arrays(TIME, ANGLE, ANGLE / 225, pair=drive("1/225"), unit="deg")
     assert len(worm) == len(TIME)
-
-
-def test_a_coarse_encoder_is_no_standstill():
-    pair = spec(driven_encoder={"counts_per_rev": 36})
-    assert len(log(second=SECOND // 2500, pair=pair)) == len(TIME)

@@ -5,16 +5,9 @@ import pytest
 
 from tests.logs.profiles import counts, drive, geared, spec, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.checks.ratio import (
-    APART,
-    DEVIATIONS,
-    SHIFT_TURNS,
-    check_ratio,
-    seen_ratio,
-)
+from vttig_jax.logs.checks.ratio import APART, DEVIATIONS, SHIFT_TURNS, check_ratio, seen_ratio
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.slope import better_fraction, slope
-from vttig_jax.pair.pair_file import parse_pair_spec
 
 TIME, ANGLE, _ = trapezoid(rate=400.0, reversal=1800.0)
 WHEEL, _ = geared(ANGLE, noise=0.001)
@@ -22,6 +15,11 @@ WHEEL, _ = geared(ANGLE, noise=0.001)
 
 def log(driving=ANGLE, driven=WHEEL, pair=None):
     return EncoderLog.from_arrays(TIME, counts(driving), counts(driven), pair=pair or spec())
+
+
+def of_angles(driving, driven, ratio="9/16", unit="rad", time=None):
+    time = np.arange(len(driving)) / 100.0 if time is None else time
+    return EncoderLog.from_arrays(time, driving, driven, pair=drive(ratio), unit=unit)
 
 
 def test_right_ratio():
@@ -61,18 +59,14 @@ def test_half_a_percent_is_never_doubted():
 @pytest.mark.parametrize("order", [1.0, 0.5625])
 def test_an_eccentricity_over_few_turns_is_no_wrong_ratio(turns, order):
     """A huge eccentricity puts the slope off by per cents; a wrong tooth count is still seen."""
-    time = np.arange(400) / 100.0
     angle = np.linspace(0, 2 * np.pi * turns, 400)
     off = []
     for phase in np.linspace(0, 2 * np.pi, 8):
         driven = 0.5625 * angle + 0.015 * np.sin(order * angle + phase)
-        made = EncoderLog.from_arrays(time, angle, driven, pair=spec(), unit="rad")
-        ratio = seen_ratio(made)
+        ratio = seen_ratio(of_angles(angle, driven))
         assert ratio.verdict == "agrees" and ratio.seen is not None
         off.append(abs(ratio.seen / 0.5625 - 1))
-        teeth = spec(driven_teeth=60)
-        wrong = EncoderLog.from_arrays(time, angle, driven, pair=teeth, unit="rad")
-        assert seen_ratio(wrong).verdict == "differs"
+        assert seen_ratio(of_angles(angle, driven, "45/60")).verdict == "differs"
     assert max(off) > 0.005 or turns > 1
 
 
@@ -84,8 +78,7 @@ def test_a_ratio_that_is_fitted_on_few_turns_is_refused_later(turns, off, verdic
     """Over 1.7 driven turns 0.8 % turn the driven order by 5°, over 20 turns by 58°."""
     angle = np.linspace(0, 2 * np.pi * turns / 0.5625, 4000)
     driven = 0.5625 * off * angle + 1e-6 * np.sin(40.3 * angle)
-    made = EncoderLog.from_arrays(angle, angle, driven, pair=spec(), unit="rad")
-    assert seen_ratio(made).verdict == verdict
+    assert seen_ratio(of_angles(angle, driven, time=angle)).verdict == verdict
 
 
 def test_the_tolerance_begins_where_the_slope_is_uncertain():
@@ -94,13 +87,11 @@ def test_the_tolerance_begins_where_the_slope_is_uncertain():
     beyond = []
     for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
         driven = 0.5625 * 1.0085 * angle + 0.008 * np.sin(0.5625 * angle + phase)
-        made = EncoderLog.from_arrays(angle, angle, driven, pair=spec(), unit="rad")
-        ratio = seen_ratio(made)
+        ratio = seen_ratio(of_angles(angle, driven, time=angle))
         assert ratio.verdict == "agrees" and ratio.seen and ratio.std
         off = abs(ratio.seen / 0.5625 - 1)
         beyond.append(off > SHIFT_TURNS / 1.7 and off > DEVIATIONS * ratio.std / 0.5625)
-        wrong = EncoderLog.from_arrays(angle, angle, 1.03 * driven, pair=spec(), unit="rad")
-        assert seen_ratio(wrong).verdict == "differs"
+        assert seen_ratio(of_angles(angle, 1.03 * driven, time=angle)).verdict == "differs"
     assert any(beyond)
 
 
@@ -122,39 +113,35 @@ def test_curve_has_no_ratio():
     assert ratio.seen is None and ratio.verdict == "none" and "no ratio to check" in ratio.sentence
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_gap_that_is_large_beside_the_travel_is_no_reason_to_refuse(turned):
-    time = np.arange(2000) / 100.0
-    driving = 400 * (1 - np.cos(0.314 * time))
-    crossed = 0.5 - 0.5 * np.tanh(8 * np.sin(0.314 * time))  # the teeth cross the gap in 0.5 s
-    pair = parse_pair_spec({"drive": {"ratio": "1/4000"}})
-    log = EncoderLog.from_arrays(
-        time, driving, driving / 4000 + 0.03 * crossed, pair=pair, unit="deg"
-    )
-    residual = log.driven_angle - slope(log.driving_angle, log.driven_angle)[0] * log.driving_angle
-    assert np.std(residual) > APART * np.ptp(log.driven_angle)
-    if not turned:
-        check_ratio(log)
+LONG = np.arange(2000) / 100.0
+ROCKED, WAVE = 400 * (1 - np.cos(0.314 * LONG)), 400 * np.sin(0.9 * LONG)
+CROSSED = 0.5 - 0.5 * np.tanh(8 * np.sin(0.314 * LONG))  # the teeth cross the gap in 0.5 s
+
+
+@pytest.mark.parametrize(
+    ("driving", "driven", "ratio", "together"),
+    [
+        (ROCKED, ROCKED / 4000 + 0.03 * CROSSED, "1/4000", True),
+        # The same scatter that does not follow the direction of motion.
+        (ROCKED, ROCKED / 4000 + 0.03 * np.tanh(8 * np.sin(1.7 * LONG)), "1/4000", False),
+        (WAVE, WAVE / 10 + 0.3 * np.sin(0.1 * WAVE), "1/10", True),
+        # Two shafts of different axes: no ratio is right, so none can be called wrong.
+        (WAVE, 30 * np.sin(1.7 * LONG + 1.0), "1/10", False),
+    ],
+)
+def test_channels_that_do_not_turn_together_are_refused(driving, driven, ratio, together):
+    """A gap that is large beside the travel is no reason to refuse."""
+    made = of_angles(driving, driven, ratio, "deg")
+    if ratio == "1/4000" and together:
+        residual = made.driven_angle - slope(made.driving_angle, made.driven_angle)[0] * (
+            made.driving_angle
+        )
+        assert np.std(residual) > APART * np.ptp(made.driven_angle)
+    if together:
+        assert check_ratio(made).verdict == "agrees"
         return
-    # The same scatter that does not follow the direction of motion is refused.
-    stray = 0.03 * np.tanh(8 * np.sin(1.7 * time))
-    apart = EncoderLog.from_arrays(time, driving, driving / 4000 + stray, pair=pair, unit="deg")
     with pytest.raises(LogError, match="do not turn together"):
-        check_ratio(apart)
-
-
-def test_channels_that_do_not_turn_together_are_refused():
-    """Two shafts of different axes: no ratio is right, so none can be called wrong."""
-    time = np.arange(2000) / 100.0
-    driving, other = 400 * np.sin(0.9 * time), 30 * np.sin(1.7 * time + 1.0)
-    pair = parse_pair_spec({"drive": {"ratio": "1/10"}})
-    apart = EncoderLog.from_arrays(time, driving, other, pair=pair, unit="deg")
-    with pytest.raises(LogError, match="do not turn together"):
-        check_ratio(apart)
-    together = EncoderLog.from_arrays(
-        time, driving, driving / 10 + 0.3 * np.sin(0.1 * driving), pair=pair, unit="deg"
-    )
-    assert check_ratio(together).verdict == "agrees"
+        check_ratio(made)
 
 
 @pytest.mark.parametrize(
@@ -173,18 +160,13 @@ def test_a_fraction_is_named_that_fits_better(given, seen, std, better):
 
 
 def test_the_better_fraction_is_said():
-    pair = drive("0.3594")
-    found = check_ratio(EncoderLog.from_arrays(TIME, ANGLE, 23 / 64 * ANGLE, pair=pair, unit="deg"))
+    found = check_ratio(of_angles(ANGLE, 23 / 64 * ANGLE, "0.3594", "deg", TIME))
     assert found.verdict == "agrees" and found.better == Fraction(23, 64)
     assert "23/64 fits, so write that" in found.sentence
 
 
-def test_a_rounded_inverse_is_answered_with_the_fraction_of_the_log():
+@pytest.mark.parametrize("given", ["1.7778", "16/9"])
+def test_an_inverse_is_answered_with_the_fraction_of_the_log(given):
     """16/9 given as 1.7778 for a log of 9/16: the inverse of 1.7778 would be a wrong ratio."""
-    pair = parse_pair_spec({"drive": {"ratio": "1.7778"}})
-    made = EncoderLog.from_arrays(TIME, ANGLE, WHEEL, pair=pair, unit="deg")
-    ratio = seen_ratio(made)
+    ratio = seen_ratio(of_angles(ANGLE, WHEEL, given, "deg", TIME))
     assert ratio.verdict == "swapped" and "--ratio 16:9 (in the pair file 9/16)" in ratio.sentence
-    teeth = parse_pair_spec({"drive": {"ratio": "16/9"}})
-    exact = EncoderLog.from_arrays(TIME, ANGLE, WHEEL, pair=teeth, unit="deg")
-    assert "--ratio 16:9 (in the pair file 9/16)" in seen_ratio(exact).sentence

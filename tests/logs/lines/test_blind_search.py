@@ -26,21 +26,14 @@ def _log(amplitude_arcsec: float, *, delay_s: float = 0.0, drift_arcsec: float =
     return EncoderLog.from_arrays(time, driving, driven, pair=DRIVE, unit="deg")
 
 
-def test_a_line_is_found_beside_delay_and_drift():
+def test_a_line_is_found_beside_delay_and_drift_which_are_none():
     log = _log(4.0, delay_s=2e-3, drift_arcsec=50.0)
     [line] = blind_lines(log, find_segments(log).segments)
     assert line.cycles_per_rev == pytest.approx(2.37, abs=0.01)
     assert line.amplitude_arcsec == pytest.approx(4.0, abs=0.5)
     assert line.false_alarm < 1e-9
-
-
-def test_delay_and_drift_alone_are_no_line():
-    log = _log(0.0, delay_s=2e-3, drift_arcsec=50.0)
-    assert blind_lines(log, find_segments(log).segments) == ()
-
-
-def test_nothing_certain_shows_nothing():
-    assert blind_lines(_log(4.0), ()) == ()
+    without = _log(0.0, delay_s=2e-3, drift_arcsec=50.0)
+    assert blind_lines(without, find_segments(without).segments) == blind_lines(log, ()) == ()
 
 
 def test_the_report_names_the_line():

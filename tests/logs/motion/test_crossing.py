@@ -17,27 +17,27 @@ from vttig_jax.logs.motion.segments import AFTER_REVERSAL, find_segments
 from vttig_jax.pair.gear_pair import pair_from_spec
 
 RATIO = 1 / 8
-
-
 TIME = np.arange(20_000) / 1000
 SINES = 150.0 * np.sin(1.3 * TIME) + 60.0 * np.sin(2.9 * TIME)
 """A motion without a steady speed, deg."""
 
 
-def reducer(
-    gap_deg: float, driving: np.ndarray = SINES, noise_deg: float = 0.003
-) -> tuple[EncoderLog, np.ndarray]:
+def log_of(time: np.ndarray, driving: np.ndarray, driven: np.ndarray) -> EncoderLog:
+    return EncoderLog.from_arrays(time, driving, driven, pair=drive("1/8"), unit="deg")
+
+
+def noise(count: int, noise_deg: float = 0.003) -> np.ndarray:
+    return noise_deg * np.random.default_rng(0).standard_normal(count)
+
+
+def reducer(gap_deg: float, driving: np.ndarray = SINES) -> tuple[EncoderLog, np.ndarray]:
     """A log of a motion, and the share of the gap that the driven shaft left.
 
     The share is 0 on flank A and 1 on flank B.
     """
-    time = TIME
     lower = RATIO * driving + 0.02 * np.sin(np.radians(driving))
     driven = played(lower, gap_deg)
-    share = (driven - lower) / gap_deg
-    driven = driven + noise_deg * np.random.default_rng(0).standard_normal(len(time))
-    log = EncoderLog.from_arrays(time, driving, driven, pair=drive("1/8"), unit="deg")
-    return log, share
+    return log_of(TIME, driving, driven + noise(len(TIME))), (driven - lower) / gap_deg
 
 
 def inside(log: EncoderLog, share: np.ndarray, segments) -> int:
@@ -57,9 +57,16 @@ def test_no_sample_of_the_gap_is_used():
     assert any("cross the gap" in note for note in found.notes)
 
 
-def test_a_small_gap_changes_nothing():
+def test_the_gap_is_seen_and_a_small_one_changes_nothing():
+    for gap_deg in (0.1, 0.4):
+        log, _ = reducer(gap_deg)
+        assert 0.7 * gap_deg < seen_gap(log, find_segments(log)) / DEG < 1.05 * gap_deg
     log, _ = reducer(0.03)
     assert assigned_segments(log) == find_segments(log)
+    log, _ = reducer(1e-9)
+    assert seen_gap(log, find_segments(log)) == 0.0
+    forward = log_of(TIME, 300.0 * TIME, 37.5 * TIME)
+    assert seen_gap(forward, find_segments(forward)) == 0.0
 
 
 def test_a_flank_is_not_given_up():
@@ -87,25 +94,7 @@ def test_strokes_hardly_longer_than_the_crossing_show_no_flank():
     assert result.warnings[0] == found.unclear
 
 
-@pytest.mark.parametrize("gap_deg", [0.1, 0.4])
-def test_the_gap_is_seen(gap_deg):
-    log, _ = reducer(gap_deg)
-    seen = seen_gap(log, find_segments(log)) / DEG
-    assert 0.7 * gap_deg < seen < 1.05 * gap_deg
-
-
-def test_without_a_gap_none_is_seen():
-    log, _ = reducer(1e-9)
-    assert seen_gap(log, find_segments(log)) == 0.0
-    forward = EncoderLog.from_arrays(
-        log.time, 300.0 * log.time, 37.5 * log.time, pair=drive("1/8"), unit="deg"
-    )
-    assert seen_gap(forward, find_segments(forward)) == 0.0
-
-
-def one_speed(
-    gap_deg: float, delay_s: float = 0.0, *, silent: bool = False
-) -> tuple[EncoderLog, np.ndarray]:
+def one_speed(gap_deg: float, delay_s: float = 0.0, silent: bool = False):
     """One way out and back of a reducer at one speed, and the share of the gap as in `reducer`.
 
     The drive brakes slowly. With `silent` the logger writes nothing at standstill.
@@ -121,11 +110,7 @@ def one_speed(
     rows = np.arange(0, len(fine), 2)
     if silent:
         rows = rows[(np.gradient(place)[rows] != 0) | (rows == 0)]
-    noise = 0.003 * np.random.default_rng(0).standard_normal(len(rows))
-    log = EncoderLog.from_arrays(
-        fine[rows], place[rows], driven[rows] + noise, pair=drive("1/8"), unit="deg"
-    )
-    return log, share[rows]
+    return log_of(fine[rows], place[rows], driven[rows] + noise(len(rows))), share[rows]
 
 
 @pytest.mark.parametrize("silent", [False, True])
@@ -149,21 +134,17 @@ def test_a_delay_is_no_crossing():
 def test_no_ramp_crosses_the_gap():
     log, share = one_speed(8.0)
     found = assigned_segments(log)
-    ramps = find_ramps(log, found)
-    assert ramps
-    for ramp in ramps:
-        assert np.all(np.isin(np.round(share[ramp.segment.start : ramp.segment.stop], 3), (0, 1)))
-    wide = [r.segment for r in find_ramps(log, find_segments(log))]
-    crossing = [np.any((share[r.start : r.stop] % 1) > 0.01) for r in wide]
-    assert any(crossing)
+    narrow, wide = find_ramps(log, found), find_ramps(log, find_segments(log))
+    across = [share[r.segment.start : r.segment.stop] for r in (*narrow, *wide)]
+    assert narrow
+    assert all(np.isin(np.round(part, 3), (0, 1)).all() for part in across[: len(narrow)])
+    assert any(np.any(part % 1 > 0.01) for part in across[len(narrow) :])
 
 
 def _without(log: EncoderLog, start: int, stop: int) -> EncoderLog:
     """The log without the rows [start, stop)."""
-    kept = np.ones(len(log), bool)
-    kept[start:stop] = False
-    angles = (np.degrees(angle[kept]) for angle in (log.driving_angle, log.driven_angle))
-    return EncoderLog.from_arrays(log.time[kept], *angles, pair=drive("1/8"), unit="deg")
+    columns = (log.time, np.degrees(log.driving_angle), np.degrees(log.driven_angle))
+    return log_of(*(np.delete(column, np.s_[start:stop]) for column in columns))
 
 
 def test_a_run_after_a_silence_at_standstill_is_masked():

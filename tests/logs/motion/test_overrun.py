@@ -49,9 +49,7 @@ def flown(limit, noise=0.003, **columns) -> tuple[EncoderLog, np.ndarray]:
     low = RATIO * angle + waves
     driven, contact = carried(low, low + GAP, RATIO * limit)
     driven += noise * DEG * np.random.default_rng(0).standard_normal(len(time))
-    log = EncoderLog.from_arrays(
-        time, angle / DEG, driven / DEG, pair=drive("9/16"), unit="deg", **columns
-    )
+    log = EncoderLog.from_arrays(time, angle, driven, pair=drive("9/16"), unit="rad", **columns)
     return log, contact
 
 
@@ -67,38 +65,22 @@ def agreement(found: Segments, contact: np.ndarray) -> float:
     return float(np.mean(state[state != 0] == contact[state != 0]))
 
 
-@pytest.fixture(
-    scope="module",
-    params=[(4.0, 0.003), (6.0, 0.003), (8.0, 0.003), (8.0, 0.02), (12.0, 0.003), (14.0, 0.003)],
-)
-def overrun(request):
-    limit, noise = request.param
-    log, contact = flown(limit, noise)
-    return limit, log, contact, assigned_segments(log)
+LIMITS = [*((limit, 0.003) for limit in (4.0, 6.0, 8.0, 12.0, 14.0)), (8.0, 0.02)]
 
 
-def test_the_note_states_the_limit(overrun):
-    """The limit in the note is within 10 % of the deceleration by friction."""
-    limit, _, _, found = overrun
-    (note,) = [note for note in found.notes if "the load overruns" in note]
-    stated = re.search(r"more than ([\d.e+-]+) rad/s²", note)
-    assert stated is not None and float(stated[1]) == pytest.approx(limit, rel=0.1)
-
-
-def test_the_segments_have_the_flank_of_the_contact(overrun):
+@pytest.mark.parametrize(("limit", "noise"), LIMITS)
+def test_the_segments_have_the_flank_of_the_contact_and_the_notes_say_why(limit, noise):
     """The flanks agree with the contact for 97 % of the used samples; by motion, a third fails."""
-    _, log, contact, found = overrun
+    log, contact = flown(limit, noise)
+    found, by_motion = assigned_segments(log), find_segments(log)
     assert agreement(found, contact) >= 0.97
-    assert agreement(find_segments(log), contact) < 0.75
+    assert agreement(by_motion, contact) < 0.75
     assert np.count_nonzero(flanks(found)) > 0.8 * len(log)
-
-
-def test_the_notes_on_the_motion_remain(overrun):
-    """The assignment keeps the notes of the segments by motion and names no direction column."""
-    _, log, _, found = overrun
     gap, load = found.notes[-2:]
-    assert found.notes[:-2] == find_segments(log).notes
-    assert "cross the gap" in gap and "overruns" in load
+    assert found.notes[:-2] == by_motion.notes
+    assert "cross the gap" in gap and "the load overruns" in load
+    stated = re.search(r"more than ([\d.e+-]+) rad/s²", load)
+    assert stated is not None and float(stated[1]) == pytest.approx(limit, rel=0.1)
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.02])

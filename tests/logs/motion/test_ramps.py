@@ -6,7 +6,7 @@ import pytest
 from tests.logs.profiles import geared, spec, trapezoid
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import find_ramps
-from vttig_jax.logs.motion.segments import AFTER_REVERSAL, find_segments
+from vttig_jax.logs.motion.segments import AFTER_REVERSAL, Segments, find_segments
 
 pytestmark = pytest.mark.smoke
 
@@ -65,21 +65,17 @@ def test_the_crossing_of_the_gap_is_left_out():
     assert flank[second.start] != -1
 
 
-def test_without_ramps_there_are_hardly_any():
+def test_without_ramps_or_certain_samples_there_are_hardly_any():
     """A motion that starts all but at full speed leaves what smoothing blurs, a few samples."""
-    log = _log(ramp=0.02)
-    count = sum(r.segment.stop - r.segment.start for r in find_ramps(log, find_segments(log)))
-    usual = _log()
-    many = sum(r.segment.stop - r.segment.start for r in find_ramps(usual, find_segments(usual)))
-    assert count < 0.25 * many
 
+    def samples(log: EncoderLog) -> int:
+        ramps = find_ramps(log, find_segments(log))
+        return sum(ramp.segment.stop - ramp.segment.start for ramp in ramps)
 
-def test_a_run_without_certain_samples_has_none():
+    assert samples(_log(ramp=0.02)) < 0.25 * samples(_log())
     log = _log(reversal=180.5)
-    assert [m.kind for m in find_segments(log).motion if m.kind != "dwell"]
-    short = find_segments(log)
-    bare = type(short)((), short.motion, short.read)
-    assert find_ramps(log, bare) == ()
+    found = find_segments(log)
+    assert find_ramps(log, Segments((), found.motion, found.read)) == ()
 
 
 @pytest.mark.parametrize("column", ["torque", "direction"])

@@ -23,6 +23,13 @@ def flanks(found: Segments) -> np.ndarray:
     return state
 
 
+def assert_on_flanks(found: Segments, flank: np.ndarray) -> np.ndarray:
+    """Every used sample lies on its flank; returns the flanks of the samples."""
+    state = flanks(found)
+    np.testing.assert_array_equal(state[state != 0], flank[state != 0])
+    return state
+
+
 def kinds(found: Segments) -> list[str]:
     return [m.kind for m in found.motion if m.stop - m.start > 20]
 
@@ -37,23 +44,17 @@ def paper():
 def test_the_paper_profile(paper):
     time, angle, steady_mask, driven, flank = paper
     found = find_segments(logged(time, angle, driven))
-    state = flanks(found)
+    state = assert_on_flanks(found, flank)
     assert kinds(found) == ["forward", "dwell", "backward", "dwell"]
     assert [s.flank for s in found.segments] == ["A", "B"]
     assert found.forward == np.count_nonzero(state == 1)
     assert found.backward == np.count_nonzero(state == -1)
     assert found.read == found.forward + found.backward + found.masked == len(time)
-    # Every certain sample lies on its flank, none on a ramp, and hardly a steady one is lost.
-    np.testing.assert_array_equal(state[state != 0], flank[state != 0])
+    # No used sample lies on a ramp, and hardly a steady one is lost.
     assert steady_mask[state != 0].all()
     assert np.count_nonzero(state) > 0.985 * np.count_nonzero(steady_mask)
     assert [round(s.speed / DEG) for s in found.segments] == [360, -360]
     assert found.notes == ()
-
-
-def test_motion_covers_the_log(paper):
-    time, angle, *_ = paper
-    found = find_segments(logged(time, angle))
     assert [m.start for m in found.motion[1:]] == [m.stop for m in found.motion[:-1]]
     assert found.motion[0].start == 0 and found.motion[-1].stop == len(time)
     forward = next(m for m in found.motion if m.kind == "forward")
@@ -64,9 +65,8 @@ def test_nineteen_reversals():
     time, angle, steady_mask = trapezoid(rate=500.0, reversal=720.0, dwell=0.4, passes=20)
     driven, flank = geared(angle)
     found = find_segments(logged(time, angle, driven))
-    state = flanks(found)
+    state = assert_on_flanks(found, flank)
     assert [s.flank for s in found.segments] == ["A", "B"] * 10
-    np.testing.assert_array_equal(state[state != 0], flank[state != 0])
     assert steady_mask[state != 0].all() and found.forward > 0.9 * steady_mask.sum() / 2
 
 
@@ -74,8 +74,7 @@ def test_nineteen_reversals():
 def test_no_dwell_between_the_directions(ramp):
     time, angle, _ = trapezoid(rate=1000.0, reversal=1440.0, dwell=0.0, ramp=ramp)
     driven, flank = geared(angle, gap=0.3)
-    state = flanks(find_segments(logged(time, angle, driven)))
-    np.testing.assert_array_equal(state[state != 0], flank[state != 0])
+    state = assert_on_flanks(find_segments(logged(time, angle, driven)), flank)
     assert {1, -1} <= set(state.tolist())
 
 
@@ -90,16 +89,10 @@ def test_first_degree_after_an_abrupt_reversal_is_masked():
 @given(st.floats(0.3, 200.0), st.integers(0, 5))
 def test_slow_and_fast(rpm, seed):
     """From a tenth of a count to tens of counts a sample, with ripple and a noisy encoder."""
-    seconds = 60.0
-    reversal = 6 * rpm * seconds * 0.4
-    time, angle, _ = trapezoid(
-        rate=200.0, rpm=rpm, reversal=reversal, ramp=1.0, dwell=seconds * 0.1
-    )
+    time, angle, _ = trapezoid(rate=200.0, rpm=rpm, reversal=144 * rpm, ramp=1.0, dwell=6.0)
     noisy = angle + 0.002 * np.random.default_rng(seed).standard_normal(len(angle))
-    _, flank = geared(angle)
     found = find_segments(logged(time, noisy))
-    state = flanks(found)
-    np.testing.assert_array_equal(state[state != 0], flank[state != 0])
+    state = assert_on_flanks(found, geared(angle)[1])
     assert [s.flank for s in found.segments] == ["A", "B"]
     assert np.count_nonzero(state) > 0.6 * len(time)
 
@@ -127,9 +120,8 @@ def test_sine_motion_is_ragged():
     angle = 900 * (1 - np.cos(2 * np.pi * time / 8))
     driven, flank = geared(angle)
     found = find_segments(logged(time, angle, driven))
-    state = flanks(found)
+    state = assert_on_flanks(found, flank)
     assert "no steady speed in 4 of 4 runs" in found.notes[0]
-    np.testing.assert_array_equal(state[state != 0], flank[state != 0])
     speed = np.abs(np.gradient(angle, time))
     assert speed[state != 0].min() > 0.095 * speed.max()
     assert np.count_nonzero(state) > 0.9 * np.count_nonzero(speed > 0.1 * speed.max())
@@ -148,19 +140,16 @@ def test_a_sine_of_rising_frequency_is_followed():
     assert (state[used] == forward[used]).mean() > 0.99
 
 
-def test_one_direction_all_the_way():
+def test_one_direction_all_the_way_and_a_gap_in_time():
     time = np.arange(5000) / 500.0
-    found = find_segments(logged(time, 360 * time))
-    assert [(s.start, s.stop, s.flank) for s in found.segments] == [(0, 5000, "A")]
-    back = find_segments(logged(time, -360 * time))
-    assert [(s.start, s.stop, s.flank) for s in back.segments] == [(0, 5000, "B")]
-
-
-def test_gaps_split():
-    time = np.arange(5000) / 500.0
-    time[2000:] += 1.0
-    found = find_segments(logged(time, 360 * time))
-    assert [(s.start, s.stop) for s in found.segments] == [(0, 2000), (2000, 5000)]
+    paused = time + 1.0 * (np.arange(5000) >= 2000)
+    for angle, stamps, seen in (
+        (360 * time, time, [(0, 5000, "A")]),
+        (-360 * time, time, [(0, 5000, "B")]),
+        (360 * paused, paused, [(0, 2000, "A"), (2000, 5000, "A")]),
+    ):
+        found = find_segments(logged(stamps, angle))
+        assert [(s.start, s.stop, s.flank) for s in found.segments] == seen
 
 
 def test_direction_column_wins(paper):
@@ -205,15 +194,10 @@ def test_samples_between_turns_of_a_dithering_dwell_are_no_motion():
     assert kinds(find_segments(logged(time, dither))) == ["forward", "dwell", "backward", "dwell"]
 
 
-def test_measured_worms(data_dir):
+def test_measured_logs(data_dir):
     for name, pieces in (("ap_gt1100", 1), ("ap_24turns", 2), ("cge", 1)):
-        log = read_log(data_dir / "worm_mount" / f"{name}.csv", drive("1/225"))
-        found = find_segments(log)
-        assert len(found.segments) == pieces and found.masked == 0
-        assert {s.flank for s in found.segments} == {"A"}
-
-
-def test_measured_robot(data_dir):
+        found = find_segments(read_log(data_dir / "worm_mount" / f"{name}.csv", drive("1/225")))
+        assert [s.flank for s in found.segments] == ["A"] * pieces and found.masked == 0
     pair = drive("7/1798", time="t_s", driving="mot1_deg", driven="se1_deg", driving_scale="1798/7")
     found = find_segments(read_log(data_dir / "kuka_kr300" / "kr300_A_axes123.csv", pair))
     assert [s.flank for s in found.segments] == ["A", "B"]

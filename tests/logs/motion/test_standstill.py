@@ -33,22 +33,25 @@ def flanks(log):
     return "".join(text)
 
 
+BACK, AGAIN = np.append(PLACES, PLACES[-2::-1]), np.append(PLACES, PLACES[::-1])
+
+
 @pytest.mark.parametrize(
-    ("angle", "seen"),
+    ("angle", "up", "down"),
     [
-        (PLACES, "A" * 24),
-        (PLACES[::-1], "B" * 24),
-        (np.append(PLACES, PLACES[-2::-1]), "A" * 24 + "B" * 23),
-        (np.append(PLACES, PLACES[::-1]), "A" * 24 + "B" * 24),
-        (np.repeat(np.append(PLACES, PLACES[-2::-1]), 3), "A" * 72 + "B" * 69),
-        (np.repeat(np.append(PLACES, PLACES[::-1]), 3), "A" * 72 + "B" * 72),
-        (np.tile(PLACES, 3), "A" * 72),
-        (np.tile(np.repeat(PLACES, 2), 2), "A" * 96),
+        (PLACES, 24, 0),
+        (PLACES[::-1], 0, 24),
+        (BACK, 24, 23),
+        (AGAIN, 24, 24),
+        (np.repeat(BACK, 3), 72, 69),
+        (np.repeat(AGAIN, 3), 72, 72),
+        (np.tile(PLACES, 3), 72, 0),
+        (np.tile(np.repeat(PLACES, 2), 2), 96, 0),
     ],
 )
-def test_the_flank_is_that_of_the_approach(angle, seen):
+def test_the_flank_is_that_of_the_approach(angle, up, down):
     """Up, down, both ways, places read three times, and ways back to the start."""
-    assert flanks(table(angle)) == seen
+    assert flanks(table(angle)) == "A" * up + "B" * down
 
 
 def test_a_column_of_directions_says_the_approach():
@@ -58,13 +61,9 @@ def test_a_column_of_directions_says_the_approach():
 
 def test_words_decide_and_what_they_contradict_is_said():
     """Words decide the flank also against the order of the rows, and the sentence has a cure."""
-    columns = {"driving": "position_deg", "driven": "measured_deg"}
-    log = read_log(
-        CORPUS / "still_words_against_the_order.csv",
-        ratio="1:1",
-        columns=columns,
-        sample_rate_hz=1.0,
-    )
+    options = {"ratio": "1:1", "sample_rate_hz": 1.0}
+    options["columns"] = {"driving": "position_deg", "driven": "measured_deg"}
+    log = read_log(CORPUS / "still_words_against_the_order.csv", **options)
     assert flanks(log) == "B" * 12 + "A" * 12
     assert "--invert driving" in assigned_segments(log).notes[0]
 
@@ -77,19 +76,15 @@ def test_a_shaft_that_turns_is_no_table():
     assert assigned_segments(log, still=True).still
 
 
-def test_counts_that_are_read_many_times_each_are_no_table(tmp_path):
+def test_counts_that_are_read_many_times_each_are_no_table():
     """A slow shaft with coarse counts rests behind every count, for far less than a reading."""
     time, angle, _ = trapezoid(rate=2000.0)
-    driving, driven = np.rint(angle / 0.36), np.rint(angle * 9 / 16 / 0.36)
-    rests = np.mean(np.diff(driving) == 0)
-    assert rests > 0.5
-    path = tmp_path / "log.csv"
-    rows = np.stack([time, driving, driven], axis=1)
-    np.savetxt(path, rows, "%.6f", ",", header="time_s,driving_counts,driven_counts", comments="")
-    log = read_log(path, ratio="16:9", counts=(1000, 1000))
-    assert not assigned_segments(log).still
-    steady = table(3.0 * np.arange(400.0), interval=1.0)
-    assert not assigned_segments(steady).still
+    readings = [np.rint(one / 0.36).astype(int) for one in (angle, angle * 9 / 16)]
+    assert np.mean(np.diff(readings[0]) == 0) > 0.5
+    encoder = {"counts_per_rev": 1000}
+    pair = spec(driving_encoder=encoder, driven_encoder=encoder)
+    assert not assigned_segments(EncoderLog.from_arrays(time, *readings, pair=pair)).still
+    assert not assigned_segments(table(3.0 * np.arange(400.0), interval=1.0)).still
 
 
 @pytest.mark.parametrize("modulus", [2**16, 2**32])

@@ -152,16 +152,12 @@ def test_an_array_of_matlab_holds_what_it_claims(refused, kind, pack):
     refused("log.mat", matlab(pack(NUMBERS), pack(TOO_MANY[kind])), "")
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        (struct.pack("<II", 9, 160), struct.pack("<II", 20, 160)),
-        (struct.pack("<II", 9, 160), struct.pack("<II", 9, 1600)),
-        (struct.pack("<III", 6, 8, 6), struct.pack("<III", 6, 8, 6 | 0x800)),
-        (struct.pack("<III", 6, 8, 6), struct.pack("<III", 6, 8, 99)),
-        (struct.pack("<III", 6, 8, 6), struct.pack("<III", 6, 4, 6)),
-    ],
-)
+HEAD, KIND = struct.pack("<II", 9, 160), struct.pack("<III", 6, 8, 6)
+LIES = [(HEAD, struct.pack("<II", *one)) for one in ((20, 160), (9, 1600))]
+LIES += [(KIND, struct.pack("<III", *one)) for one in ((6, 8, 6 | 0x800), (6, 8, 99), (6, 4, 6))]
+
+
+@pytest.mark.parametrize(("old", "new"), LIES)
 def test_tags_of_matlab_that_lie(refused, old, new):
     data = matlab(NUMBERS)
     assert data.count(old) == 1
@@ -291,15 +287,15 @@ def test_packed_messages_of_a_bag_are_counted(tmp_path, refused):
     refused("log.db3", (tmp_path / "made.db3").read_bytes(), LARGE)
 
 
+MANY_ROWS = '<table:table-row table:number-rows-repeated="3000">{}</table:table-row>'
+
+
 @pytest.mark.parametrize(
     "bomb",
     [
         lambda: gzip.compress(bytes(1 << 29)),
         lambda: xlsx({"far": '<row r="1"><c r="XFD1048576"><v>1</v></c></row>'}),
-        lambda: ods(
-            '<table:table-row table:number-rows-repeated="3000">'
-            f"{ods_cell(1.0, 16_000)}</table:table-row>"
-        ),
+        lambda: ods(MANY_ROWS.format(ods_cell(1.0, 16_000))),
         lambda: xlsx({"long": "<row/>" * (50 << 20)}),
     ],
     ids=["gzip", "a far cell", "repeated cells", "long XML"],
