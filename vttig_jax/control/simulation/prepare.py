@@ -45,19 +45,17 @@ from ..controllers.controller import Controller, NoController
 from ..controllers.retreat import retreat_of
 from ..controllers.turn_location import LostController, turn_error
 from ..fields import may_be_positive
-from ..hardware.actuator import Actuator, Thrust, can_back_drive
-from ..hardware.encoder import Encoder
+from ..hardware.actuator import Thrust, can_back_drive
 from ..hardware.servo import Servo, ServoDrive
 from ..motion.motion import Motion, Reversal, Sine
 from ..motion.recorded import read_motion
 from ..plants.elastic import Elastic, largest_step
-from ..plants.plant import Drag, Friction, Inertia, Load, Mesh, Plant, Play
+from ..plants.plant import Drag, Plant, Play
 from ..scenario.scenario import (
     CONTROLLERS,
     EVENTS,
     OBSERVERS,
     PLANTS,
-    Sampling,
     Scenario,
     name_of,
     part_of,
@@ -531,16 +529,8 @@ def _chosen(s: Scenario) -> Controller:
     )
 
 
-_PLAIN = {
-    "inertia": Inertia,
-    "friction": Friction,
-    "load": Load,
-    "mesh": Mesh,
-    "driving_encoder": Encoder,
-    "driven_encoder": Encoder,
-    "actuator": Actuator,
-    "sampling": Sampling,
-}
+_PLAIN = ("inertia", "friction", "load", "mesh", "driving_encoder", "driven_encoder", "actuator")
+_PLAIN += ("sampling",)
 """Parts whose numbers are those of the table with the same name."""
 
 
@@ -629,7 +619,7 @@ def scenario_of(
         part_of(PLANTS[spec.plant], spec.mesh),
         controller or part_of(CONTROLLERS[spec.controller], spec.judgement),
         part_of(Servo, spec.servo) if spec.servo.motor == "pi" else None,
-        **{name: part_of(kind, getattr(spec, name)) for name, kind in _PLAIN.items()},
+        **{name: part_of(type(getattr(Scenario, name)), getattr(spec, name)) for name in _PLAIN},
         observer=part_of(OBSERVERS[spec.judgement.observer], spec.judgement),
         plant_map=plant,
         controller_map=believed,
