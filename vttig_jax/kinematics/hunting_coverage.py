@@ -63,9 +63,12 @@ class HuntingCoverage:
         pitch = REV / self.pair.driving.teeth
         return int(np.sum(self.holds((np.arange(count) + 0.5) * pitch))), count
 
-    def holds(self, driving_angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return whether driving angles, rad, are covered on both flanks."""
-        return _inside(self.both, np.mod(driving_angle, self._period))
+    def holds(
+        self, driving_angle: Float[np.ndarray, " n"], flank: Flank | None = None
+    ) -> Bool[np.ndarray, " n"]:
+        """Return whether driving angles, rad, are covered on a flank, or on both of them."""
+        spans = self.both if flank is None else self.spans.get(flank, np.empty((0, 2)))
+        return _inside(spans, np.mod(driving_angle, self._period))
 
     def to_json(self) -> dict[str, Any]:
         """Return the object `coverage` of schema `vttig.map/1`."""

@@ -3,7 +3,6 @@
 They are read here, so that the simulator does not import the modules of fits and posteriors.
 """
 
-import json
 import math
 import warnings
 from dataclasses import replace
@@ -20,7 +19,8 @@ from ..base.units import ARCSEC, DEG, REV
 from ..control.scenario.spec import ScenarioSpec, lower_maps, names_of_maps
 from ..control.simulation.prepare import Maps, load_gears
 from ..identify.backlash import contact_map
-from ..identify.result import require_rig
+from ..identify.orders import is_fractional
+from ..identify.result import Fit, require_rig
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.flank_table import FlankTable
@@ -95,7 +95,7 @@ def _run_model(run: Run, constant_backlash_deg: float | None, gap: str) -> Flank
         draws = gap_draws(posterior)
         return draws.mean_model if gap == "mean" else _lower_model(draws, gap)
     if isinstance(run.pair, Drive):
-        return _orders_model(run, constant_backlash_deg)
+        return _orders_model(run.fit, run.folder, constant_backlash_deg)
     return contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)[1]
 
 
@@ -128,52 +128,44 @@ def _band(draws: GapDraws) -> tuple[Any, Band]:
     return angle, streamed_band(draws.chunks(angle))
 
 
-def _orders_model(run: Run, constant_backlash_deg: float | None) -> FlankModel:
-    """Return the flanks of a drive from the orders in its `fit.json`.
+def _orders_model(fit: Fit, folder: Path, constant_backlash_deg: float | None) -> FlankModel:
+    """Return the flanks of a fitted drive from its orders.
 
     The mean of flank A is zero. Flank B stands the constant backlash above it, or else the gap over
     the angles covered; an unmeasured flank has the orders of the other one.
     """
-    try:
-        fit = json.loads((run.folder / "fit.json").read_text("utf-8"))
-        rows = [row for row in fit["orders"] if float(row["order"]).is_integer()]
-        gaps = fit["parameters"]["constant_backlash_deg"], fit["checks"]["gap_over_angles_covered"]
-        measured = {flank: flank for flank in fit["flanks"]}
-        given = [gap for gap in gaps if gap and gap["determined"]]
-        waves = {
-            (row["shaft"], int(row["order"]), row["flank"]): row["amplitude_arcsec"]
-            * ARCSEC
-            * np.exp(1j * (row["phase_deg"] or 0.0) * DEG)
-            for row in rows
-        }
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"fit.json is missing or damaged ({type(error).__name__}); make it again with `vttig"
-            " fit … --overwrite`."
-        ) from None
+    waves = {
+        (one.shaft, int(one.order), one.flank): one.amplitude_arcsec
+        * ARCSEC
+        * np.exp(1j * np.nan_to_num(one.phase_deg) * DEG)
+        for one in fit.orders
+        if not is_fractional(one)
+    }
+    measured = {flank: flank for flank in fit.flanks}
+    gaps = fit.parameters["constant_backlash_deg"], fit.checks.gap_over_angles_covered
+    given = [gap for gap in gaps if gap.determined]
     lines: dict[str, float] = {}
-    for row in fit["orders"]:
-        if row not in rows:
-            name = f"{row['order']:g}"
-            lines[name] = max(row["amplitude_arcsec"], lines.get(name, 0.0))
+    for one in filter(is_fractional, fit.orders):
+        name = f"{one.order:g}"
+        lines[name] = max(one.amplitude_arcsec, lines.get(name, 0.0))
     if lines:
         left_out = ", ".join(f"{name} ({amplitude:.3g}″)" for name, amplitude in lines.items())
         LOGGER.warning(
             "%s: orders without a fixed place on the gears left out, so that the output has this"
             " error too: %s",
-            run.folder,
+            folder,
             left_out,
         )
     if len(measured) == 1:
-        LOGGER.warning("%s: the unmeasured flank has the orders of the other one", run.folder)
+        LOGGER.warning("%s: the unmeasured flank has the orders of the other one", folder)
     gap_deg = constant_backlash_deg
     if gap_deg is None and given:
-        gap_deg, low, high = (given[0][name] for name in ("value", "low95", "high95"))
+        gap_deg, low, high = given[0].value, given[0].low95, given[0].high95
         if low is not None and low <= 0:
             LOGGER.warning(
                 "%s: the gap %.5f° (%.5f … %.5f°) may be zero; give one that was measured in"
                 " another way (constant_backlash_deg)",
-                run.folder,
+                folder,
                 gap_deg,
                 low,
                 high,
@@ -192,7 +184,7 @@ def _orders_model(run: Run, constant_backlash_deg: float | None) -> FlankModel:
     offset, cosine, sine = map(
         jnp.asarray, (np.array([0.0, gap_deg * DEG]), phasors.imag, phasors.real)
     )
-    return OrderModel(np.asarray(float(run.pair.ratio)), tuple(orders), offset, cosine, sine)
+    return OrderModel(np.asarray(float(fit.pair.ratio)), tuple(orders), offset, cosine, sine)
 
 
 def _drawn_models(run: Run, spec: ScenarioSpec) -> tuple[FlankModel, int]:
