@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
-from ...base.errors import PairError, UsageError
-from ...pair.pair_file import load_pair_spec
+from ...base.errors import UsageError
+from ...pair.pair_file import PAIR_FILE, load_pair_spec
 from ...pair.schema import StatedTable
 from ..drive_options import gears_of
 from ..options import Argument, Positive, Real, verb
@@ -110,10 +110,8 @@ def _teeth(pair: "GearPair", path: Path, section_mm: float) -> "dict[str, Tooth]
                 f"--section-mm {section_mm:g} lies outside of the {shaft} gear, whose face ends at"
                 f" ±{half:g} mm."
             )
-        try:
+        with PAIR_FILE.error_context(f"{path}: {shaft}"):
             check_measurable(tooth, section_mm)
-        except PairError as error:
-            raise PairError(error.message, where=f"{path}: {shaft}: {error.where}") from None
     return teeth
 
 

@@ -11,9 +11,6 @@ from ..options import Finite, KeyValue, NotNegative, Positive, arguments_as_opti
 from ..output import Output
 
 DirectionName = Literal["both", "forward", "backward"]
-NOT_NEGATIVE = Finite(min=0)
-
-
 NAMED = KeyValue("name=number", lambda _, number: Finite().convert(number, None, None))
 
 

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import click
 import numpy as np
 
-from ...base.errors import PairError
 from ...base.files.run_folder import write_files
 from ...base.files.text_tables import key_values
-from ...pair.pair_file import load_pair_spec
+from ...pair.pair_file import PAIR_FILE, load_pair_spec
 from ..drive_options import gears_of
 from ..options import Argument, NotNegative, Positive, Real, refuse_out, takes_no, verb
 from ..output import Output
@@ -86,10 +85,8 @@ def command(
     name = f"{spec.name}, {gear} gear" if spec.name else f"{gear} gear"
     build = {"tolerance_mm": tolerance_um * 1e-3, "teeth": teeth, "bore_mm": bore_mm}
     with output.progress(_STAGES, "surface") as bar:
-        try:
+        with PAIR_FILE.error_context(f"{pair}: {gear}"):
             data, found, notes = _built(suffix, tooth, name, section_mm, build, bar)
-        except PairError as error:
-            raise PairError(error.message, where=f"{pair}: {gear}: {error.where}") from None
         write_files({out: data}, overwrite=overwrite)
         bar.update(bar.total - bar.n)
     record = {
