@@ -41,10 +41,9 @@ class HuntingCoverage:
     @cached_property
     def both(self) -> Spans:
         """Intervals of the driving angle, rad, that are covered on both flanks."""
-        first, second = (self.spans.get(flank, np.empty((0, 2))) for flank in ("A", "B"))
-        edges = np.unique(np.concatenate([first.ravel(), second.ravel()]))
+        edges = np.unique(np.concatenate([[], *map(np.ravel, self.spans.values())]))
         middle = (edges[1:] + edges[:-1]) / 2
-        return _joined(edges, _inside(first, middle) & _inside(second, middle))
+        return _joined(edges, self.holds(middle, "A") & self.holds(middle, "B"))
 
     @property
     def share(self) -> float:
@@ -63,9 +62,13 @@ class HuntingCoverage:
         pitch = REV / self.pair.driving.teeth
         return int(np.sum(self.holds((np.arange(count) + 0.5) * pitch))), count
 
-    def holds(self, driving_angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-        """Return whether driving angles, rad, are covered on both flanks."""
-        return _inside(self.both, np.mod(driving_angle, self._period))
+    def holds(
+        self, driving_angle: Float[np.ndarray, " n"], flank: Flank | None = None
+    ) -> Bool[np.ndarray, " n"]:
+        """Return whether driving angles, rad, are covered on a flank, or on both of them."""
+        spans = self.both if flank is None else self.spans.get(flank, np.empty((0, 2)))
+        turned = np.mod(driving_angle, self._period)
+        return np.searchsorted(spans.ravel(), turned, side="right") % 2 == 1
 
     def to_json(self) -> dict[str, Any]:
         """Return the object `coverage` of schema `vttig.map/1`."""
@@ -179,9 +182,3 @@ def _joined(edges: Float[np.ndarray, " _"], kept: Bool[np.ndarray, " _"]) -> Spa
     """Join the intervals edges[k] … edges[k + 1] with kept[k] true where they touch."""
     change = np.diff(np.concatenate([[False], kept, [False]]).astype(np.int8))
     return np.stack([edges[np.flatnonzero(change > 0)], edges[np.flatnonzero(change < 0)]], axis=1)
-
-
-def _inside(spans: Spans, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    before = np.searchsorted(spans[:, 0], angle, side="right") - 1
-    stop = np.append(spans[:, 1], -np.inf)[before]
-    return (before >= 0) & (angle < stop)

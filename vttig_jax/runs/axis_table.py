@@ -325,10 +325,8 @@ def _require_covered(fit: Fit, error: AxisError, position: np.ndarray, *, every_
     short = [shaft for shaft in SHAFTS if fit.core.scope.turns[shaft] < FULL_TURN]
     if not short or (every_turn and short == ["driven"]):
         return
-    place = np.mod((position - error.zero) / error.gain, fit.pair.hunting_turns * REV)
     for name, flank in error.directions.items():
-        spans = fit.coverage.spans.get(flank, np.empty((0, 2)))
-        seen = np.searchsorted(spans.ravel(), place, side="right") % 2 == 1
+        seen = fit.coverage.holds((position - error.zero) / error.gain, flank)
         if not seen.all():
             ends = np.degrees(position[seen][[0, -1]]) if seen.any() else ()
             raise UsageError(

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from ..base.angles import angles_over_turns_deg
 from ..base.files.text_tables import key_values
 from ..base.results import TextResult
-from ..base.units import DEG, REV
+from ..base.units import DEG
 from ..identify.backlash import no_period, shift_of_delay
 from ..identify.given import StoredModel
 from ..identify.orders import exceeds_noise, is_fractional
@@ -195,7 +195,8 @@ def error_table(
     for flank in measured:
         error = errors_at(model, flank, fine)
         orders = [one for one in fit.orders if one.flank == flank and not is_fractional(one)]
-        seen = _is_covered(fit, flank, fine)
+        seen = fit.coverage.holds(fine, flank)
+        seen = seen if seen.any() else ~seen  # a log that covers nothing is judged at all angles
         own = turns * float(seen.mean())
         size = size_of(error[seen], own, significant=exceeds_noise(orders))
         if draws is None:
@@ -210,23 +211,13 @@ def error_table(
     return ErrorTable(fit, step_deg, turns, flanks, zero_mean)
 
 
-class MeasuredError(NamedTuple):
-    """Transmission error of a run by flank.
-
-    **Arguments**
-    - `flanks`: measured flanks. - `zero_mean`: those whose mean is taken off: A alone if the gap is
-      known, so that TE_B − TE_A is the backlash.
-    - `model`: the fit, or the mean of its draws. - `draws`: drawn coefficients, or None.
-    """
-
-    flanks: tuple[Flank, ...]
-    zero_mean: tuple[Flank, ...]
-    model: OrderModel
-    draws: GapDraws | None
-
-
-def measured_error(fit: Fit, posterior: Posterior | None = None) -> MeasuredError:
+def measured_error(
+    fit: Fit, posterior: Posterior | None = None
+) -> tuple[tuple[Flank, ...], tuple[Flank, ...], OrderModel, GapDraws | None]:
     """Return the transmission error of a fit, or of its draws.
+
+    **Returns** the measured flanks; those whose mean is taken off (A alone if the gap is known, so
+    that TE_B − TE_A is the backlash); the fit, or the mean of its draws; and the draws, or None.
 
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
     """
@@ -236,17 +227,9 @@ def measured_error(fit: Fit, posterior: Posterior | None = None) -> MeasuredErro
     has_gap = len(flanks) == 2 and fit.parameters["constant_backlash_deg"].determined
     zero_mean = flanks[:1] if has_gap else flanks
     if posterior is None:
-        return MeasuredError(flanks, zero_mean, fit.model, None)
+        return flanks, zero_mean, fit.model, None
     draws = gap_draws(posterior) if has_gap else flank_draws(posterior)
-    return MeasuredError(flanks, zero_mean, draws.mean_model, draws)
-
-
-def _is_covered(fit: Fit, flank: Flank, angle: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Return whether the log covers driving angles, rad, on a flank; all, if it covers none."""
-    edges = fit.coverage.spans.get(flank, np.empty((0, 2))).ravel()
-    turned = np.mod(angle, fit.pair.hunting_turns * REV)
-    seen = np.searchsorted(edges, turned, side="right") % 2 == 1
-    return seen if seen.any() else ~seen
+    return flanks, zero_mean, draws.mean_model, draws
 
 
 def _means_and_peaks(

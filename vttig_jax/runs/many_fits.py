@@ -31,7 +31,7 @@ from .cluster import run_blocks
 from .options import ReadingOptions
 from .processes import run_in_processes
 from .row_store import FolderNames, SweepFolder, is_complete, read_table
-from .stated_drive import spec_of_file
+from .stated_drive import require_columns, spec_of_file
 
 if TYPE_CHECKING:
     from ..logs.recognition.candidates import Guess
@@ -158,12 +158,7 @@ class ManyFits:
         if not self.drive.names_a_drive:
             return read_log(path, pair, **self.reading.keywords())
         opened = open_log(path, self.drive, self.reading)
-        if opened.spec != self.spec:
-            raise LogError(
-                "its columns are read in another way than those of the first log; name them with"
-                " --column, or write a pair file.",
-                where=str(path),
-            )
+        require_columns(opened, self.spec, "the first log")
         return opened.log
 
 

@@ -155,7 +155,6 @@ def banded_table(
     They are the probability of the band, the smallest gap of the draws and, for each axial
     displacement in `closing_mm`, the probability that the gears bind.
     """
-    columns = dict(zip(banded.columns, banded.table().T, strict=True))
     chances = [(closing, banded.smallest.probability_of_binding(closing)) for closing in closing_mm]
     rows = len(banded.driving_angle)
     record = map_record(fit, banded.map, banded.step_deg, banded.turns, rows, out) | {
@@ -167,7 +166,7 @@ def banded_table(
             for closing, chance in chances
         ],
     }
-    return RunTable(record, columns, str(banded))
+    return RunTable(record, banded.columns, str(banded))
 
 
 def _extreme(grid: "BacklashMap", extreme: "Extreme") -> dict[str, Any]:

@@ -38,13 +38,18 @@ def stated_spec(
     drive.spec()  # says that the ratio is missing
     opened = tuple(open_log(path, drive, reading) for path in logs)
     for one in opened:
-        if one.spec != opened[0].spec:
-            raise LogError(
-                f"its columns are read in another way than those of {logs[0]}; name them with"
-                " --column, or write a pair file.",
-                where=str(one.path),
-            )
+        require_columns(one, opened[0].spec, str(logs[0]))
     return opened[0].spec, opened
+
+
+def require_columns(log: "OpenLog", spec: PairSpec, first: str) -> None:
+    """Raise `LogError` for a log whose columns are read unlike those of the log `first`, `spec`."""
+    if log.spec != spec:
+        raise LogError(
+            f"its columns are read in another way than those of {first}; name them with --column,"
+            " or write a pair file.",
+            where=str(log.path),
+        )
 
 
 def spec_of_file(pair: Path, drive: DriveRequest) -> PairSpec:

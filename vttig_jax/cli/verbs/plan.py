@@ -11,8 +11,6 @@ from ..options import Finite, KeyValue, NotNegative, Positive, arguments_as_opti
 from ..output import Output
 
 DirectionName = Literal["both", "forward", "backward"]
-
-
 NAMED = KeyValue("name=number", lambda _, number: Finite().convert(number, None, None))
 
 

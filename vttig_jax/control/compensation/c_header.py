@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from textwrap import wrap
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -155,7 +155,7 @@ def table_header(table: CorrectionTable, provenance: Sequence[str], *, name: str
     check_identifier(name)
     start, stop = (float(end) for end in np.degrees(table.positions[[0, -1]]))
     last = len(table.positions) - 1
-    about = "\n *\n".join(_paragraph(plain(line)) for line in provenance)
+    about = _comment(map(plain, provenance))
     grid = {"start": _number(start), "step": _number((stop - start) / last), "last": str(last)}
     parts = [("comment", {"about": about}), ("between", grid)]
     for direction, values in table.values.items():
@@ -164,13 +164,17 @@ def table_header(table: CorrectionTable, provenance: Sequence[str], *, name: str
     return _filled(parts, name)
 
 
-def _filled(parts: Iterable[tuple[str, dict[str, str]]], name: str) -> str:
+def _filled(parts: Iterable[tuple[str, dict[str, Any]]], name: str) -> str:
     """Return the named parts of the template, each with its values, as one header."""
+    return "\n".join([*_texts(parts, name), f"#endif /* {name.upper()}_COMPENSATION_H */\n"])
+
+
+def _texts(parts: Iterable[tuple[str, dict[str, Any]]], name: str) -> list[str]:
+    """Return the named parts of the template, each with its values."""
     sections = _TEMPLATE.read_text("ascii").split("@@ ")[1:]
     texts = dict(section.split("\n", 1) for section in sections)
     names = {"name": name, "NAME": name.upper()}
-    filled = [Template(texts[part]).substitute(values, **names) for part, values in parts]
-    return "\n".join([*filled, f"#endif /* {name.upper()}_COMPENSATION_H */\n"])
+    return [Template(texts[part]).substitute(values, **names) for part, values in parts]
 
 
 def _numbers(compensation: Compensation) -> dict[str, str]:
@@ -215,57 +219,44 @@ def _about(compensation: Compensation, origin: HeaderOrigin, name: str, quantity
         "start": "where the encoders stood at the first sample of the log",
         "reading": "where the encoders read zero",
     }[origin.zero]
-    ratio, turns = compensation.ratio, compensation.hunting_turns
-    upper = name.upper()
-    paragraphs = [
-        f"Backlash of: {plain(origin.pair) or 'a gear pair without a name'}. Made by vttig-jax"
-        f" {plain(origin.version)}; do not edit.",
-        f"It holds {len(compensation.terms)} harmonics of the driving angle phi1 and the driven"
-        f" angle phi2 of a fitted backlash map; ratio {ratio} (driven over driving speed), hunting"
-        f" period {turns} driving turns. They are within {compensation.error_rad / ARCSEC:.1e}"
-        " arcsec of the map. Mean backlash"
-        f" {compensation.constant_rad / DEG:.6f} deg of the driven gear.",
-        f"Angles: rad of each shaft, wrapped or not, up to 1e9; zero {zero}; both positive for"
-        " positive motion of the log.",
-        "Cost of a call: sines and cosines of"
-        f" {len({t[0] for t in compensation.terms})} + {len({t[1] for t in compensation.terms})}"
-        " angles and two products a harmonic, the same for every argument; no state, no"
-        " allocation, no included file.",
-        f"The status is {upper}_UNKNOWN if an angle is not finite or if the readings fit no turn of"
-        " the hunting period: phi2 - ratio phi1 is then more than"
-        f" {compensation.tolerance_rad / DEG:.6f} deg away from each of the {turns} angles,"
-        f" {compensation.spacing_rad / DEG:.6g} deg apart, that the pair can have. Value and"
-        " derivative are then 0, which closes nothing.",
-        f"{name}_backlash(phi1, phi2): backlash in rad of the driven gear and its derivative by"
-        " phi1. A negative backlash means that the pair binds according to the map.",
-    ]
+    orders = [{term[side] for term in compensation.terms} for side in (0, 1)]
+    values: dict[str, Any] = {
+        "pair": plain(origin.pair) or "a gear pair without a name",
+        "version": plain(origin.version),
+        "terms": len(compensation.terms),
+        "ratio": compensation.ratio,
+        "turns": compensation.hunting_turns,
+        "error": f"{compensation.error_rad / ARCSEC:.1e}",
+        "mean": f"{compensation.constant_rad / DEG:.6f}",
+        "zero": zero,
+        "driving_count": len(orders[0]),
+        "driven_count": len(orders[1]),
+        "tolerance": f"{compensation.tolerance_rad / DEG:.6f}",
+        "spacing": f"{compensation.spacing_rad / DEG:.6g}",
+    }
+    parts = ["about"]
     if quantity == "shift":
-        paragraphs += [
-            f"{name}_shift(phi1, phi2, margin_mm): axial displacement of the driven gear towards"
-            " the thick end of the driving gear that leaves margin_mm of displacement open, mm, and"
-            " its derivative by phi1 in mm/rad. Never below 0: if the gap is smaller than the"
-            f" margin, both are 0. A negative or NaN margin gives {upper}_UNKNOWN.",
-            "The derivative times the driving speed in rad/s is the speed of the actuator in mm/s.",
-        ]
+        parts.append("about shift")
     if origin.backlash_deg:
-        low, high = origin.backlash_deg
-        paragraphs.append(
-            f"The constant backlash of the fit lies between {low:.6g} and {high:.6g} deg (95 %)."
-        )
+        parts.append("about interval")
+        values["low"], values["high"] = (f"{edge:.6g}" for edge in origin.backlash_deg)
     if origin.lowered_deg:
-        edge, less = origin.lowered_deg
-        paragraphs.append(
-            f"The gap is the mean of the posterior less {less:.6f} deg, so that it is nowhere above"
-            f" the edge {edge} of its band."
-        )
+        parts.append("about lowered")
+        values |= {"edge": origin.lowered_deg[0], "less": f"{origin.lowered_deg[1]:.6f}"}
     if origin.conditional_on:
-        assumed = ", ".join(map(plain, origin.conditional_on))
-        paragraphs.append(f"Holds under the assumptions of the fit: {assumed}.")
+        parts.append("about assumptions")
+        values["assumed"] = ", ".join(map(plain, origin.conditional_on))
     if origin.sha256:
-        paragraphs.append(f"SHA-256 of the logs: {plain(origin.sha256)}.")
-    return "\n *\n".join(map(_paragraph, paragraphs))
+        parts.append("about logs")
+        values["sha256"] = plain(origin.sha256)
+    texts = _texts([(part, values) for part in parts], name)
+    return _comment(paragraph for text in texts for paragraph in text.strip().split("\n\n"))
 
 
-def _paragraph(text: str) -> str:
-    lines = wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(f" * {line}" for line in lines)
+def _comment(paragraphs: Iterable[str]) -> str:
+    """Return the lines of a C comment of some paragraphs."""
+    wrapped = (
+        wrap(paragraph, WIDTH, break_long_words=False, break_on_hyphens=False)
+        for paragraph in paragraphs
+    )
+    return "\n *\n".join("\n".join(f" * {line}" for line in lines) for lines in wrapped)

@@ -92,38 +92,19 @@ class Pulls(eqx.Module):
     after: Scalar
 
 
-class _Progress(eqx.Module):
-    """State of an impact between two pieces of the contact law.
-
-    - `press`: penetration and its rate. - `remaining`: time until the end of the step, 1/ω.
-    - `loose`: whether the contact torque has become zero.
-    """
-
-    press: Press
-    remaining: Scalar
-    loose: Truth
-
-
-class _Piece(eqx.Module):
-    """Linear piece of the contact law.
-
-    - `spring`, `damper`: factors of c and d, so that the torque is spring · c p + damper · d ṗ.
-    - `depth`, `rate`: the piece applies while depth · p + rate · (d/c) ṗ is positive.
-    - `releases`: whether the contact torque is zero after this piece.
-    """
-
-    spring: Scalar
-    damper: Scalar
-    depth: Scalar
-    rate: Scalar
-    releases: Scalar
-
+_Progress = tuple[Press, Scalar, Truth]
+"""State of an impact between two pieces of the contact law: penetration and its rate, time until
+the end of the step (1/ω), and whether the contact torque has become zero."""
 
 _STIFF = (2.0, 0.0, -1.0, 1.0, 0.0)
 _BOTH = (1.0, 1.0, 1.0, 1.0, 1.0)
 _PIECES = np.array([_STIFF, _BOTH, _BOTH, _BOTH])
-"""The piece `_BOTH` is computed with three consecutive series. Together they cover 3.9/ω. For
-damping ratios up to 5 a contact with a rebound is shorter; at 5 the rebound has 7 % of the speed.
+"""Linear pieces of the contact law: spring, damper, depth, rate, releases.
+
+The torque is spring · c p + damper · d ṗ, while depth · p + rate · (d/c) ṗ is positive. `releases`
+is 1 if the contact torque is zero after the piece. The piece `_BOTH` is computed with three
+consecutive series. Together they cover 3.9/ω. For damping ratios up to 5 a contact with a rebound
+is shorter; at 5 the rebound has 7 % of the speed.
 """
 
 
@@ -138,15 +119,15 @@ def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> I
     flown = _flight(start, pulls.before, jnp.minimum(entry, time))
     depth = jnp.where(met & (start.depth <= 0), 0.0, flown.depth)
     remaining = jnp.where(met, time - jnp.minimum(entry, time), 0.0)
-    begun = _Progress(Press(depth, flown.rate), remaining, jnp.zeros_like(met))
+    begun = Press(depth, flown.rate), remaining, jnp.zeros_like(met)
     pull = pulls.pressed
 
     def advance(state: _Progress, piece: Float[Array, "5"]) -> tuple[_Progress, None]:
-        return _advance(state, _Piece(*piece), pull, damping_ratio), None
+        return _advance(state, piece, pull, damping_ratio), None
 
-    ended, _ = jax.lax.scan(advance, begun, jnp.asarray(_PIECES))
-    loose = met & ended.loose
-    press, remaining, thrown = _separation(ended.press, ended.remaining, loose, pull, damping_ratio)
+    (press, remaining, loose), _ = jax.lax.scan(advance, begun, jnp.asarray(_PIECES))
+    loose = met & loose
+    press, remaining, thrown = _separation(press, remaining, loose, pull, damping_ratio)
     flight = jnp.where(thrown, jnp.minimum(remaining, _arrival(press, pulls.after)), 0.0)
     stays = remaining > flight
     flown = _flight(press, pulls.after, flight)
@@ -157,31 +138,31 @@ def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> I
 
 def longest_contact(damping_ratio: Any) -> Float[Array, "*shape"]:
     """Return the time (1/ω) for which `impact` follows a contact without rebound."""
-    both = [_Piece(*piece) for piece in jnp.asarray(_PIECES) if piece[1] > 0]
-    return jnp.sum(
-        jnp.stack([_series_time(piece, jnp.asarray(damping_ratio)) for piece in both]), 0
-    )
+    dampers = [damper for _, damper, *_ in jnp.asarray(_PIECES) if damper > 0]
+    times = [_series_time(damper, jnp.asarray(damping_ratio)) for damper in dampers]
+    return jnp.sum(jnp.stack(times), 0)
 
 
-def _advance(state: _Progress, piece: _Piece, pull: Scalar, damping_ratio: Scalar) -> _Progress:
+def _advance(
+    state: _Progress, piece: Float[Array, "5"], pull: Scalar, damping_ratio: Scalar
+) -> _Progress:
     """Advance until the piece, the validity of its series or the remaining time ends.
 
     The earliest of these three ends counts. `pull` is the acceleration by other torques.
     """
-    press, remaining, loose = state.press, state.remaining, state.loose
-    damper = 2 * damping_ratio
-    inside = piece.depth * press.depth + piece.rate * damper * press.rate
-    covered = jnp.minimum(remaining, _series_time(piece, damping_ratio))
+    press, remaining, loose = state
+    spring, damper, of_depth, of_rate, releases = piece
+    of_rate, damping = of_rate * (2 * damping_ratio), damper * (2 * damping_ratio)
+    inside = of_depth * press.depth + of_rate * press.rate
+    covered = jnp.minimum(remaining, _series_time(damper, damping_ratio))
     limit = jnp.where((inside >= 0) & ~loose, covered, 0.0)
-    depth = _series(press, pull, piece.spring, piece.damper * damper)
+    depth = _series(press, pull, spring, damping)
     slopes = [n * c for n, c in enumerate(depth)][1:]
-    margin = [
-        piece.depth * c + piece.rate * damper * s for c, s in zip(depth, slopes, strict=False)
-    ]
+    margin = [of_depth * c + of_rate * s for c, s in zip(depth, slopes, strict=False)]
     ends = ~loose & (_value_slope(margin, limit)[0] <= 0)
     time = jnp.where(ends, _root(margin, limit), limit)
     press = Press(*_value_slope(depth, time))
-    return _Progress(press, remaining - time, loose | (ends & (piece.releases > 0)))
+    return press, remaining - time, loose | (ends & (releases > 0))
 
 
 def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, damping_ratio: Scalar):
@@ -210,10 +191,10 @@ def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, dam
     return Press(jnp.where(thrown, 0.0, press.depth), press.rate), remaining, thrown
 
 
-def _series_time(piece: _Piece, damping_ratio: Scalar) -> Scalar:
-    """Return the time (1/ω) over which the power series of a piece is accurate enough."""
+def _series_time(damper: Scalar, damping_ratio: Scalar) -> Scalar:
+    """Return the time (1/ω) over which the series of a piece with this damper is accurate."""
     square = damping_ratio**2 - 1
-    over = (square > 0) & (piece.damper > 0)
+    over = (square > 0) & (damper > 0)
     fast = jnp.where(over, damping_ratio + _sqrt(square), 1.0)
     return jnp.where(over, _SERIES_TIME_OVERDAMPED / fast, _SERIES_TIME)
 
@@ -362,7 +343,7 @@ class Elastic(Plant):
         """See `Plant.step`."""
         ratio = jnp.asarray(bounds.ratio)
         step = jnp.asarray(step)
-        flanks, now, then = walls_of(shafts, driving, slide, bounds)
+        flanks, now, then, low, high = walls_of(shafts, driving, slide, bounds, step)
         driven_speed = ratio * shafts.speed + shafts.drift
         if self.effective is None:
             slowing = self.drag.acceleration(driven_speed, 0.0, step)
@@ -414,8 +395,6 @@ class Elastic(Plant):
         # As with rigid teeth: when the gap closes, the flank opposite to `side` is newly loaded.
         met = jnp.where(closed, -shafts.side, met)
         side = touching(offset < then.lower, offset > then.upper, shafts.side)
-        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
-        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         return Shafts(driving.angle, driving.speed, offset, drift, side, flanks), touch

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from ...base.arrays import Number, Numbers, float64
 from ...kinematics.flank_table import Bounds, Flanks
 from ..fields import Part, Quantity, not_negative, number, positive
-from ..hermite import cubic, first_root
+from ..hermite import Cubic, cubic, first_root
 from ..motion.motion import MotionPoint
 
 ON_A, FREE, ON_B = -1.0, 0.0, 1.0
@@ -184,12 +184,18 @@ def walls(
 
 
 def walls_of(
-    shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds
-) -> tuple[Flanks, Walls, Walls]:
-    """Return the flanks at the end of a step, and the walls at its start and at its end."""
+    shafts: Shafts, driving: MotionPoint, slide: Slide, bounds: Bounds, step: Number
+) -> tuple[Flanks, Walls, Walls, Cubic, Cubic]:
+    """Return the flanks at the end of a step (s), and the walls at its start and at its end.
+
+    The lower and the upper wall during the step follow them.
+    """
     flanks, closing = bounds.at(driving.angle), jnp.asarray(bounds.closing)
     now = walls(shafts.flanks, shafts.speed, closing, slide.start, slide.start_rate)
-    return flanks, now, walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+    then = walls(flanks, driving.speed, closing, slide.end, slide.end_rate)
+    low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
+    high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
+    return flanks, now, then, low, high
 
 
 def flown(shafts, driving, ratio, slowing, step) -> tuple[Float[Array, ""], Float[Array, ""]]:
@@ -239,13 +245,11 @@ class Play(Plant):
     ) -> tuple[Shafts, ContactEvent]:
         """See `Plant.step`."""
         ratio = jnp.asarray(bounds.ratio)
-        flanks, now, then = walls_of(shafts, driving, slide, bounds)
+        flanks, _, then, low, high = walls_of(shafts, driving, slide, bounds, step)
         free = shafts.offset - ratio * (driving.angle - shafts.angle)
         below, above = free <= then.lower, free >= then.upper
         side = touching(below, above, shafts.side)
         held = cubic(shafts.offset, free, -ratio * shafts.speed, -ratio * driving.speed, step)
-        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
-        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         depth = jax.tree.map(lambda h, a, b: jnp.where(below, h - a, b - h), held, low, high)
         share = first_root(depth)
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
@@ -293,14 +297,12 @@ class Rigid(Plant):
         """See `Plant.step`."""
         ratio = jnp.asarray(bounds.ratio)
         step = jnp.asarray(step)
-        flanks, now, then = walls_of(shafts, driving, slide, bounds)
+        flanks, _, then, low, high = walls_of(shafts, driving, slide, bounds, step)
         driven_speed = ratio * shafts.speed + shafts.drift
         slowing = self.drag.acceleration(driven_speed, 0.0, step)
         free, drift = flown(shafts, driving, ratio, slowing, step)
         below, above = free <= then.lower, free >= then.upper
         hit = below | above
-        low = cubic(now.lower, then.lower, now.lower_rate, then.lower_rate, step)
-        high = cubic(now.upper, then.upper, now.upper_rate, then.upper_rate, step)
         wall = jax.tree.map(lambda a, b: jnp.where(below, a, b), low, high)
         inwards = jnp.where(below, 1.0, -1.0)
         flight = cubic(shafts.offset, free, shafts.drift, drift, step)

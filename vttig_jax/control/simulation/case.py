@@ -4,7 +4,7 @@ The numbers of a case are arrays of JAX or NumPy. Choices, such as the kind of c
 classes of its parts, and decide which program is compiled.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from typing import Any, Literal, get_args
 
@@ -493,27 +493,36 @@ the motion turned."""
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 """All outcomes; the code of an outcome is its index here."""
 
-METRICS = (
-    "te_mean_deg",
-    "te_max_deg",
-    "te_min_deg",
-    "jump_deg",
-    "jump_paper_deg",
-    "axial_step_deg",
-    "detection_deg",
-    "detection_delay_s",
-    "residual_gap_deg",
-    "interference_mm",
-    "actuator_travel_mm",
-    "lost_motion_deg",
-    "output_error_deg",
-    "output_error_rms_deg",
-    "largest_jump_deg",
-    "early_jump_deg",
-    "wrong_flank_deg",
-    "over_compensation_deg",
-    "thrown_back_deg",
-)
+_METRICS: dict[str, Callable[[Accumulators, Case, Any], Any]] = {
+    "te_mean_deg": lambda t, case, back: t.total / t.samples / DEG,
+    "te_max_deg": lambda t, case, back: t.highest / DEG,
+    "te_min_deg": lambda t, case, back: t.lowest / DEG,
+    "jump_deg": lambda t, case, back: case.sense * t.gap / DEG,
+    "jump_paper_deg": lambda t, case, back: (t.before - t.after) / DEG,
+    "axial_step_deg": lambda t, case, back: (
+        t.farthest * jnp.where(jnp.asarray(case.sense) > 0, *jnp.asarray(case.bounds.closing)) / DEG
+    ),
+    "detection_deg": lambda t, case, back: t.detection / DEG,
+    "detection_delay_s": lambda t, case, back: t.detection_s - case.motion.braking_s,
+    "residual_gap_deg": lambda t, case, back: t.residual_gap / DEG,
+    "interference_mm": lambda t, case, back: t.interference,
+    "actuator_travel_mm": lambda t, case, back: t.travel,
+    "lost_motion_deg": lambda t, case, back: t.lost / back / DEG,
+    "output_error_deg": lambda t, case, back: (
+        jnp.where(jnp.isnan(back), jnp.nan, t.output_error) / DEG
+    ),
+    "output_error_rms_deg": lambda t, case, back: jnp.sqrt(t.output_squares / t.samples) / DEG,
+    "largest_jump_deg": lambda t, case, back: t.largest_jump / DEG,
+    "early_jump_deg": lambda t, case, back: t.early_jump / DEG,
+    "wrong_flank_deg": lambda t, case, back: t.wrong_travel / DEG,
+    "over_compensation_deg": lambda t, case, back: (
+        jnp.nan if t.beyond is None else t.beyond / back / DEG
+    ),
+    "thrown_back_deg": lambda t, case, back: jnp.nan if t.rebound is None else t.rebound / DEG,
+}
+"""Metrics of the accumulators, the case, and the travel on the way back, rad; see `metrics_of`."""
+
+METRICS = tuple(_METRICS)
 
 NEAR_MM, NEAR_DEG = 1e-4, 1e-6
 """Axial displacements (mm) and backlash (deg) that count as zero; chosen tolerances."""
@@ -553,33 +562,12 @@ def metrics_of(case: Case, accumulators: Accumulators) -> Metrics:
     Interference, travel and axial step are those of the reversal, which ends with the command to
     open the gap after the turn. If the motion never turns back, they are those of the whole run.
     """
-    t, motion, closing = accumulators, case.motion, jnp.asarray(case.bounds.closing)
+    t, motion = accumulators, case.motion
     turn, end = jnp.asarray(motion.turn_s), jnp.asarray(motion.duration_s)
-    turns, none = turn < end, jnp.full((), jnp.nan)
+    turns = turn < end
     angle = motion.at(turn + (end - turn) * jnp.linspace(0.0, 1.0, TIMES)).angle
     way_back = jnp.where(turns, jnp.sum(jnp.abs(jnp.diff(angle))), jnp.nan)
-    forwards = jnp.asarray(case.sense) > 0
-    values = (
-        t.total / t.samples / DEG,
-        t.highest / DEG,
-        t.lowest / DEG,
-        case.sense * t.gap / DEG,
-        (t.before - t.after) / DEG,
-        t.farthest * jnp.where(forwards, closing[0], closing[1]) / DEG,
-        t.detection / DEG,
-        t.detection_s - motion.braking_s,
-        t.residual_gap / DEG,
-        t.interference,
-        t.travel,
-        t.lost / way_back / DEG,
-        jnp.where(turns, t.output_error, jnp.nan) / DEG,
-        jnp.sqrt(t.output_squares / t.samples) / DEG,
-        t.largest_jump / DEG,
-        t.early_jump / DEG,
-        t.wrong_travel / DEG,
-        none if t.beyond is None else t.beyond / way_back / DEG,
-        none if t.rebound is None else t.rebound / DEG,
-    )
+    values = {name: value(t, case, way_back) for name, value in _METRICS.items()}
     holds = (
         isinstance(case.controller, LostController),
         t.blocked,
@@ -590,7 +578,7 @@ def metrics_of(case: Case, accumulators: Accumulators) -> Metrics:
     )
     codes = [jnp.full((), code) for code in range(1, len(OUTCOMES))]
     outcome = jnp.select([jnp.asarray(one) for one in holds], codes, 0)
-    return {name: jnp.asarray(one) for name, one in zip(METRICS, values, strict=True)}, outcome
+    return jax.tree.map(jnp.asarray, values), outcome
 
 
 def overdone(metrics: Mapping[str, Any]) -> tuple[Any, Any]:

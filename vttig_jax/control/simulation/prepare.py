@@ -45,19 +45,17 @@ from ..controllers.controller import Controller, NoController
 from ..controllers.retreat import retreat_of
 from ..controllers.turn_location import LostController, turn_error
 from ..fields import may_be_positive
-from ..hardware.actuator import Actuator, Thrust, can_back_drive
-from ..hardware.encoder import Encoder
+from ..hardware.actuator import Thrust, can_back_drive
 from ..hardware.servo import Servo, ServoDrive
 from ..motion.motion import Motion, Reversal, Sine
 from ..motion.recorded import read_motion
 from ..plants.elastic import Elastic, largest_step
-from ..plants.plant import Drag, Friction, Inertia, Load, Mesh, Plant, Play
+from ..plants.plant import Drag, Plant, Play
 from ..scenario.scenario import (
     CONTROLLERS,
     EVENTS,
     OBSERVERS,
     PLANTS,
-    Sampling,
     Scenario,
     name_of,
     part_of,
@@ -252,7 +250,7 @@ def covers(table: FlankTable, low: Any, high: Any) -> Any:
     return table.periodic | ((ends[0] < low + near) & (high < ends[1] + near))
 
 
-def closing_of(pair: Any) -> Any:
+def closings_of(pair: Any) -> Any:
     """Return the change of TE per axial displacement on both flanks, rad/mm; 0 for a drive."""
     return pair.taper / pair.reference_radii[1] if isinstance(pair, GearPair) else np.zeros(2)
 
@@ -269,7 +267,7 @@ def _table_of(
     """
     model, given = _model(s, which)
     if isinstance(model, ClosedModel):
-        first = first_order_bounds(model, closing_of(s.pair)).turned(turns)
+        first = first_order_bounds(model, closings_of(s.pair)).turned(turns)
         if which == "plant_map":
             return first, jnp.min(first.gap(_angles_of(s.pair))), 0.0
         if given and s.map_backlash_deg is not None:
@@ -292,7 +290,7 @@ def _table_of(
             " take a longer map (`vttig map --span-rev`) or a shorter motion.",
             where=which,
         )
-    bounds = replace(model, closing=closing_of(s.pair)).turned(turns)
+    bounds = replace(model, closing=closings_of(s.pair)).turned(turns)
     judged = jnp.min if which == "plant_map" else jnp.mean
     gap = judged(_gaps_of(bounds)) if given or which == "plant_map" else None
     if which == "controller_map" and given and s.map_backlash_deg is not None:
@@ -349,7 +347,7 @@ def drawn_tables(
     one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), tables)
     nodes = np.asarray(tables.nodes).reshape(-1, 4)
     smallest = np.asarray(_gaps_of(tables).min(axis=-1))
-    return replace(one, nodes=nodes, closing=closing_of(pair)), smallest
+    return replace(one, nodes=nodes, closing=closings_of(pair)), smallest
 
 
 @eqx.filter_jit
@@ -518,7 +516,7 @@ def _chosen(s: Scenario) -> Controller:
         return LostController()
     if not s.controller.closes or (isinstance(s.pair, GearPair) and not known(s.pair)):
         return s.controller
-    if closing_of(s.pair).sum() > 0:
+    if closings_of(s.pair).sum() > 0:
         return s.controller
     why = "this drive has no gears"
     if isinstance(s.pair, GearPair):
@@ -531,16 +529,8 @@ def _chosen(s: Scenario) -> Controller:
     )
 
 
-_PLAIN = {
-    "inertia": Inertia,
-    "friction": Friction,
-    "load": Load,
-    "mesh": Mesh,
-    "driving_encoder": Encoder,
-    "driven_encoder": Encoder,
-    "actuator": Actuator,
-    "sampling": Sampling,
-}
+_PLAIN = ("inertia", "friction", "load", "mesh", "driving_encoder", "driven_encoder", "actuator")
+_PLAIN += ("sampling",)
 """Parts whose numbers are those of the table with the same name."""
 
 
@@ -629,7 +619,7 @@ def scenario_of(
         part_of(PLANTS[spec.plant], spec.mesh),
         controller or part_of(CONTROLLERS[spec.controller], spec.judgement),
         part_of(Servo, spec.servo) if spec.servo.motor == "pi" else None,
-        **{name: part_of(kind, getattr(spec, name)) for name, kind in _PLAIN.items()},
+        **{name: part_of(type(getattr(Scenario, name)), getattr(spec, name)) for name in _PLAIN},
         observer=part_of(OBSERVERS[spec.judgement.observer], spec.judgement),
         plant_map=plant,
         controller_map=believed,

@@ -58,7 +58,7 @@ from ..simulation.case import (
 from ..simulation.prepare import (
     Fixed,
     Maps,
-    closing_of,
+    closings_of,
     covers,
     delay_of,
     drawn_tables,
@@ -131,7 +131,7 @@ class SweepCases:
     @property
     def closing(self) -> float:
         """Decrease of the backlash per axial displacement, rad/mm; 0 without taper."""
-        return float(np.sum(closing_of(self.pair)))
+        return float(np.sum(closings_of(self.pair)))
 
     @cached_property
     def _groups(self) -> list[dict[str, np.ndarray]]:

@@ -159,7 +159,13 @@ class BandedMap(PlottedResult):
     turns: float
 
     @property
-    def _curves(self) -> dict[str, Curve]:
+    def columns(self) -> dict[str, Curve]:
+        """Columns of its table: those of a map without bands, then the bands.
+
+        The axial displacement that closes the backlash j is j R₂/(tan β_L + tan β_R), and its bands
+        are those of j times this factor. Columns in mm are NaN without gear geometry, and axial
+        columns also without taper.
+        """
         radius, axial = millimetres(self.map.pair)
         ends, gap = self.band.edges, self.band.centre
         return {
@@ -171,20 +177,6 @@ class BandedMap(PlottedResult):
             **{f"{name}_deg": end / DEG for name, end in ends.items()},
             **{f"axial_{name}_mm": end * axial for name, end in ends.items()},
         }
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the columns of `table`: those of a map without bands, then the bands."""
-        return tuple(self._curves)
-
-    def table(self) -> Float[np.ndarray, "n columns"]:
-        """Return the table with the columns `columns` and one row per driving angle.
-
-        The axial displacement that closes the backlash j is j R₂/(tan β_L + tan β_R), and its bands
-        are those of j times this factor. Columns in mm are NaN without gear geometry, and axial
-        columns also without taper.
-        """
-        return np.stack([*self._curves.values()], axis=1)
 
     def __str__(self) -> str:
         rows = [
