@@ -166,8 +166,7 @@ def read_twincat(text: Lines, source: str) -> Found | None:
     columns = []
     for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
         stamps = column_of(rows, first, f"time {group}", decimal, source)
-        epoch = epoch_unit(stamps) if len(stamps) else None
-        if epoch is not None and epoch.unit == FILETIME:
+        if len(stamps) and epoch_unit(stamps) == FILETIME:
             seconds = (stamps - int(rows[0][1][times[0]])) * TIME_UNITS["100ns"]
         else:
             seconds = stamps * TIME_UNITS["ms"]

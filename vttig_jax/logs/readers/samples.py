@@ -21,8 +21,8 @@ move the zero of the distances; these moves are removed. Rows `DROP` have no sta
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -389,142 +389,6 @@ _BY_HAND = re.compile(r"INFO: Manual guide \(Mount\) (West|East) (\d+) ms")
 _NEEDED = {"scale": "`Pixel scale = 2.00 arc-sec/px`", "declination": "`Dec = 20.0 deg`"}
 
 
-@dataclass
-class Session:
-    """One session of guiding with the values of the file.
-
-    **Arguments**
-    - `start`: date and time of the beginning. - `line`: number of the line where it begins.
-    - `facts`: key of `_FACTS` → number in the heading.
-    - `lock`: lock position in px. - `time`: stamps in s.
-    - `distance`: RARawDistance corrected for the moves of the lock position, in px.
-    - `pulses`: sum of the pulses before each row in ms, positive to the west.
-    - `dropped`: number of rows without a star. - `unusable`: why the session is not used, or "".
-    """
-
-    start: str
-    line: int
-    facts: dict[str, float] = field(default_factory=dict)
-    lock: tuple[float, float] | None = None
-    time: list[float] = field(default_factory=list)
-    distance: list[float] = field(default_factory=list)
-    pulses: list[float] = field(default_factory=list)
-    dropped: int = 0
-    unusable: str = ""
-    _names: list[str] = field(default_factory=list)
-    _moved: float = 0.0
-    _pulsed: float = 0.0
-
-    def add_line(self, line: str, following: str, place: str) -> None:
-        """Store the content of one line; `following` is the next line, `place` is for messages.
-
-        **Raises** `LogError` for a row of another form.
-        """
-        if line.startswith(HEADER):
-            self._names = split(line, ",")
-        elif line.startswith("INFO:"):
-            self._event(line, following)
-        elif not self._names:
-            self._heading(line)
-        elif not self.unusable:
-            self._row(split(line, ","), place)
-
-    def _heading(self, line: str) -> None:
-        for key, pattern in _FACTS.items():
-            match = pattern.search(line)
-            if match is not None:
-                self.facts.setdefault(key, float(match[1]))
-        match = _LOCK.match(line)
-        if match is not None:
-            self.lock = float(match[1]), float(match[2])
-
-    def _event(self, line: str, following: str) -> None:
-        """Store a move of the lock position or a manual guide pulse from a line INFO."""
-        dither, lock, hand = _DITHER.match(line), _NEW_LOCK.match(line), _BY_HAND.match(line)
-        if dither is not None:
-            self._moved += float(dither[1])
-        elif lock is not None and not _DITHER.match(following):  # a dither is logged twice
-            self._relock(float(lock[1]), float(lock[2]))
-        elif hand is not None:
-            self._pulsed += float(hand[2]) * (1 if hand[1] == "West" else -1)
-        elif _MOVING.match(line):
-            self.unusable = "the lock position was shifted all the time"
-        if lock is not None:
-            self.lock = float(lock[1]), float(lock[2])
-
-    def _relock(self, x: float, y: float) -> None:
-        """Store the move (px) to a new lock position (x, y) along the axis of right ascension."""
-        if self.lock is None or "angle" not in self.facts:
-            self.unusable = "the lock position was moved, and the heading states no xAngle"
-            return
-        across, up = x - self.lock[0], y - self.lock[1]
-        angle = self.facts["angle"] * DEG
-        self._moved += float(across * np.cos(angle) + up * np.sin(angle))
-
-    def _row(self, fields: list[str], place: str) -> None:
-        row = dict(zip(self._names, fields, strict=False))
-        kind = row.get("mount", "").strip('"')
-        if kind == "DROP":
-            self.dropped += 1
-            return
-        if kind == "AO":
-            self.unusable = "an adaptive optics unit was guided, not the mount"
-            return
-        texts = row.get("Time", ""), row.get("RARawDistance", ""), row.get("RADuration") or "0"
-        time, raw, duration = (to_number(text, ".") for text in texts)
-        if time is None or raw is None or duration is None or len(fields) < len(self._names) - 1:
-            raise LogError(
-                "this row is no row of a guide log (Frame, Time, mount, …); remove it.", where=place
-            )
-        self.time.append(time)
-        self.distance.append(raw + self._moved)
-        self.pulses.append(self._pulsed)
-        self._pulsed += duration * {"W": 1, "E": -1}.get(row.get("RADirection", "")[:1], 0)
-
-    @property
-    def reason(self) -> str:
-        """Reason why the session is not used, or ""."""
-        lacking = [text for key, text in _NEEDED.items() if key not in self.facts]
-        if self.unusable:
-            return self.unusable
-        if len(self.time) < FEWEST_ROWS:
-            return f"it has {len(self.time)} rows"
-        if lacking:
-            return f"the heading lacks {' and '.join(lacking)}"
-        if any(self.pulses) and not {"speed", "rate"} & set(self.facts):
-            return "the heading states neither RA Guide Speed nor xRate"
-        return ""
-
-    @property
-    def _arcsec_per_px(self) -> float:
-        return self.facts["scale"] / float(np.cos(self.facts["declination"] * DEG))
-
-    @property
-    def _calibrated(self) -> float | None:
-        """Guide rate that the calibration of the camera measured, in arcsec/s."""
-        return self.facts["rate"] * self._arcsec_per_px if "rate" in self.facts else None
-
-    @property
-    def error_arcsec(self) -> Float[np.ndarray, " n"]:
-        """Transmission error of the mount in arcsec."""
-        rate = self.facts.get("speed") or self._calibrated or 0.0
-        pulses = np.array(self.pulses) / 1000 * rate
-        return np.array(self.distance) * self._arcsec_per_px + pulses
-
-    @property
-    def note(self) -> str:
-        """Start, length and guide rate in one sentence."""
-        dropped = f", {self.dropped} more without a star" if self.dropped else ""
-        text = f"{len(self.time)} rows over {self.time[-1] - self.time[0]:.0f} s{dropped}"
-        speed, calibrated = self.facts.get("speed"), self._calibrated
-        if speed is not None:
-            text += f", guide rate {speed:.4g}″/s as the mount reports"
-            text += f" (the calibration measured {calibrated:.4g}″/s)" * bool(calibrated)
-        elif calibrated is not None:
-            text += f", guide rate {calibrated:.4g}″/s from xRate"
-        return text
-
-
 def read_guide_log(text: Lines, source: str) -> Found | None:
     """Return time and transmission error of every session, and notes on the sessions.
 
@@ -536,42 +400,115 @@ def read_guide_log(text: Lines, source: str) -> Found | None:
         return None
     if not any(line.startswith(HEADER) for line in text):
         return None
-    sessions = dict(enumerate(_sessions(list(text), source), 1))
-    kept = {number: one for number, one in sessions.items() if not one.reason}
-    reasons = [f"session {n}, {one.reason}" for n, one in sessions.items() if one.reason]
-    left_out = "; ".join(reasons)
-    if not kept:
-        raise LogError(f"no session of guiding can be used: {left_out}.", where=source)
+    lines = list(text)
+    last = max((number for number, line in enumerate(lines, 1) if line.strip()), default=0)
+    marks = [k for k, line in enumerate(lines) if _BEGIN.match(line) or _END.match(line)]
+    sessions = [
+        (begin[1].strip(), *_session(lines[k + 1 : end], k + 2, last, source))
+        for k, end in pairwise([*marks, len(lines)])
+        if (begin := _BEGIN.match(lines[k])) is not None
+    ]
+    several = sum(arrays is not None for _, arrays, _ in sessions) > 1
     columns: dict[str, np.ndarray] = {}
+    reasons: list[str] = []
     notes = [
         "PHD2 guide log: transmission error = RARawDistance × pixel scale / cos(declination) + sum"
         " of the pulses × guide rate, positive where the mount lags"
     ]
-    for number, one in kept.items():
-        names = [f"{number}/{name}" if len(kept) > 1 else name for name in NAMES]
-        columns |= dict(zip(names, (np.array(one.time), one.error_arcsec), strict=True))
-        notes.append(f"session {number}, {printable(one.start)}: {one.note}")
+    for number, (start, arrays, told) in enumerate(sessions, 1):
+        if arrays is None:
+            reasons.append(f"session {number}, {told}")
+            continue
+        names = [f"{number}/{name}" if several else name for name in NAMES]
+        columns |= dict(zip(names, arrays, strict=True))
+        notes.append(f"session {number}, {printable(start)}: {told}")
+    left_out = "; ".join(reasons)
+    if not columns:
+        raise LogError(f"no session of guiding can be used: {left_out}.", where=source)
     if left_out:
         notes.append(f"left out: {left_out}")
     return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
 
 
-def _sessions(lines: Sequence[str], source: str) -> Iterator[Session]:
-    """Yield all sessions of guiding in the order of the file."""
-    current: Session | None = None
-    last = next((k for k in range(len(lines) - 1, -1, -1) if lines[k].strip()), 0)
-    for k, line in enumerate(lines):
-        begin = _BEGIN.match(line)
-        if begin is not None or _END.match(line):
-            if current is not None:
-                yield current
-            current = None if begin is None else Session(begin[1].strip(), k + 1)
-        elif current is not None and line.strip():
-            following = lines[k + 1] if k + 1 < len(lines) else ""
-            try:
-                current.add_line(line, following, f"{source}: line {k + 1}")
-            except LogError:
-                if k < last:
-                    raise
-    if current is not None:
-        yield current
+def _session(
+    lines: Sequence[str], first: int, last: int, source: str
+) -> tuple[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None, str]:
+    """Return time (s) and transmission error (arcsec) of one session, and a note on it.
+
+    `first` is the number of its first line, and `last` that of the last line of the file, which may
+    be incomplete. For a session that is not used the result is None and the reason.
+
+    **Raises** `LogError` for a row of another form.
+    """
+    facts: dict[str, float] = {}
+    lock: tuple[float, float] | None = None
+    names: list[str] = []
+    rows: list[tuple[float, float, float]] = []  # s, px, and ms of all pulses before the row
+    moved_px = pulsed_ms = 0.0
+    dropped, unusable = 0, ""
+    for number, (line, following) in enumerate(pairwise((*lines, "")), first):
+        if line.startswith(HEADER):
+            names = split(line, ",")
+        elif line.startswith("INFO:"):
+            dither, new, hand = _DITHER.match(line), _NEW_LOCK.match(line), _BY_HAND.match(line)
+            if dither is not None:
+                moved_px += float(dither[1])
+            elif new is not None and not _DITHER.match(following):  # a dither is logged twice
+                if lock is None or "angle" not in facts:
+                    unusable = "the lock position was moved, and the heading states no xAngle"
+                else:
+                    angle = facts["angle"] * DEG
+                    across, up = float(new[1]) - lock[0], float(new[2]) - lock[1]
+                    moved_px += float(across * np.cos(angle) + up * np.sin(angle))
+            elif hand is not None:
+                pulsed_ms += float(hand[2]) * (1 if hand[1] == "West" else -1)
+            elif _MOVING.match(line):
+                unusable = "the lock position was shifted all the time"
+            if new is not None:
+                lock = float(new[1]), float(new[2])
+        elif not names:
+            for key, pattern in _FACTS.items():
+                if (match := pattern.search(line)) is not None:
+                    facts.setdefault(key, float(match[1]))
+            if (match := _LOCK.match(line)) is not None:
+                lock = float(match[1]), float(match[2])
+        elif line.strip() and not unusable:
+            fields = split(line, ",")
+            row = dict(zip(names, fields, strict=False))
+            kind = row.get("mount", "").strip('"')
+            texts = row.get("Time", ""), row.get("RARawDistance", ""), row.get("RADuration") or "0"
+            time, raw, duration = (to_number(text, ".") for text in texts)
+            if kind == "DROP":
+                dropped += 1
+            elif kind == "AO":
+                unusable = "an adaptive optics unit was guided, not the mount"
+            elif time is None or raw is None or duration is None or len(fields) < len(names) - 1:
+                if number < last:
+                    raise LogError(
+                        "this row is no row of a guide log (Frame, Time, mount, …); remove it.",
+                        where=f"{source}: line {number}",
+                    )
+            else:
+                rows.append((time, raw + moved_px, pulsed_ms))
+                pulsed_ms += duration * {"W": 1, "E": -1}.get(row.get("RADirection", "")[:1], 0)
+    if unusable:
+        return None, unusable
+    if len(rows) < FEWEST_ROWS:
+        return None, f"it has {len(rows)} rows"
+    if lacking := [text for key, text in _NEEDED.items() if key not in facts]:
+        return None, f"the heading lacks {' and '.join(lacking)}"
+    times, distances_px, pulses_ms = np.array(rows).T.copy()
+    speed, rate = facts.get("speed"), facts.get("rate")
+    if pulses_ms.any() and speed is None and rate is None:
+        return None, "the heading states neither RA Guide Speed nor xRate"
+    arcsec_per_px = facts["scale"] / float(np.cos(facts["declination"] * DEG))
+    calibrated = None if rate is None else rate * arcsec_per_px
+    error = distances_px * arcsec_per_px + pulses_ms / 1000 * (speed or calibrated or 0.0)
+    note = f"{len(rows)} rows over {times[-1] - times[0]:.0f} s"
+    note += f", {dropped} more without a star" * bool(dropped)
+    if speed is not None:
+        note += f", guide rate {speed:.4g}″/s as the mount reports"
+        note += f" (the calibration measured {calibrated:.4g}″/s)" if calibrated else ""
+    elif calibrated is not None:
+        note += f", guide rate {calibrated:.4g}″/s from xRate"
+    return (times, error), note
