@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from ..errors import InputError, UsageError
 
@@ -83,19 +83,6 @@ class MemoryBudget:
                 " limit for a file of this size; give --most-memory GIB if you trust the file.",
                 where=self.where,
             )
-
-
-def unpacked_parts(unpacker: Any, packed: bytes) -> Iterator[bytes]:
-    """Yield what `packed` unpacks to in parts of at most 1 MiB, so that none of it must be kept.
-
-    `unpacker` is a decompressor object of zlib, bz2, lz4 or Zstandard.
-    """
-    while not unpacker.eof:
-        part = unpacker.decompress(packed, PART)
-        yield part
-        packed = getattr(unpacker, "unconsumed_tail", b"")  # only zlib returns what it did not read
-        if not part and getattr(unpacker, "needs_input", True):
-            return
 
 
 def read_at_most(file: BinaryIO | io.BufferedIOBase, limit: int, expected: int = 0) -> bytes:

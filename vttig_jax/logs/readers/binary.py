@@ -31,9 +31,9 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from ...base.errors import InputError, LogError, UsageError
-from ...base.files.limits import MemoryBudget, unpacked_parts
+from ...base.files.limits import MemoryBudget
 from .table import Table, matrix_columns
-from .text import library, printable, read_bytes
+from .text import library, printable, read_bytes, unpacked_parts
 from .times import since_first
 
 

@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import UsageError
-from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget, kept_bytes, unpacked_parts
+from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget, kept_bytes
 from ...base.logger import LOGGER
 from .table import matrix_columns
-from .text import library
+from .text import library, unpacked_parts
 from .times import since_first
 
 MATRIX, COMPRESSED = 14, 15

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base.files.limits import MemoryBudget, read_regular, unpacked_parts
+from ...base.files.limits import MemoryBudget, read_regular
 from .binary import ClockedColumn, silent
+from .text import unpacked_parts
 
 _MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the signature, opcode of a chunk (MCAP specification)
 _ROS1_MAGIC, _ROS1_CHUNK = b"#ROSBAG V2.0\n", 5  # first line, and opcode of a chunk (bag format 2)
