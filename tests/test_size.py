@@ -20,7 +20,7 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
-    "base": (1210, 19),  # 950
+    "base": (1207, 19),  # 950
     "pair": (658, 1),  # 560
     "kinematics": (1222, 23),  # 780
     "geometry": (3369, 55),  # 2800

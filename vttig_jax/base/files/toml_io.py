@@ -172,7 +172,7 @@ def _readable(text: str) -> str:
 
 def _kinds_at(kind: Any, parts: list[str]) -> list[Any]:
     """Return the types that are allowed for the entry with the dotted key `parts`."""
-    kinds = list(_types(kind))
+    kinds = _types(kind)
     for part in parts:
         fields = {one.name: one.types for struct in _structs(kinds) for one in keys(struct)}
         lists = [get_args(one)[0] for one in kinds if get_origin(one) in (list, tuple)]
@@ -230,7 +230,7 @@ class Key:
 def keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
     """Yield the keys of one table in the order of its struct; `above` is its dotted name."""
     for field in msgspec.structs.fields(struct):
-        meta = next(_metas(field.type), Meta())
+        meta = next((part for part in _parts(field.type) if isinstance(part, Meta)), Meta())
         tables = _structs(_types(field.type))
         yield Key(
             name=f"{above}.{field.encode_name}" if above else field.encode_name,
@@ -252,23 +252,18 @@ def value_keys(struct: type[Struct], above: str = "") -> Iterator[Key]:
             yield from value_keys(entry.table, entry.name)
 
 
-def _types(kind: Any) -> Iterator[Any]:
-    """Yield the member types of a union without their descriptions."""
+def _types(kind: Any) -> list[Any]:
+    """Return the member types of a union without their descriptions."""
+    return [part for part in _parts(kind) if not isinstance(part, Meta)]
+
+
+def _parts(kind: Any) -> Iterator[Any]:
+    """Yield the `Meta` descriptions and the types of which an annotated type or a union is made."""
     if hasattr(kind, "__metadata__"):
-        yield from _types(kind.__origin__)
-    elif _is_union(kind):
+        yield from (part for part in kind.__metadata__ if isinstance(part, Meta))
+        yield from _parts(kind.__origin__)
+    elif isinstance(kind, types.UnionType) or get_origin(kind) is Union:
         for member in get_args(kind):
-            yield from _types(member)
+            yield from _parts(member)
     else:
         yield kind
-
-
-def _metas(kind: Any) -> Iterator[Meta]:
-    """Yield the `Meta` descriptions of a type, then those of its union members."""
-    yield from (item for item in getattr(kind, "__metadata__", ()) if isinstance(item, Meta))
-    for member in get_args(kind) if _is_union(kind) else ():
-        yield from _metas(member)
-
-
-def _is_union(kind: Any) -> bool:
-    return isinstance(kind, types.UnionType) or get_origin(kind) is Union

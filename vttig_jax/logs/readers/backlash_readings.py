@@ -7,6 +7,7 @@ Flank and pitch deviations have one point or tooth on each line.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -392,14 +393,13 @@ def _map(place: Place, points: Points, pair: GearPair) -> FlankMap:
             " each.",
             where=where,
         )
-    for roll in rolls:
-        for z in heights:
-            if (roll, z) not in points:
-                raise InputError(
-                    f"{name} has no point at roll length {roll:g} mm and z = {z:g} mm; give all"
-                    f" {len(rolls)} × {len(heights)} points of its grid.",
-                    where=where,
-                )
+    if lacking := set(product(rolls, heights)) - points.keys():
+        roll, z = min(lacking)
+        raise InputError(
+            f"{name} has no point at roll length {roll:g} mm and z = {z:g} mm; give all"
+            f" {len(rolls)} × {len(heights)} points of its grid.",
+            where=where,
+        )
     return FlankMap(rolls, heights, [[points[roll, z][1] for z in heights] for roll in rolls])
 
 

@@ -19,7 +19,7 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
@@ -31,9 +31,9 @@ import numpy as np
 from jaxtyping import Float, Real
 
 from ...base.errors import InputError, LogError, UsageError
-from ...base.files.limits import PART, MemoryBudget
+from ...base.files.limits import MemoryBudget
 from .table import Table, matrix_columns
-from .text import library, printable, read_bytes
+from .text import library, printable, read_bytes, unpacked_parts
 from .times import since_first
 
 
@@ -355,13 +355,12 @@ def take_mdf(data: bytes, budget: MemoryBudget) -> None:
         start = place + _DZ_HEAD + 24  # after type, parameter and both sizes
         if len(data) >= start:
             size = struct.unpack_from("<Q", data, start - 8)[0]
-            unpacker, packed = zlib.decompressobj(), data[start : start + min(size, len(data))]
-            try:
-                while packed and not unpacker.eof:
-                    budget.take(len(unpacker.decompress(packed, PART)))
-                    packed = unpacker.unconsumed_tail
-            except zlib.error:  # ##DZ occurs in other data, or the reader reports the damage
-                pass
+            packed = data[start : start + min(size, len(data))]
+            with suppress(
+                zlib.error
+            ):  # ##DZ occurs in other data, or the reader reports the damage
+                for part in unpacked_parts(zlib.decompressobj(), packed):
+                    budget.take(len(part))
         place = data.find(_DZ, place + 1)
 
 
@@ -439,18 +438,14 @@ def _seconds(pa: Any, column: Any) -> np.ndarray:
 _HEADER = 64
 """Address (byte position) of the first block in all versions of MDF."""
 
-_LINKS: dict[bytes, tuple[frozenset[bytes], ...]] = {
-    b"##HD": tuple(map(frozenset, ([b"##DG"], [b"##FH"], [b"##CH"], [b"##AT"], [b"##EV"]))),
-    b"##DG": (frozenset([b"##DG"]), frozenset([b"##CG"])),
-    b"##CG": (frozenset([b"##CG"]), frozenset([b"##CN"])),
-    b"##CN": (frozenset([b"##CN"]), frozenset([b"##CN", b"##CA"])),
-    b"##CA": (frozenset([b"##CN", b"##CA"]),),
-    b"##CH": (frozenset([b"##CH"]), frozenset([b"##CH"])),
-    b"##FH": (frozenset([b"##FH"]),),
-    b"##AT": (frozenset([b"##AT"]),),
-    b"##EV": (frozenset([b"##EV"]),),
-    b"##DL": (frozenset([b"##DL"]),),
-    b"##LD": (frozenset([b"##LD"]),),
+_LINKS: dict[bytes, tuple[set[bytes], ...]] = {
+    b"##HD": ({b"##DG"}, {b"##FH"}, {b"##CH"}, {b"##AT"}, {b"##EV"}),
+    b"##DG": ({b"##DG"}, {b"##CG"}),
+    b"##CG": ({b"##CG"}, {b"##CN"}),
+    b"##CN": ({b"##CN"}, {b"##CN", b"##CA"}),
+    b"##CA": ({b"##CN", b"##CA"},),
+    b"##CH": ({b"##CH"}, {b"##CH"}),
+    **{kind: ({kind},) for kind in (b"##FH", b"##AT", b"##EV", b"##DL", b"##LD")},
 }
 """MDF 4: kind of a block → kinds to which its first links lead (ASAM MDF 4.1, chapter 5)."""
 
@@ -491,14 +486,14 @@ def _links_4(data: bytes, place: int) -> Iterator[int]:
     if kind not in _LINKS and kind != b"##HL":
         return
     (count,) = struct.unpack_from("<Q", data, place + 16)
-    for slot, kinds in enumerate(_LINKS.get(kind, (frozenset([b"##DL", b"##LD"]),))):
+    for slot, kinds in enumerate(_LINKS.get(kind, ({b"##DL", b"##LD"},))):
         if slot < count:
             yield from _target(data, place + 24 + 8 * slot, kinds)
     if kind == b"##DG" and count > _DATA_LINK:
         yield from _target(data, place + 24 + 8 * _DATA_LINK, None)
 
 
-def _target(data: bytes, place: int, kinds: frozenset[bytes] | None) -> Iterator[int]:
+def _target(data: bytes, place: int, kinds: set[bytes] | None) -> Iterator[int]:
     (target,) = struct.unpack_from("<Q", data, place)
     if not 0 < target <= len(data) - 24:  # no address, or one that the reader cannot follow
         return

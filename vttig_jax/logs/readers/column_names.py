@@ -320,12 +320,7 @@ def unit_in(field: str) -> str | None:
 
 def is_units_row(fields: Sequence[str]) -> bool:
     """Return whether every field is a unit or means "no unit", and at least one is a unit."""
-    units = []
-    for field in fields:
-        units.append(unit_in(field))
-        if units[-1] is None:
-            return False
-    return any(units)
+    return all(unit_in(field) is not None for field in fields) and any(map(unit_in, fields))
 
 
 def with_units(names: Sequence[str], fields: Sequence[str]) -> list[str]:

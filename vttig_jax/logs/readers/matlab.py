@@ -26,7 +26,7 @@ from ...base.errors import UsageError
 from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget, kept_bytes
 from ...base.logger import LOGGER
 from .table import matrix_columns
-from .text import library
+from .text import library, unpacked_parts
 from .times import since_first
 
 MATRIX, COMPRESSED = 14, 15
@@ -69,20 +69,20 @@ def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
 def _check_packed(packed: bytes, order: str, budget: MemoryBudget) -> None:
     """Check the array in a compressed element; for an array of numbers only its start is stored."""
     unpacker = zlib.decompressobj()
-    kept = [unpacker.decompress(packed, PART)]
+    parts = unpacked_parts(unpacker, packed)
+    kept = [next(parts)]
     size = len(kept[0])
     budget.take(size)
     # All tags of an array of real numbers are near its start, behind those of array and flags.
     flags = struct.unpack_from(f"{order}I", kept[0], 16)[0]
     plain = FIRST_NUMERIC_CLASS <= flags & 0xFF <= LAST_NUMERIC_CLASS and not flags & COMPLEX
-    while not unpacker.eof:
-        part = unpacker.decompress(unpacker.unconsumed_tail, PART)
-        if not part and not unpacker.eof:
-            raise ValueError("a compressed element is cut off")
+    for part in parts:
         budget.take(len(part))
         size += len(part)
         if not plain:
             kept.append(part)
+    if not unpacker.eof:
+        raise ValueError("a compressed element is cut off")
     content = b"".join(kept)
     kind, start, stop = _element(content, 0, size, order)
     if kind != MATRIX:
@@ -308,10 +308,9 @@ def take_dataset(item: Any, budget: MemoryBudget) -> None:
         if about.size <= _HARMLESS:
             return
         mask, packed = item.id.read_direct_chunk(about.chunk_offset)
-        unpacker, unpacked = zlib.decompressobj(), 0
-        while packed and not unpacker.eof and not mask:
-            unpacked += len(unpacker.decompress(packed, PART))
-            packed = unpacker.unconsumed_tail
+        unpacked = 0
+        for part in () if mask else unpacked_parts(zlib.decompressobj(), packed):
+            unpacked += len(part)
             if unpacked > room + PART:
                 raise ValueError(f"a chunk of {room} bytes unpacks to more than {unpacked}")
 

@@ -12,10 +12,11 @@ from ...pair.schema import LogLayout
 from .binary import format_of, read_binary
 from .column_names import ROLES, number_of
 from .delimited import find_table
+from .guide_log import read_guide_log
 from .layouts import read_lvm, read_sections, read_twincat, read_waveforms
 from .matlab import HDF5_SIGNATURE
 from .records import read_brackets, read_json, read_pairs, read_side
-from .samples import read_changes, read_frames, read_guide_log, read_halsampler, read_long
+from .samples import read_changes, read_frames, read_halsampler, read_long
 from .table import Table, one_pass, with_computed
 from .text import read_text
 

@@ -20,11 +20,11 @@ from ...base.errors import LogError
 from ..source import Source
 from .column_names import unit_in, with_units
 from .delimited import TextTable, is_value, looks_like_number, split, to_number
-from .layouts import Found, Row, content, cut_at, numbers
 from .matlab import DEEPEST
 from .samples import SAMPLE, read_long_rows, roles_of
 from .table import MOST_COLUMNS, Table
 from .text import Lines, printable
+from .text_rows import Found, Row, content, cut_at, numbers
 from .times import looks_like_stamp, read_stamps
 
 _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base.files.limits import PART, MemoryBudget, read_regular
+from ...base.files.limits import MemoryBudget, read_regular
 from .binary import ClockedColumn, silent
+from .text import unpacked_parts
 
 _MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the signature, opcode of a chunk (MCAP specification)
 _ROS1_MAGIC, _ROS1_CHUNK = b"#ROSBAG V2.0\n", 5  # first line, and opcode of a chunk (bag format 2)
@@ -109,9 +110,8 @@ def _check_chunk(kind: bytes, packed: bytes, declared: int) -> None:
         return
     unpacked = 0
     with suppress(OSError, RuntimeError, EOFError, _zstd().ZstdError):  # the reader reports damage
-        while not unpacker.eof and (packed or not unpacker.needs_input):
-            unpacked += len(unpacker.decompress(packed, PART))
-            packed = b""
+        for part in unpacked_parts(unpacker, packed):
+            unpacked += len(part)
             if unpacked > declared:
                 break
     if unpacked > declared:
@@ -126,43 +126,37 @@ def take_messages(path: Path, budget: MemoryBudget) -> None:
     **Raises** `InputError` beyond the limit of the budget, `ValueError` for a table whose rows are
     computed and not stored.
     """
-    _require_stored(path)
     address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     # The reader of the bag reports the damage of a file that is no table of messages.
     with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
+        with suppress(sqlite3.Error):  # the messages are counted also if a name is damaged
+            _require_stored(base)
         for (data,) in base.execute("SELECT data FROM messages"):
             if isinstance(data, bytes) and data.startswith(_ZSTD):
                 take_frame(data, budget)
 
 
-def _require_stored(path: Path) -> None:
+def _require_stored(base: sqlite3.Connection) -> None:
     """Raise `ValueError` for a table that is computed while it is read, for example a view.
 
     A view can have infinitely many rows, and the values of a computed column can have any size.
     """
-    address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
-    with suppress(sqlite3.Error), closing(sqlite3.connect(address, uri=True)) as base:
-        for name, kind, root in base.execute("SELECT name, type, rootpage FROM sqlite_master"):
-            if kind == "view" or (kind == "table" and not root):
-                raise ValueError(f"`{name}` is no stored table")
-        stored = base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
-        for (name,) in stored:
-            columns = base.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,))
-            if any(hidden for (hidden,) in columns):
-                raise ValueError(f"`{name}` has a computed column")
+    for name, kind, root in base.execute("SELECT name, type, rootpage FROM sqlite_master"):
+        if kind == "view" or (kind == "table" and not root):
+            raise ValueError(f"`{name}` is no stored table")
+    stored = base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall()
+    for (name,) in stored:
+        columns = base.execute("SELECT hidden FROM pragma_table_xinfo(?)", (name,))
+        if any(hidden for (hidden,) in columns):
+            raise ValueError(f"`{name}` has a computed column")
 
 
 def take_frame(data: bytes, budget: MemoryBudget) -> None:
     """Unpack a frame of Zstandard part by part and add the size of every part to the budget."""
     zstd = _zstd()
-    unpacker, packed = zstd.ZstdDecompressor(), data
     with suppress(zstd.ZstdError):  # the reader of the bag reports the damage
-        while not unpacker.eof:
-            part = unpacker.decompress(packed, PART)
-            packed = b""
+        for part in unpacked_parts(zstd.ZstdDecompressor(), data):
             budget.take(len(part))
-            if not part and unpacker.needs_input:
-                return
 
 
 def _zstd() -> Any:

@@ -183,6 +183,20 @@ ENDINGS = (
 )
 """File endings of delimited text, of JSON, and of workbooks, which are read as such a text."""
 
+
+def unpacked_parts(unpacker: Any, packed: bytes) -> Iterator[bytes]:
+    """Yield what `packed` unpacks to in parts of at most 1 MiB, so that none of it must be kept.
+
+    `unpacker` is a decompressor object of zlib, bz2, lz4 or Zstandard.
+    """
+    while not unpacker.eof:
+        part = unpacker.decompress(packed, PART)
+        yield part
+        packed = getattr(unpacker, "unconsumed_tail", b"")  # only zlib returns what it did not read
+        if not part and getattr(unpacker, "needs_input", True):
+            return
+
+
 BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),

@@ -36,7 +36,7 @@ from ..readers.column_names import (
     words_of,
 )
 from ..readers.table import Table
-from ..readers.times import epoch_unit
+from ..readers.times import EPOCHS, epoch_unit
 from ..slope import APART, MOST_ROWS, TOLERANCE, ratio_option, slope
 from ..source import SKIP, Source, refuse_values
 from .candidates import (
@@ -431,6 +431,7 @@ class Search:
         lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
         if not given:
             why = "and without a ratio the motion says nothing"
+            # `answer_to` takes what follows the last ", or ", which is the option for columns.
             stated = "--ratio A:B (driving turns to driven turns) or --teeth Z1/Z2, or "
             options = stated * (not self.clocked) + options
         elif not moving:
@@ -530,11 +531,9 @@ class Search:
             raise self._unreadable(one)
         if "time" in self.units or one.reading.unit is not None or not one.rows:
             return
-        epoch = epoch_unit(one.values)
-        if epoch is not None:
-            self.units["time"] = epoch.unit
-            words = {"unit": epoch.unit, "since": epoch.since}
-            self.guesses.append(Guess.of("epoch", "time", option, **words))
+        if unit := epoch_unit(one.values):
+            self.units["time"] = unit
+            self.guesses.append(Guess.of("epoch", "time", option, unit=unit, since=EPOCHS[unit][2]))
             return
         if not self.statement.in_file:
             about = {"role": "time", "columns": [one], "options": [option]}

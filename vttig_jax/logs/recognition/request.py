@@ -129,13 +129,6 @@ class DriveRequest:
             raise UsageError(f"{option} {error.message}") from None
 
     @property
-    def rpm(self) -> str | None:
-        """Constant speed of the driving shaft in rpm, as text; None without `driving_rpm`."""
-        if self.driving_rpm != SIDEREAL:
-            return self.driving_rpm
-        return f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
-
-    @property
     def encoders(self) -> tuple[Encoder, ...]:
         """Encoders of the driving and of the driven shaft."""
         counts = self.counts or (None, None)
@@ -147,8 +140,11 @@ class DriveRequest:
     @property
     def layout(self) -> LogLayout:
         """Layout of the log as far as it is stated."""
+        rpm = self.driving_rpm
+        if rpm == SIDEREAL and self.names_a_drive:
+            rpm = f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
         return LogLayout(
-            driving_rpm=self.rpm if self.names_a_drive else self.driving_rpm,
+            driving_rpm=rpm,
             driving_scale=self.driving_scale or 1,
             driven_scale=self.driven_scale or 1,
         )
