@@ -29,7 +29,7 @@ from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import Flank, HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
 from .door import Identified, require_distinct, require_pair, stated_drive, usable
-from .findings import Case, contradicts, findings_of
+from .findings import contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
 from .given import (
     GIVEN_INSTEAD,
@@ -337,7 +337,7 @@ def result_of(
         given=whole,
         request=request,
     )
-    findings = findings_of(Case(fit, found, settings))
+    findings = findings_of(fit, found)
     outcome = "contradicts" if contradicts(fit, findings) else outcome_of(parameters)
     return replace(fit, findings=findings, outcome=outcome)
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
 from ..base.facade import from_front_door
-from ..base.files.text_tables import decimals, key_values, listed, text_table
+from ..base.files.text_tables import conditions, decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, duration_text
 from ..kinematics.flank_error import FlankError
@@ -322,8 +322,7 @@ def fit_text(fit: Fit) -> str:
     )
     table = text_table([parameter_cells(p) for p in shown], PARAMETER_HEADERS)
     parts = [head, *_titled("warnings", list(fit.warnings)), *([table] if shown else [])]
-    assumed = ", ".join(fit.conditional_on).replace("_", " ")
-    parts += [*_orders(fit), *([f"conditional on: {assumed}"] if assumed else [])]
+    parts += [*_orders(fit), *conditions(fit.conditional_on)]
     parts += listed("undetermined", fit.open_reasons)
     parts += _titled("notes", [one.text for one in fit.findings if one.severity == "note"])
     return "\n\n".join(parts)
