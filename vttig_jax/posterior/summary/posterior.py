@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from ...base.errors import NoAnswerError
 from ...base.facade import from_front_door
-from ...base.files.text_tables import decimals, key_values, listed, text_table
+from ...base.files.text_tables import conditions, decimals, key_values, listed, text_table
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...base.units import ARCSEC, duration_text
@@ -262,9 +262,7 @@ def posterior_text(posterior: Posterior) -> str:
     parts += listed("undetermined", open_reasons(parameters))
     parts += listed("priors", list(priors(posterior.fit)))
     parts.append(fill(_BESIDE_FIT, _WIDTH))
-    if posterior.fit.conditional_on:
-        conditions = ", ".join(posterior.fit.conditional_on).replace("_", " ")
-        parts.append(f"conditional on: {conditions}")
+    parts += conditions(posterior.fit.conditional_on)
     parts.append(str(posterior.diagnosis))
     return "\n\n".join(parts)
 
