@@ -9,15 +9,17 @@ import pytest
 
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.base.files.json_io import dumps
-from vttig_jax.identify.archive import fit_arrays, read_fit
+from vttig_jax.identify.archive import arrays_digest, fit_arrays, read_fit
 from vttig_jax.identify.backlash import backlash_map
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
 
 
 def _write(result: Fit, folder) -> None:
-    (folder / "fit.json").write_text(dumps(result.to_json()), encoding="utf-8")
-    _write_arrays(fit_arrays(result), folder)
+    arrays = fit_arrays(result)
+    record = result.to_json() | {"arrays": arrays_digest(arrays)}
+    (folder / "fit.json").write_text(dumps(record), encoding="utf-8")
+    _write_arrays(arrays, folder)
 
 
 def _write_arrays(arrays: dict[str, np.ndarray], folder) -> None:
