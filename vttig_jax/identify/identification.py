@@ -45,7 +45,7 @@ from .orders import order_model, order_table
 from .readings import compared, updated
 from .records import Outcome
 from .result import Fit, FitRequest
-from .starts import OWN, log_records, require_one_rig, turned
+from .starts import OWN, log_records, require_one_rig, with_starts
 
 
 @takes_settings
@@ -257,7 +257,7 @@ def fitted(
     fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed, delay_s=fixed_s)
     turns = None
     if given is None:
-        core, turns = turned(
+        core, turns = with_starts(
             fit(shafts), lambda shafts, turns, after: fit(shafts, given=turns, after=after)
         )
     else:

@@ -14,7 +14,7 @@ from emcee.backends import Backend
 from jaxtyping import Float
 
 from ..base.errors import InputError, UsageError
-from .checkpoint import Checkpoint, Header, Record, read
+from .checkpoint import Checkpoint, Header, StoredSteps, read
 from .convergence import Diagnosis, after_burn_in, diagnose
 from .target import BATCH
 from .until import BLOCK_STEPS, Progress, Until
@@ -42,7 +42,7 @@ class Chains:
     """
 
     header: Header
-    record: Record
+    record: StoredSteps
     until: Until
 
     @cached_property
@@ -207,7 +207,7 @@ class _Run:
     An exception during a block, including Ctrl-C, leaves `record` unchanged.
     """
 
-    def __init__(self, target: Any, header: Header, record: Record | None):
+    def __init__(self, target: Any, header: Header, record: StoredSteps | None):
         self.header = header
         self.around = target.around()
         moves = [(emcee.moves.MHMove(self.around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
@@ -268,10 +268,10 @@ class _Run:
         ]
         self.record = self._recorded((self.steps + steps) // THIN)
 
-    def _recorded(self, stored: int) -> Record:
+    def _recorded(self, stored: int) -> StoredSteps:
         backends = [one.backend for one in self.ensembles]
         states: list[Any] = [state.random_state for state in self._states]
-        return Record(
+        return StoredSteps(
             np.stack([one.chain[:stored] for one in backends]),
             np.stack([one.log_prob[:stored] for one in backends]),
             np.stack([one.accepted for one in backends]).astype(int),

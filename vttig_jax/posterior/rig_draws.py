@@ -17,7 +17,7 @@ from ..model.density import Compressed, normal
 from ..model.gears import GEARS, Relation
 from ..model.parameters import Quantities, quantities_of
 from ..pair.gear_pair import Drive, GearPair
-from .target import FitTarget, Tie, batches
+from .target import FitTarget, Tie, padded
 
 _STEPS = 3
 """Steps of least squares, each of which leaves about a thousandth of the error."""
@@ -107,7 +107,7 @@ def rig_draws(
     if tie is not None and told.gears is not None:
         values[:, told.at(*tie.relation.names)] = parameters
         if "constant_backlash" in told.names:
-            added = [_constant(tie.relation, jnp.asarray(part)) for part in batches(parameters)]
+            added = [_constant(tie.relation, jnp.asarray(part)) for part in padded(parameters)]
             added = np.concatenate(added)[: len(points)] - told.gears.constants[-1]
             values[:, told.at("constant_backlash")[0]] -= added
     return values, *flanks_of(fit, coefficients)
@@ -144,7 +144,7 @@ def _drawn(
     """Return scaled coefficients and parameters of every draw."""
     asked: Sequence = [target.thetas(points), normals]
     asked = [*asked, sampled] if sampled is not None else asked
-    pieces = zip(*(batches(part) for part in asked), strict=True)
+    pieces = zip(*(padded(part) for part in asked), strict=True)
     found = [_drawn_batch(target.logs, tie, *piece) for piece in pieces]
     return tuple(np.concatenate(part)[: len(points)] for part in zip(*found, strict=True))  # pyright: ignore[reportReturnType]
 

@@ -88,7 +88,7 @@ def joint_density(
     return value - 0.5 * white @ white - logdet
 
 
-def batches(points: Float[np.ndarray, "n d"]) -> Iterator[Float[np.ndarray, "batch d"]]:
+def padded(points: Float[np.ndarray, "n d"]) -> Iterator[Float[np.ndarray, "batch d"]]:
     """Yield `BATCH` rows each; the last row is repeated to fill the last batch."""
     whole = points[np.minimum(np.arange(len(points) + -len(points) % BATCH), len(points) - 1)]
     for start in range(0, len(whole), BATCH):
@@ -164,7 +164,7 @@ class FitTarget:
     def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """Return the log density of points, −inf where the matrix of the log is not positive."""
         fill = jnp.asarray(self.posterior.theta)
-        found = [_values(part, self.logs, fill, self.free, self.tie) for part in batches(points)]
+        found = [_values(part, self.logs, fill, self.free, self.tie) for part in padded(points)]
         values = np.concatenate(found)[: len(points)]
         return np.where(np.isnan(values), -np.inf, values)
 
