@@ -27,8 +27,8 @@ BOUNDS = {
     "logs": (10107, 268),  # 7400
     "rig": (298, 1),  # 260
     "model": (2141, 44),
-    "identify": (3586, 38),  # 9000 together with posterior
-    "posterior": (2729, 46),
+    "identify": (3424, 38),  # 9000 together with posterior
+    "posterior": (2697, 46),
     "control": (5510, 77),  # 3600
     "plotting": (1779, 52),  # 2000 together with the report
     "runs": (2489, 11),  # 900

@@ -1,6 +1,6 @@
 """Result of a fit: parameters, orders, flank model, checks and findings, and its report."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..base.errors import NoAnswerError
 from ..base.facade import from_front_door
-from ..base.files.text_tables import conditions, decimals, key_values, listed, text_table
+from ..base.files.text_tables import decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
 from ..base.units import ARCSEC, DEG, duration_text
 from ..kinematics.flank_error import FlankError
@@ -326,6 +326,11 @@ def fit_text(fit: Fit) -> str:
     parts += listed("undetermined", fit.open_reasons)
     parts += _titled("notes", [one.text for one in fit.findings if one.severity == "note"])
     return "\n\n".join(parts)
+
+
+def conditions(names: Sequence[str]) -> list[str]:
+    """Return a list with one text on what a result is conditional on; empty without conditions."""
+    return [f"conditional on: {', '.join(names)}".replace("_", " ")] if names else []
 
 
 def _titled(title: str, sentences: list[str]) -> list[str]:

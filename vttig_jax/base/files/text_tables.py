@@ -87,11 +87,6 @@ def listed(title: str, sentences: Sequence[str]) -> list[str]:
     return ["\n".join([f"{title}:", *rows])] if rows else []
 
 
-def conditions(names: Sequence[str]) -> list[str]:
-    """Return a list with one text on what a result is conditional on; empty without conditions."""
-    return [f"conditional on: {', '.join(names)}".replace("_", " ")] if names else []
-
-
 def _cell(value: Any) -> str:
     return "–" if value is None else one_line(str(value))
 

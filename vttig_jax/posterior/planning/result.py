@@ -5,9 +5,10 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from ...base.files.text_tables import conditions, key_values, listed, text_table
+from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG, duration_text
+from ...identify.result import conditions
 from ...model.columns import DELAY, GAP
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit

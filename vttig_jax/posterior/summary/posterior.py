@@ -13,12 +13,12 @@ from jaxtyping import Float
 
 from ...base.errors import NoAnswerError
 from ...base.facade import from_front_door
-from ...base.files.text_tables import conditions, decimals, key_values, listed, text_table
+from ...base.files.text_tables import decimals, key_values, listed, text_table
 from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...base.units import ARCSEC, duration_text
 from ...identify.backlash import unknown_extremes
-from ...identify.result import Fit, parameter_cells, refuse_unknown_gap
+from ...identify.result import Fit, conditions, parameter_cells, refuse_unknown_gap
 from ...kinematics.harmonic import OrderModel
 from ...model.columns import FLAT, KNOWN, ROUNDING, Column
 from ...model.parameter import open_reasons
