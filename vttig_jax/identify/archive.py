@@ -277,7 +277,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
 
 
 def _stored(arrays: dict[str, np.ndarray]) -> Measured | None:
-    """Return what the run keeps of the samples; None for a run of an older version."""
+    """Return what the run keeps of the samples; None for an older version or an own model."""
     names = [field.name for field in fields(Measured)]
     if _MEASURED + names[0] not in arrays:
         return None
