@@ -10,12 +10,13 @@ import pytest
 from vttig_jax.base import InputError, UsageError
 from vttig_jax.base.files.json_io import dumps
 from vttig_jax.identify import Fit, backlash_map, fit, read_fit
-from vttig_jax.identify.archive import fit_arrays
+from vttig_jax.identify.archive import arrays_digest, fit_arrays
 
 
 def _write(result: Fit, folder: Path, without: str = "") -> None:
-    (folder / "fit.json").write_text(dumps(result.to_json()), encoding="utf-8")
     arrays = {name: array for name, array in fit_arrays(result).items() if name != without}
+    record = result.to_json() | {"arrays": arrays_digest(arrays)}
+    (folder / "fit.json").write_text(dumps(record), encoding="utf-8")
     np.savez(folder / "summary.npz", allow_pickle=False, **arrays)
 
 

@@ -163,7 +163,7 @@ def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = No
     `run` is the digest in that `run.toml`; with it, files of other runs are refused.
 
     **Raises** `UsageError` if the folder contains no fit, and `InputError` if the fit is damaged or
-    its files belong to different runs.
+    of an older version, or its files belong to different runs.
     """
     folder = Path(folder)
     settle_if_free(folder)
@@ -184,9 +184,7 @@ def read_fit(folder: str | Path, pair: GearPair | Drive, *, run: str | None = No
     try:
         record = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
         arrays = _read_arrays(folder / "summary.npz")
-        _require_one_run(folder, record, arrays, run)
-        _require_this_version(folder, arrays)
-        _require_unchanged(record, arrays)
+        _require_whole(folder, record, arrays, run)
         return _assembled(record, arrays, pair)
     except (InputError, MemoryError):
         raise
@@ -210,10 +208,13 @@ def _read_arrays(path: Path) -> dict[str, np.ndarray]:
     return dict(np.load(io.BytesIO(data), allow_pickle=False))
 
 
-def _require_one_run(
+def _require_whole(
     folder: Path, record: dict, arrays: dict[str, np.ndarray], run: str | None
 ) -> None:
-    """Raise `InputError` for files of different runs; files of older versions carry no digest."""
+    """Raise `InputError` for files of different runs or of an older version.
+
+    **Raises** `ValueError` for other arrays than those of the fit.
+    """
     digests = {"fit.json": record.get("run", ""), "summary.npz": str(arrays.pop("run", ""))}
     if run is not None:
         digests["run.toml"] = run
@@ -223,39 +224,14 @@ def _require_one_run(
             " here, or make the fit again with --overwrite.",
             where=str(folder),
         )
-
-
-def _require_this_version(folder: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Raise `InputError` for a fit of a version whose files hold no posterior."""
-    if "core" not in arrays:
+    if "core" not in arrays or "arrays" not in record:
         raise InputError(
             "this fit was made by an older version; make it again with `vttig fit --run"
             f" {folder / 'run.toml'} --out {folder} --overwrite`.",
             where=str(folder),
         )
-
-
-def _require_unchanged(record: dict, arrays: dict[str, np.ndarray]) -> None:
-    """Raise `ValueError` for other arrays than those of the fit, or for shapes that do not fit.
-
-    Files of older versions carry no digest of their arrays.
-    """
-    if record.get("arrays") not in (None, arrays_digest(arrays)):
+    if record["arrays"] != arrays_digest(arrays):
         raise ValueError("summary.npz holds other arrays than the fit")
-    terms, names = len(arrays["terms"]), len(arrays["names"])
-    samples = int(arrays["curve_lengths"].sum())
-    shapes = {
-        "terms": (terms, 2),
-        "offset": (2,),
-        "cosine": (2, terms),
-        "sine": (2, terms),
-        "values": (names,),
-        "covariance": (names, names),
-        **dict.fromkeys(("driving_angle", "transmission_error", "time", "residual"), (samples,)),
-    }
-    for name, shape in shapes.items():
-        if arrays[name].shape != shape:
-            raise ValueError(f"`{name}` has the shape {arrays[name].shape} and not {shape}")
 
 
 def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Drive) -> Fit:
@@ -301,7 +277,7 @@ def _assembled(record: dict, arrays: dict[str, np.ndarray], pair: GearPair | Dri
 
 
 def _stored(arrays: dict[str, np.ndarray]) -> Measured | None:
-    """Return what the run keeps of the samples; None for a run of an older version."""
+    """Return what the run keeps of the samples; None for an older version or an own model."""
     names = [field.name for field in fields(Measured)]
     if _MEASURED + names[0] not in arrays:
         return None

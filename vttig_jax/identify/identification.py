@@ -29,7 +29,7 @@ from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import Flank, HarmonicOrders
 from .checking import checks_of, curves_of, noise_of
 from .door import Identified, require_distinct, require_pair, stated_drive, usable
-from .findings import Case, contradicts, findings_of
+from .findings import contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
 from .given import (
     GIVEN_INSTEAD,
@@ -45,7 +45,7 @@ from .orders import order_model, order_table
 from .readings import compared, updated
 from .records import Outcome
 from .result import Fit, FitRequest
-from .starts import OWN, log_records, require_one_rig, turned
+from .starts import OWN, log_records, require_one_rig, with_starts
 
 
 @takes_settings
@@ -257,7 +257,7 @@ def fitted(
     fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed, delay_s=fixed_s)
     turns = None
     if given is None:
-        core, turns = turned(
+        core, turns = with_starts(
             fit(shafts), lambda shafts, turns, after: fit(shafts, given=turns, after=after)
         )
     else:
@@ -337,7 +337,7 @@ def result_of(
         given=whole,
         request=request,
     )
-    findings = findings_of(Case(fit, found, settings))
+    findings = findings_of(fit, found)
     outcome = "contradicts" if contradicts(fit, findings) else outcome_of(parameters)
     return replace(fit, findings=findings, outcome=outcome)
 

@@ -1,6 +1,7 @@
 """Records of a fit: its noise, its logs and its checks, as they stand in the JSON object."""
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..logs.checks.ratio import Cause, Verdict
+from ..logs.lines.search import Line
 
 Severity = Literal["warning", "question", "note"]
 Outcome = Literal["ok", "partly_determined", "not_determined", "not_converged", "contradicts"]
@@ -159,20 +161,11 @@ class DelayOfPart(Record, frozen=True):
     std: float
 
 
-class FoundLine(Record, frozen=True):
-    """Line of the residual that is no order: a sin(c φ₁ + p), c = `cycles_per_rev`.
+@dataclass(frozen=True)
+class FoundLine(Line):
+    """Line of the residual that is no order; `joined`: whether it is an order of the model now."""
 
-    `joined` says whether it is a fractional order of the model. `false_alarm` is the probability
-    that noise alone has such a line.
-    """
-
-    cycles_per_rev: float
-    cycles_std: float
-    amplitude_arcsec: float
-    amplitude_std_arcsec: float
-    phase_deg: float
-    false_alarm: float
-    joined: bool
+    joined: bool = False
 
 
 class RatioCheck(Record, frozen=True, omit_defaults=True):

@@ -1,6 +1,6 @@
 """Result of a fit: parameters, orders, flank model, checks and findings, and its report."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -322,11 +322,15 @@ def fit_text(fit: Fit) -> str:
     )
     table = text_table([parameter_cells(p) for p in shown], PARAMETER_HEADERS)
     parts = [head, *_titled("warnings", list(fit.warnings)), *([table] if shown else [])]
-    assumed = ", ".join(fit.conditional_on).replace("_", " ")
-    parts += [*_orders(fit), *([f"conditional on: {assumed}"] if assumed else [])]
+    parts += [*_orders(fit), *conditions(fit.conditional_on)]
     parts += listed("undetermined", fit.open_reasons)
     parts += _titled("notes", [one.text for one in fit.findings if one.severity == "note"])
     return "\n\n".join(parts)
+
+
+def conditions(names: Sequence[str]) -> list[str]:
+    """Return a list with one text on what a result is conditional on; empty without conditions."""
+    return [f"conditional on: {', '.join(names)}".replace("_", " ")] if names else []
 
 
 def _titled(title: str, sentences: list[str]) -> list[str]:

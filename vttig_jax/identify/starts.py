@@ -28,7 +28,7 @@ _SHARE = 0.2
 """First orders that differ by more than a fifth, beyond chance, are those of two rigs (chosen)."""
 
 
-def turned(
+def with_starts(
     core: MixedFit, fit: Callable[[Sequence[Shafts], Turns, MixedFit], MixedFit]
 ) -> tuple[MixedFit, Turns | None]:
     """Return the fit in which the logs share the orders whose phases their starts tell.

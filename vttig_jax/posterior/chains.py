@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ from emcee.backends import Backend
 from jaxtyping import Float
 
 from ..base.errors import InputError, UsageError
-from .checkpoint import Checkpoint, Header, Record, read
+from .checkpoint import Checkpoint, Header, StoredSteps, read
 from .convergence import Diagnosis, after_burn_in, diagnose
-from .target import BATCH, Target
+from .target import BATCH
 from .until import BLOCK_STEPS, Progress, Until
 
 FEWEST_ENSEMBLES = 4
@@ -37,13 +38,24 @@ class Chains:
 
     **Arguments**
     - `header`: settings of the run. - `record`: every `THIN`-th step, burn-in included.
-    - `until`: its stop rule. - `diagnosis`: its convergence.
+    - `until`: its stop rule.
     """
 
     header: Header
-    record: Record
+    record: StoredSteps
     until: Until
-    diagnosis: Diagnosis
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """Convergence of the ensembles."""
+        record, stored = self.record, self.record.draws.shape[1]
+        return diagnose(
+            record.draws,
+            self.header.names,
+            steps=stored * THIN,
+            acceptance=float(record.accepted.mean()) / stored,  # of the stored steps
+            until=self.until,
+        )
 
     @property
     def draws(self) -> Float[np.ndarray, "ensembles kept walkers d"]:
@@ -80,7 +92,7 @@ class Chains:
 
 
 def run_ensembles(
-    target: Target,
+    target: Any,
     *,
     ensembles: int = FEWEST_ENSEMBLES,
     walkers: int | None = None,
@@ -98,7 +110,10 @@ def run_ensembles(
     walkers. The walkers start at weighted draws around the fit.
 
     **Arguments**
-    - `target`: density to sample, see `Target`.
+    - `target`: density to sample. `target.log_density` maps points, shape (n, d), to n values, −inf
+      outside the support, and `target.around()` is a `Proposal` with a pool of weighted draws.
+      `target.names` and `target.units` are those of the coordinates, and `target.identity` holds
+      JSON values that tell one density from another.
     - `ensembles`: number of ensembles, at least 4, with different starts and seeds: one ensemble
       alone does not show that all its walkers miss the same part.
     - `walkers`: walkers of each ensemble; even, at least 2 d (default: the least multiple of 32).
@@ -167,7 +182,7 @@ def run_ensembles(
                 if writer is not None:
                     writer.save(run.record, rule, if_due=True)
                 if progress is not None:
-                    now, rate = run.diagnosis(rule), run.steps - begun
+                    now, rate = run.chains(rule).diagnosis, run.steps - begun
                     rate /= max(time.monotonic() - began, 1e-9)
                     goal = last if steps is not None else min(max(now.needed, run.steps), last)
                     left = (goal - run.steps) / rate
@@ -175,7 +190,7 @@ def run_ensembles(
         finally:
             if writer is not None:
                 writer.save(run.record, rule)
-    return Chains(header, run.record, rule, run.diagnosis(rule))
+    return run.chains(rule)
 
 
 def read_chains(path: Path) -> Chains:
@@ -183,8 +198,7 @@ def read_chains(path: Path) -> Chains:
 
     **Raises** `InputError` for a file that is missing, damaged or no checkpoint.
     """
-    header, record, until = read(path)
-    return Chains(header, record, until, _diagnosed(header, record, until))
+    return Chains(*read(path))
 
 
 class _Run:
@@ -193,7 +207,7 @@ class _Run:
     An exception during a block, including Ctrl-C, leaves `record` unchanged.
     """
 
-    def __init__(self, target: Target, header: Header, record: Record | None):
+    def __init__(self, target: Any, header: Header, record: StoredSteps | None):
         self.header = header
         self.around = target.around()
         moves = [(emcee.moves.MHMove(self.around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
@@ -254,10 +268,10 @@ class _Run:
         ]
         self.record = self._recorded((self.steps + steps) // THIN)
 
-    def _recorded(self, stored: int) -> Record:
+    def _recorded(self, stored: int) -> StoredSteps:
         backends = [one.backend for one in self.ensembles]
         states: list[Any] = [state.random_state for state in self._states]
-        return Record(
+        return StoredSteps(
             np.stack([one.chain[:stored] for one in backends]),
             np.stack([one.log_prob[:stored] for one in backends]),
             np.stack([one.accepted for one in backends]).astype(int),
@@ -265,28 +279,22 @@ class _Run:
             np.array([state[2:5] for state in states], float),
         )
 
-    def is_same(self, target: Target) -> bool:
+    def is_same(self, target: Any) -> bool:
         """Return whether the density at the last points is that of the record."""
         stored = self.record.log_density[0, -1]
         values = target.log_density(self.record.draws[0, -1])
         return bool(np.all(np.abs(values - stored) <= 1e-6 * (1 + np.abs(stored))))
 
-    def diagnosis(self, until: Until) -> Diagnosis:
-        """Return the diagnosis of the steps so far."""
-        return _diagnosed(self.header, self.record, until)
+    def chains(self, until: Until) -> Chains:
+        """Return the steps so far."""
+        return Chains(self.header, self.record, until)
 
     def converged(self, until: Until) -> bool:
         """Return whether the steps so far are enough."""
-        return self.steps >= 2 * BLOCK_STEPS and self.diagnosis(until).converged
+        return self.steps >= 2 * BLOCK_STEPS and self.chains(until).diagnosis.converged
 
 
-def _diagnosed(header: Header, record: Record, until: Until) -> Diagnosis:
-    steps = record.draws.shape[1] * THIN
-    acceptance = float(record.accepted.mean()) / record.draws.shape[1]  # of the stored steps
-    return diagnose(record.draws, header.names, steps=steps, acceptance=acceptance, until=until)
-
-
-def _header(target: Target, ensembles: int, walkers: int | None, seed: int) -> Header:
+def _header(target: Any, ensembles: int, walkers: int | None, seed: int) -> Header:
     d = len(target.names)
     if ensembles < FEWEST_ENSEMBLES:
         raise ValueError(

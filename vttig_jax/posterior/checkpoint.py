@@ -45,7 +45,7 @@ class Header:
 
 
 @dataclass(frozen=True)
-class Record:
+class StoredSteps:
     """State of several ensembles: every stored step, and their random generators at the last one.
 
     `accepted` counts proposals of every walker. `keys` and `rest` (position, has_gauss,
@@ -90,7 +90,7 @@ class Checkpoint:
     def __exit__(self, *_: object) -> None:
         self._opened.close()
 
-    def begun(self) -> Record | None:
+    def begun(self) -> StoredSteps | None:
         """Return the record of the file that this run continues; None for a new run.
 
         **Raises** `InputError` that says what differs, or that the file is damaged.
@@ -108,7 +108,7 @@ class Checkpoint:
         self._stored = record.draws.shape[1], until
         return record
 
-    def save(self, record: Record, until: Until, *, if_due: bool = False) -> None:
+    def save(self, record: StoredSteps, until: Until, *, if_due: bool = False) -> None:
         """Write the record unless the file holds it already or an earlier attempt failed."""
         now, stored = time.monotonic(), (record.draws.shape[1], until)
         waits = if_due and now < self._due_s
@@ -128,7 +128,7 @@ class Checkpoint:
         self._due_s = time.monotonic() + max(SAVE_S, SLOWER * (time.monotonic() - now))
 
 
-def _bytes(header: Header, record: Record, until: Until) -> bytes:
+def _bytes(header: Header, record: StoredSteps, until: Until) -> bytes:
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
         file.attrs["format"] = FORMAT
@@ -139,7 +139,7 @@ def _bytes(header: Header, record: Record, until: Until) -> bytes:
     return buffer.getvalue()
 
 
-def read(path: Path) -> tuple[Header, Record, Until]:
+def read(path: Path) -> tuple[Header, StoredSteps, Until]:
     """Return header, record and stop rule of a checkpoint, and check that it is complete.
 
     **Raises** `InputError` for a file that is damaged or no checkpoint.
@@ -150,14 +150,14 @@ def read(path: Path) -> tuple[Header, Record, Until]:
             if file.attrs.get("format") != FORMAT:
                 raise ValueError(f"its format is not {FORMAT}")
             budget = MemoryBudget(str(path), path.stat().st_size)
-            sets: Any = {name: file[name] for name in ("header", *Record.__dataclass_fields__)}
+            sets: Any = {name: file[name] for name in ("header", *StoredSteps.__dataclass_fields__)}
             for one in sets.values():
                 budget.take(int(one.nbytes))
             arrays = {name: np.asarray(one) for name, one in sets.items()}
         content = json.loads(arrays.pop("header").tobytes())
         until = Until(**content.pop("until"))
         names, units = tuple(content.pop("names")), tuple(content.pop("units"))
-        header, record = Header(names, units, **content), Record(**arrays)
+        header, record = Header(names, units, **content), StoredSteps(**arrays)
         shape = header.ensembles, record.draws.shape[1], header.walkers, len(names)
         if record.draws.shape != shape or record.log_density.shape != shape[:3]:
             raise ValueError("its draws have another shape than it says")

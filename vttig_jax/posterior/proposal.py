@@ -103,11 +103,6 @@ class Proposal:
                 break
         return found
 
-    @property
-    def efficiency(self) -> float:
-        """Share of the pool that is effective by its weights, (Σw)²/(n Σw²)."""
-        return _effective(self.weights) / len(self.weights)
-
     def starts(self, count: int, random: np.random.RandomState) -> Float[np.ndarray, "n d"]:
         """Return different points of the pool, drawn by their weights."""
         share = self.weights / self.weights.sum()

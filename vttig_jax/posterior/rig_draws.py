@@ -1,7 +1,6 @@
 """Draws of a rig: coefficients given θ, eccentricities, and the flank model of every draw."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import equinox as eqx
@@ -18,27 +17,10 @@ from ..model.density import Compressed, normal
 from ..model.gears import GEARS, Relation
 from ..model.parameters import Quantities, quantities_of
 from ..pair.gear_pair import Drive, GearPair
-from .target import FitTarget, Tie, batches
+from .target import FitTarget, Tie, padded
 
 _STEPS = 3
 """Steps of least squares, each of which leaves about a thousandth of the error."""
-
-
-@dataclass(frozen=True, eq=False)
-class RigDraws:
-    """Draws of the quantities of a fit, and of the harmonics of both flanks.
-
-    **Arguments**
-    - `names`, `units`, `values`: such as `driving_x`, `constant_backlash`; mm, rad, s.
-    - `offset`, `cosine`, `sine`: of the terms of the fitted `OrderModel`, rad.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Float[np.ndarray, "m p"]
-    offset: Float[np.ndarray, "m 2"]
-    cosine: Float[np.ndarray, "m 2 terms"]
-    sine: Float[np.ndarray, "m 2 terms"]
 
 
 def quantities(fit: Fit) -> Quantities:
@@ -105,8 +87,11 @@ def rig_draws(
     target: FitTarget,
     points: Float[np.ndarray, "m d"],
     random: np.random.RandomState,
-) -> RigDraws:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return one draw of the rig for every draw of θ.
+
+    It has the values of `target.told`, mm, rad, s, shape (m, p), and offset, cosine and sine of the
+    terms of the fitted `OrderModel`, rad, as `flanks_of` returns them.
 
     The coefficients are drawn from their exact normal given θ. Eccentricities and encoder errors
     follow from each draw of them by the least squares of the fit, unless they are sampled: then the
@@ -122,17 +107,18 @@ def rig_draws(
     if tie is not None and told.gears is not None:
         values[:, told.at(*tie.relation.names)] = parameters
         if "constant_backlash" in told.names:
-            added = [_constant(tie.relation, jnp.asarray(part)) for part in batches(parameters)]
+            added = [_constant(tie.relation, jnp.asarray(part)) for part in padded(parameters)]
             added = np.concatenate(added)[: len(points)] - told.gears.constants[-1]
             values[:, told.at("constant_backlash")[0]] -= added
-    units = tuple(unit_of(fit, name) for name in told.names)
-    return RigDraws(told.names, units, values, *flanks_of(fit, coefficients))
+    return values, *flanks_of(fit, coefficients)
 
 
 def flanks_of(
     fit: Fit, coefficients: Float[np.ndarray, "m columns"], *, bends: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return offsets, cosines and sines of the terms of `fit.model` on both flanks, of all draws.
+
+    Their shapes are (m, 2), (m, 2, terms) and (m, 2, terms).
 
     As in the model of the fit, an unmeasured flank has the orders of the other one, and orders that
     both flanks have in common are left out if their shaft made less than a turn: the log tells only
@@ -158,7 +144,7 @@ def _drawn(
     """Return scaled coefficients and parameters of every draw."""
     asked: Sequence = [target.thetas(points), normals]
     asked = [*asked, sampled] if sampled is not None else asked
-    pieces = zip(*(batches(part) for part in asked), strict=True)
+    pieces = zip(*(padded(part) for part in asked), strict=True)
     found = [_drawn_batch(target.logs, tie, *piece) for piece in pieces]
     return tuple(np.concatenate(part)[: len(points)] for part in zip(*found, strict=True))  # pyright: ignore[reportReturnType]
 

@@ -12,7 +12,7 @@ from ..base.threads import one_blas_thread
 from ..identify.result import Fit
 from .chains import FEWEST_ENSEMBLES, Chains, read_chains, run_ensembles
 from .checkpoint import read
-from .rig_draws import rig_draws, target_of
+from .rig_draws import rig_draws, target_of, unit_of
 from .summary.posterior import Posterior
 from .target import FitTarget
 from .until import Progress, Until
@@ -124,16 +124,16 @@ def posterior_of(fit: Fit, target: FitTarget, chains: Chains) -> Posterior:
     stride = -(-ensembles * steps * walkers // _DRAWS)
     kept = chains.draws[:, ::stride]
     random = np.random.RandomState(np.random.MT19937(chains.header.seed))
-    rig = rig_draws(fit, target, kept.reshape(-1, kept.shape[-1]), random)
+    values, offset, cosine, sine = rig_draws(fit, target, kept.reshape(-1, kept.shape[-1]), random)
     # A sampled parameter is a quantity of the rig already.
-    noise = len(target.free)
+    noise, told = len(target.free), target.told.names
     return Posterior(
         fit=fit,
-        names=(*rig.names, *target.names[:noise]),
-        units=(*rig.units, *target.units[:noise]),
-        draws=np.concatenate([rig.values.reshape(*kept.shape[:3], -1), kept[..., :noise]], axis=3),
-        offset=rig.offset,
-        cosine=rig.cosine,
-        sine=rig.sine,
+        names=(*told, *target.names[:noise]),
+        units=(*(unit_of(fit, name) for name in told), *target.units[:noise]),
+        draws=np.concatenate([values.reshape(*kept.shape[:3], -1), kept[..., :noise]], axis=3),
+        offset=offset,
+        cosine=cosine,
+        sine=sine,
         chains=chains,
     )

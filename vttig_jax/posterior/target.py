@@ -12,7 +12,6 @@ since the density of the tied coefficients given θ is that normal.
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -35,39 +34,6 @@ WIDTHS = tuple(f"log_width_{group}" for group in GROUPS)
 
 BATCH = 16
 """Points of one call of the compiled density: half of the walkers, so that one program serves."""
-
-
-@runtime_checkable
-class Target(Protocol):
-    """Density for `run_ensembles`.
-
-    `names`, `units`: of the coordinates. `identity`: JSON values that tell one density from
-    another. `log_density` maps points, shape (n, d), to n values, −inf outside the support.
-    `around` proposes points near the density.
-    """
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the coordinates."""
-        ...
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Units of the coordinates."""
-        ...
-
-    @property
-    def identity(self) -> dict:
-        """Values that tell the density from another one."""
-        ...
-
-    def around(self) -> Proposal:
-        """Return a proposal with a pool of weighted draws."""
-        ...
-
-    def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
-        """Return the log density of points."""
-        ...
 
 
 class Tie(eqx.Module):
@@ -122,7 +88,7 @@ def joint_density(
     return value - 0.5 * white @ white - logdet
 
 
-def batches(points: Float[np.ndarray, "n d"]) -> Iterator[Float[np.ndarray, "batch d"]]:
+def padded(points: Float[np.ndarray, "n d"]) -> Iterator[Float[np.ndarray, "batch d"]]:
     """Yield `BATCH` rows each; the last row is repeated to fill the last batch."""
     whole = points[np.minimum(np.arange(len(points) + -len(points) % BATCH), len(points) - 1)]
     for start in range(0, len(whole), BATCH):
@@ -136,7 +102,7 @@ def _values(points, logs, fill, free, tie):
 
 @dataclass(frozen=True, eq=False)
 class FitTarget:
-    """Density of a fit, see `Target`: θ of the groups in the model, then p of a `tie`.
+    """Density of a fit for `run_ensembles`: θ of the groups in the model, then p of a `tie`.
 
     **Arguments**
     - `posterior`: largest density of the fit and its Hessian. - `told`: quantities of the fit.
@@ -198,7 +164,7 @@ class FitTarget:
     def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """Return the log density of points, −inf where the matrix of the log is not positive."""
         fill = jnp.asarray(self.posterior.theta)
-        found = [_values(part, self.logs, fill, self.free, self.tie) for part in batches(points)]
+        found = [_values(part, self.logs, fill, self.free, self.tie) for part in padded(points)]
         values = np.concatenate(found)[: len(points)]
         return np.where(np.isnan(values), -np.inf, values)
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
@@ -225,7 +225,7 @@ def calibrate(
         encoders=not settings.perfect_encoders,
         gears=not settings.perfect_gears,
     )
-    seen: dict[str, list[Outcome]] = {}
+    seen: dict[str, list[Judgement]] = {}
     units: dict[str, str] = {}
     for number in range(rigs):
         generator = np.random.default_rng([seed, number])
@@ -244,16 +244,12 @@ def calibrate(
     )
 
 
-class Outcome(NamedTuple):
-    """Interval of a parameter of one rig: its error in standard errors, whether it `holds` the
-    truth, and its standard error."""
-
-    error: float
-    holds: bool
-    std: float
+Judgement = tuple[float, bool, float]
+"""Interval of a parameter of one rig: its error in standard errors, whether it holds the truth, and
+its standard error."""
 
 
-def _judged(found: Parameter, true: float) -> Outcome | None:
+def _judged(found: Parameter, true: float) -> Judgement | None:
     """Return whether the interval of a parameter holds the truth.
 
     None for a parameter that the rig does not tell. An amplitude that is not significant has an
@@ -265,15 +261,15 @@ def _judged(found: Parameter, true: float) -> Outcome | None:
     assert std is not None and low is not None and high is not None  # all are given with a value
     if found.name.endswith("_phase_deg"):
         true = value + (true - value + 180.0) % 360.0 - 180.0
-    return Outcome((value - true) / std, low <= true <= high, std)
+    return (value - true) / std, low <= true <= high, std
 
 
 def _table(
-    seen: Mapping[str, list[Outcome]], units: Mapping[str, str], rigs: int
+    seen: Mapping[str, list[Judgement]], units: Mapping[str, str], rigs: int
 ) -> dict[str, Judged]:
     """Return the table; Holm's method judges all parameters together."""
     coverages = {
-        name: coverage(sum(one.holds for one in own), len(own)) for name, own in seen.items()
+        name: coverage(sum(holds for _, holds, _ in own), len(own)) for name, own in seen.items()
     }
     narrow = set()
     ordered = sorted(coverages, key=lambda name: coverages[name].probability)
@@ -287,8 +283,8 @@ def _table(
             unit=units[name],
             coverage=coverages[name],
             told=len(own) / rigs,
-            rms=float(np.sqrt(np.mean([one.error**2 for one in own]))),
-            std=float(np.mean([one.std for one in own])),
+            rms=float(np.sqrt(np.mean([error**2 for error, _, _ in own]))),
+            std=float(np.mean([std for _, _, std in own])),
             holds=name not in narrow,
         )
         for name, own in seen.items()

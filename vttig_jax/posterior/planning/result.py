@@ -8,6 +8,7 @@ import numpy as np
 from ...base.files.text_tables import key_values, listed, text_table
 from ...base.results import TextResult
 from ...base.units import ARCSEC, DEG, duration_text
+from ...identify.result import conditions
 from ...model.columns import DELAY, GAP
 from ...model.density import LAGS
 from ...model.mixed_fit import MixedFit
@@ -17,32 +18,24 @@ from ...pair.schema import HarmonicOrders
 from .noise import PlannedNoise, frozen_counts
 from .run import PlannedRun
 
+_KEYS = ("unit", "std", "assumed", "determined", "significant", "reason", "wanted")
+
 
 @dataclass(frozen=True)
-class PlannedParameter:
-    """Expected accuracy of one parameter.
+class PlannedParameter(Parameter):
+    """Parameter without a value, whose `std` is the expected one; None if the fit will give none.
 
     **Arguments**
-    - `std`: expected standard error in `unit`; None if the fit will give none.
     - `assumed`: assumed amplitude, phase or delay; None if no value is assumed.
-    - `determined`: False if the run cannot determine the parameter; `reason` then says why.
-    - `significant`: False if the assumed amplitude is below three standard errors. The fit will
-      then give only an upper limit of the amplitude, and no phase.
     - `wanted`: requested standard error in `unit`; None without a request.
     """
 
-    name: str
-    unit: str
-    std: float | None
-    assumed: float | None
-    determined: bool
-    significant: bool
-    reason: str | None = None
+    assumed: float | None = None
     wanted: float | None = None
 
     def to_json(self) -> dict:
         """Return the JSON object of the parameter, as it stands under `parameters` of a plan."""
-        return {key: value for key, value in asdict(self).items() if key != "name"}
+        return {name: getattr(self, name) for name in _KEYS}
 
 
 @dataclass(frozen=True)
@@ -135,8 +128,7 @@ class Plan(TextResult):
             at = "" if p.assumed is None else f"{p.assumed:g}"
             rows.append([p.name, expected, *wanted, at, p.unit])
         parts = [head, text_table(rows, titles, align="l" + "r" * (len(titles) - 2) + "l")]
-        if self.conditional_on:
-            parts.append("conditional on: " + ", ".join(self.conditional_on).replace("_", " "))
+        parts += conditions(self.conditional_on)
         parts += listed("undetermined", open_reasons(self.parameters.values()))
         return "\n\n".join([*parts, *listed("notes", self.notes)])
 
@@ -147,11 +139,11 @@ def planned_parameter(parameter: Parameter, assumed: float | None) -> PlannedPar
     return PlannedParameter(
         parameter.name,
         parameter.unit,
-        parameter.std,
-        assumed,
+        std=parameter.std,
         determined=told,
         significant=told and (parameter.significant or not known),
         reason=parameter.reason if known or not told else None,
+        assumed=assumed,
     )
 
 

@@ -18,7 +18,7 @@ from ...base.results import PlottedResult
 from ...base.runtime import require_x64
 from ...base.units import ARCSEC, duration_text
 from ...identify.backlash import unknown_extremes
-from ...identify.result import Fit, parameter_cells, refuse_unknown_gap
+from ...identify.result import Fit, conditions, parameter_cells, refuse_unknown_gap
 from ...kinematics.harmonic import OrderModel
 from ...model.columns import FLAT, KNOWN, ROUNDING, Column
 from ...model.parameter import open_reasons
@@ -262,9 +262,7 @@ def posterior_text(posterior: Posterior) -> str:
     parts += listed("undetermined", open_reasons(parameters))
     parts += listed("priors", list(priors(posterior.fit)))
     parts.append(fill(_BESIDE_FIT, _WIDTH))
-    if posterior.fit.conditional_on:
-        conditions = ", ".join(posterior.fit.conditional_on).replace("_", " ")
-        parts.append(f"conditional on: {conditions}")
+    parts += conditions(posterior.fit.conditional_on)
     parts.append(str(posterior.diagnosis))
     return "\n\n".join(parts)
 
