@@ -27,8 +27,8 @@ BOUNDS = {
     "logs": (10043, 268),  # 7400
     "rig": (298, 1),  # 260
     "model": (2141, 44),
-    "identify": (3586, 38),  # 9000 together with posterior
-    "posterior": (2724, 46),
+    "identify": (3424, 38),  # 9000 together with posterior
+    "posterior": (2692, 46),
     "control": (5468, 77),  # 3600
     "plotting": (1675, 44),  # 2000 together with the report
     "runs": (2476, 11),  # 900
