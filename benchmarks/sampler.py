@@ -44,6 +44,7 @@ def costs() -> dict[str, float]:
     result = fit(rig.log(0), rig.pair)
     target = target_of(result)
     around = target.around()
+    weights = around.weights / around.weights.sum()
     points = around.starts(512, np.random.RandomState(0))
     target.log_density(points)
     density_s = min(spent(lambda: target.log_density(points))[0] for _ in range(5))
@@ -54,7 +55,7 @@ def costs() -> dict[str, float]:
     return {
         "coordinates": len(target.names),
         "density_us": 1e6 * density_s / len(points),
-        "efficiency_of_weighted_draws": around.efficiency,
+        "efficiency_of_weighted_draws": 1 / float(np.sum(weights**2)) / len(weights),
         "steps": diagnosis.steps,
         "effective_draws": float(diagnosis.effective.min()),
         "whole_s": whole_s,
