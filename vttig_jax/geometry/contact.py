@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from enum import IntEnum
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,7 +23,6 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from ..base.arrays import Numbers, float64, known
 from ..base.errors import PairError
 from ..base.numerics.implicit import at_extreme, known_root
-from ..base.units import DEG
 from ..kinematics.flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
 from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .checks import check_pointed, check_tooth, section_heights
@@ -31,8 +30,6 @@ from .deviations import Deviations
 from .flanks import Mates, Pose, Reach, concentric_touch, flank_starts, mates_of, pitch_point
 from .mounting import Misalignment, Mounting, Values
 from .tooth import SHAFTS, Scalar, Taper, Tooth, tooth_of
-
-Backlash = Literal["drawing", "given"]
 
 # Chosen values:
 _SECTIONS, _TOOTH_PAIRS, _POINTS = 9, 3, 9  # of the default grid; points are roll angles
@@ -514,7 +511,6 @@ class ContactModel(ImplicitModel):
     - `starts`: roll angles at the start of each flank, rad; rows are gears, columns flanks A and B.
     - `nominal_distance`: centre distance at which concentric gears define the zero of φ₂, mm.
     - `mounting`: position of the axes and the base circles.
-    - `opening`: additional angle of flank B, rad of the driven gear, relative to the drawing.
     - `deviations`: deviations of all flanks, or None.
     - `search_grid`: grid of the search for first contact.
     """
@@ -524,7 +520,6 @@ class ContactModel(ImplicitModel):
     starts: Float[Numbers, "gear=2 flank=2"]
     nominal_distance: Scalar
     mounting: Mounting
-    opening: Scalar
     deviations: Deviations | None
     search_grid: SearchGrid
 
@@ -579,7 +574,7 @@ def mates_on(model: ContactModel, side: int) -> Mates:
     """
     drawn = mates_of(model.teeth, model.starts, jnp.asarray(model.ratio), None, 0)
     # Flank B of a driving tooth touches the next tooth of the driven gear.
-    on_b = model.opening + 2 * math.pi / model.teeth[1].teeth
+    on_b = 2 * math.pi / model.teeth[1].teeth
     standing = side * on_b - concentric_touch(drawn, model.nominal_distance)
     mates = mates_of(model.teeth, model.starts, jnp.asarray(model.ratio), model.deviations, side)
     return eqx.tree_at(lambda tree: tree.standing, mates, standing)
@@ -592,7 +587,6 @@ def contact_model(
     misalignment: Misalignment | None = None,
     deviations: Deviations | None = None,
     sections: int | None = None,
-    constant_backlash: Backlash = "drawing",
     centre_distance_mm: Scalar | float | None = None,
     tooth_pairs: int | None = None,
     points: int | None = None,
@@ -614,15 +608,14 @@ def contact_model(
 
     **Arguments**
     - `pair`: gear pair.
-    - `eccentricities`: offsets of the base circles, axial displacement, constant backlash.
+    - `eccentricities`: offsets of the base circles and axial displacement; their constant backlash
+      is not used, because the backlash is that of the drawn teeth.
     - `misalignment`: tilt of the driven axis; None for parallel axes.
     - `deviations`: deviations of the flanks from the drawing, as maps and for each tooth.
     - `sections`: number of sections over the common face; the best section between them is searched
       too. The default is 9, or the number of columns of the finest map; it is the section z = 0
       alone if the recessions are linear and equal and the contact ratio is well above 1, because
       all sections then touch at once.
-    - `constant_backlash`: "drawing" for the backlash of the drawn teeth; "given" rotates flank B so
-      that concentric gears have the constant backlash of `eccentricities`, as after a fit.
     - `centre_distance_mm`: centre distance, by default the nominal one.
     - `tooth_pairs`: number of tooth pairs searched; by default 3, or more if the contact ratio
       requires it.
@@ -655,11 +648,6 @@ def contact_model(
 
     ```
     """
-    if constant_backlash not in ("drawing", "given"):
-        raise ValueError(
-            'Argument `constant_backlash` must be "drawing" or "given", but is'
-            f" {constant_backlash!r}."
-        )
     if not known(pair):
         pair = jax.tree.map(jnp.asarray, pair)  # so that no formula mixes NumPy and traced numbers
     gears = tooth_of(pair, "driving"), tooth_of(pair, "driven")
@@ -686,14 +674,12 @@ def contact_model(
     )
     if known(pair, gears, distance):
         _check(gears, mounting, search_grid, deviations)
-    given = eccentricities.constant_backlash_deg * DEG - pair.drawing_backlash
     return ContactModel(
         ratio=jnp.asarray(float(pair.ratio), float),
         teeth=gears,
         starts=flank_starts(gears),
         nominal_distance=pair.centre_distance_mm,
         mounting=mounting,
-        opening=given if constant_backlash == "given" else np.zeros(()),
         deviations=deviations,
         search_grid=search_grid,
     )
