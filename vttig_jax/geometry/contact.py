@@ -29,7 +29,7 @@ from .checks import check_pointed, check_tooth, section_heights
 from .deviations import Deviations
 from .flanks import Mates, Pose, Reach, concentric_touch, flank_starts, mates_of, pitch_point
 from .mounting import Misalignment, Mounting, Values
-from .tooth import SHAFTS, Scalar, Taper, Tooth, tooth_of
+from .tooth import SHAFTS, Scalar, Tooth, tooth_of
 
 # Chosen values:
 _SECTIONS, _TOOTH_PAIRS, _POINTS = 9, 3, 9  # of the default grid; points are roll angles
@@ -513,6 +513,7 @@ class ContactModel(ImplicitModel):
     - `mounting`: position of the axes and the base circles.
     - `deviations`: deviations of all flanks, or None.
     - `search_grid`: grid of the search for first contact.
+    - `uniform`: whether all sections and all teeth touch alike.
     """
 
     ratio: Float[Numbers, ""]
@@ -522,6 +523,7 @@ class ContactModel(ImplicitModel):
     mounting: Mounting
     deviations: Deviations | None
     search_grid: SearchGrid
+    uniform: bool = eqx.field(static=True)
 
     @property
     def grid_orders(self) -> GridOrders:
@@ -529,9 +531,7 @@ class ContactModel(ImplicitModel):
 
         Otherwise they are the first orders of both shafts.
         """
-        plain = self.mounting.misalignment is None and self.deviations is None
-        uniform = plain and _same_everywhere(self.teeth, self.mounting.centre_distance)
-        return FIRST_ORDERS if uniform else ((self.teeth[0].teeth, 0),)
+        return FIRST_ORDERS if self.uniform else ((self.teeth[0].teeth, 0),)
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
@@ -654,15 +654,6 @@ def contact_model(
     distance = (
         pair.centre_distance_mm if centre_distance_mm is None else float64(centre_distance_mm)
     )
-    if sections is None:
-        uniform = misalignment is None and deviations is None and _same_everywhere(gears, distance)
-        sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
-    if points is None:
-        points = max(_POINTS, 2 * _knots(deviations, "roll_mm"))
-    if tooth_pairs is None:
-        needed = _least_tooth_pairs(gears, distance) if known(gears, distance) else 0
-        tooth_pairs = max(_TOOTH_PAIRS, needed)
-    search_grid = SearchGrid(sections, tooth_pairs, points)
     driving_offset, driven_offset = eccentricities.cartesian
     mounting = Mounting(
         centre_distance=distance,
@@ -672,8 +663,32 @@ def contact_model(
         half_widths=jnp.stack([jnp.asarray(gear.face_width_mm) / 2 for gear in gears]),
         misalignment=misalignment,
     )
-    if known(pair, gears, distance):
-        _check(gears, mounting, search_grid, deviations)
+    checked, uniform, needed = known(pair, distance), False, 0
+    if checked:
+        _check(gears, mounting, deviations)
+        moved = eqx.tree_at(lambda tree: tree.centre_distance_mm, pair, distance)
+        ratios = np.asarray(moved.contact_ratios)
+        needed = math.ceil(ratios.max() + _SPARE)
+        # A tip edge alone touches in one section later than in the next.
+        plain = misalignment is None and deviations is None and ratios.min() > _MARGIN
+        uniform = bool(plain and _straight_and_equal(pair))
+    if sections is None:
+        sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
+    if points is None:
+        points = max(_POINTS, 2 * _knots(deviations, "roll_mm"))
+    pairs = max(_TOOTH_PAIRS, needed) if tooth_pairs is None else tooth_pairs
+    search_grid = SearchGrid(sections, pairs, points)
+    if needed > pairs:
+        raise PairError(
+            f"{pairs} tooth pairs are too few for a contact ratio of {ratios.max():.2f}; give"
+            f" tooth_pairs={needed}.",
+            where="contact ratio",
+        )
+    if checked and sections > 1 and np.isnan([float(gear.face_width_mm) for gear in gears]).all():
+        raise PairError(
+            "the face width is missing, but contact differs along the face; give a face width.",
+            where="driving.face_width_mm",
+        )
     return ContactModel(
         ratio=jnp.asarray(float(pair.ratio), float),
         teeth=gears,
@@ -682,6 +697,7 @@ def contact_model(
         mounting=mounting,
         deviations=deviations,
         search_grid=search_grid,
+        uniform=uniform,
     )
 
 
@@ -691,9 +707,7 @@ def _knots(deviations: Deviations | None, direction: str) -> int:
     return max((len(getattr(flank_map, direction)) for flank_map in maps), default=0)
 
 
-def _check(
-    teeth: tuple[Tooth, Tooth], mounting: Mounting, grid: SearchGrid, deviations: Deviations | None
-) -> None:
+def _check(teeth: tuple[Tooth, Tooth], mounting: Mounting, deviations: Deviations | None) -> None:
     """Raise `PairError` for gears that cannot be in contact; numbers must not be traced."""
     distance, offset = float(mounting.centre_distance), 0.0
     if known(mounting):
@@ -711,20 +725,9 @@ def _check(
             f" {'apart' if near else 'together'}.",
             where="centre_distance_mm",
         )
-    if (needed := _least_tooth_pairs(teeth, distance)) > grid.tooth_pairs:
-        raise PairError(
-            f"{grid.tooth_pairs} tooth pairs are too few for a contact ratio of"
-            f" {_contact_ratios(teeth, distance).max():.2f}; give tooth_pairs={needed}.",
-            where="contact ratio",
-        )
-    widths = [float(tooth.face_width_mm) for tooth in teeth]
-    if grid.sections > 1 and np.isnan(widths).all():
-        raise PairError(
-            "the face width is missing, but contact differs along the face; give a face width.",
-            where="driving.face_width_mm",
-        )
-    for shaft, tooth, width in zip(SHAFTS, teeth, widths, strict=True):
-        heights = section_heights(tooth, [0.0] if np.isnan(width) else None)
+    for shaft, tooth in zip(SHAFTS, teeth, strict=True):
+        widthless = np.isnan(float(tooth.face_width_mm))
+        heights = section_heights(tooth, [0.0] if widthless else None)
         try:
             check_tooth(tooth, heights)
             check_pointed(tooth, heights)
@@ -739,36 +742,7 @@ def _check(
             )
 
 
-def _same_everywhere(teeth: tuple[Tooth, Tooth], distance: Scalar) -> bool:
-    """Return whether all sections touch at once.
-
-    They do if the recessions are linear and equal on both gears and no tip edge touches alone; a
-    tip edge touches in one section later than in the next.
-    """
-    if not known(teeth, distance):
-        return False
-    for index in (0, 1):
-        driving, driven = teeth[0].recession[index], teeth[1].recession[1 - index]
-        if not (isinstance(driving, Taper) and isinstance(driven, Taper)):
-            return False
-        crowned = np.any(driving.crowning_mm) or np.any(driven.crowning_mm)
-        if crowned or driving.slope != driven.slope:
-            return False
-    return bool(_contact_ratios(teeth, float(distance)).min() > _MARGIN)
-
-
-def _least_tooth_pairs(teeth: tuple[Tooth, Tooth], distance: Scalar | float) -> int:
-    """Return the number of tooth pairs that must be searched to include the first contact."""
-    return int(np.ceil(_contact_ratios(teeth, float(distance)).max() + _SPARE))
-
-
-def _contact_ratios(teeth: tuple[Tooth, Tooth], distance: float) -> Float[np.ndarray, "2"]:
-    """Return the contact ratios of flanks A and B at a centre distance, mm.
-
-    `GearPair.contact_ratios` gives the same at the centre distance of the pair.
-    """
-    base = np.stack([teeth[0].base_radii, teeth[1].base_radii[::-1]])
-    tips = np.array([[float(tooth.tip_radius)] for tooth in teeth])
-    line = np.sqrt(np.maximum(distance**2 - base.sum(axis=0) ** 2, 0.0))
-    path = np.sqrt(np.maximum(tips**2 - base**2, 0.0)).sum(axis=0) - line
-    return path / base[0] * teeth[0].teeth / (2 * np.pi)
+def _straight_and_equal(pair: GearPair) -> bool:
+    """Return whether the recessions are linear and equal on both gears."""
+    crowned = pair.driving.crowning_um != 0 or pair.driven.crowning_um != 0
+    return not crowned and pair.driving.helix_deg == pair.driven.helix_deg
