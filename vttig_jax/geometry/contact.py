@@ -8,7 +8,6 @@ that flank. Arrays have the axes (section, pair, angle); the last axis is long a
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from enum import IntEnum
 from typing import Any
@@ -332,17 +331,15 @@ def contact_search(
     return ContactSearch(mates, mounting, pose, guess, grid)
 
 
-def earliest(
-    scene: ContactSearch, touch: TouchPoint
-) -> tuple[TouchPoint, Callable[[Array], Array]]:
-    """Return the first contact at each angle among sections and pairs, and what selects it."""
-    flat = (scene.mates.sense * touch.error).reshape(-1, touch.error.shape[-1])
-    best = nearest(flat, touch.error.shape[:2])[None]
+def earliest(height: Float[Array, "section pair n"], values: Any) -> Any:
+    """Return what arrays of shape (section, pair, n) hold at the largest height of each angle."""
+    flat = height.reshape(-1, height.shape[-1])
+    best = nearest(flat, height.shape[:2])[None]
 
-    def select(values: Array) -> Array:
-        return jnp.take_along_axis(values.reshape(flat.shape), best, 0)[0]
+    def select(array: Array) -> Array:
+        return jnp.take_along_axis(array.reshape(flat.shape), best, 0)[0]
 
-    return jax.tree.map(select, touch), select
+    return jax.tree.map(select, values)
 
 
 @eqx.filter_jit
@@ -354,7 +351,8 @@ def _first_contacts(mates: Mates, mounting: Mounting, grid: SearchGrid, angles: 
 
     def search(angles: Any) -> TouchPoint:
         scene = contact_search(mates, mounting, grid, *angles)
-        return earliest(scene, scene.touches())[0]
+        touch = scene.touches()
+        return earliest(mates.sense * touch.error, touch)
 
     return jax.tree.map(jnp.ravel, jax.lax.map(search, angles))
 
