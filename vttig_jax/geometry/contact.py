@@ -661,24 +661,24 @@ def contact_model(
         half_widths=jnp.stack([jnp.asarray(gear.face_width_mm) / 2 for gear in gears]),
         misalignment=misalignment,
     )
-    checked, uniform, needed = known(pair, distance), False, 0
+    checked, uniform, largest = known(pair, distance), False, 0.0
     if checked:
         _check(gears, mounting, deviations)
         moved = eqx.tree_at(lambda tree: tree.centre_distance_mm, pair, distance)
-        ratios = np.asarray(moved.contact_ratios)
-        needed = math.ceil(ratios.max() + _SPARE)
+        least, largest = sorted(map(float, moved.contact_ratios))
         # A tip edge alone touches in one section later than in the next.
-        plain = misalignment is None and deviations is None and ratios.min() > _MARGIN
+        plain = misalignment is None and deviations is None and least > _MARGIN
         uniform = bool(plain and _straight_and_equal(pair))
     if sections is None:
         sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
     if points is None:
         points = max(_POINTS, 2 * _knots(deviations, "roll_mm"))
+    needed = math.ceil(largest + _SPARE)
     pairs = max(_TOOTH_PAIRS, needed) if tooth_pairs is None else tooth_pairs
     search_grid = SearchGrid(sections, pairs, points)
     if needed > pairs:
         raise PairError(
-            f"{pairs} tooth pairs are too few for a contact ratio of {ratios.max():.2f}; give"
+            f"{pairs} tooth pairs are too few for a contact ratio of {largest:.2f}; give"
             f" tooth_pairs={needed}.",
             where="contact ratio",
         )
