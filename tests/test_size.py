@@ -22,8 +22,8 @@ BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
     "base": (1210, 19),  # 950
     "pair": (658, 1),  # 560
-    "kinematics": (1222, 23),  # 780
-    "geometry": (3369, 55),  # 2800
+    "kinematics": (1174, 23),  # 780
+    "geometry": (3317, 53),  # 2800
     "logs": (10107, 268),  # 7400
     "rig": (298, 1),  # 260
     "model": (2141, 44),
