@@ -133,6 +133,6 @@ def order_model(pair: GearPair, errors: tuple[OrderError, ...]) -> OrderModel:
         ratio=np.asarray(float(pair.ratio)),
         terms=terms,
         offset=jnp.zeros(2),
-        cosine=jnp.asarray(waves.imag),
-        sine=jnp.asarray(waves.real),
+        cosine=jnp.asarray(np.imag(waves)),
+        sine=jnp.asarray(np.real(waves)),
     )
