@@ -26,7 +26,7 @@ from vttig_jax.control.plants.plant import (
     walls,
 )
 from vttig_jax.kinematics.first_order import closed_model
-from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds, first_order_bounds
+from vttig_jax.kinematics.flank_table import Bounds, FirstOrderBounds
 from vttig_jax.rig.paper import paper_eccentricities, paper_pair
 
 SPEED, SAMPLE = 2 * math.pi, 1e-3
@@ -63,7 +63,7 @@ class Case:
     @property
     def bounds(self) -> Bounds:
         if self.moving:
-            return first_order_bounds(closed_model(paper_pair(), paper_eccentricities()))
+            return closed_model(paper_pair(), paper_eccentricities())
         zero = np.zeros((2, 2))
         gap = np.array([0.0, PAPER.constant_backlash])
         return FirstOrderBounds(ratio=PAPER.ratio, offset=gap, cosine=zero, sine=zero)

@@ -22,12 +22,12 @@ BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
     "base": (1207, 19),  # 950
     "pair": (658, 1),  # 560
-    "kinematics": (1221, 23),  # 780
-    "geometry": (3369, 55),  # 2800
+    "kinematics": (1174, 23),  # 780
+    "geometry": (3317, 53),  # 2800
     "logs": (10043, 268),  # 7400
-    "rig": (298, 1),  # 260
+    "rig": (294, 1),  # 260
     "model": (2141, 44),
-    "identify": (3424, 38),  # 9000 together with posterior
+    "identify": (3423, 38),  # 9000 together with posterior
     "posterior": (2692, 46),
     "control": (5468, 77),  # 3600
     "plotting": (1675, 44),  # 2000 together with the report

@@ -36,10 +36,6 @@ def both_flanks(model, driving):
     return tuple(model.transmission_error(driving, flank) for flank in ("A", "B"))
 
 
-likelihood_of = jax.jit(turn_log_likelihood)
-remainders_of = jax.jit(turn_remainders)
-
-
 def readings(model, ratio: Fraction, driving: float, share: float) -> tuple[float, float]:
     """Both shafts within a turn, the driven one at a share of the way from flank A to B."""
     lower, upper = map(float, both_flanks(model, driving))
@@ -131,7 +127,7 @@ def test_likelihood_is_the_gaussian_averaged_over_the_gap():
     std, places = 0.7, (-40.0, -3.0, -0.1, 0.0, 0.31, 0.9, 1.0, 4.0, 35.0)
     x, width = np.array([*product(places, (0.0, 1e-9, 1e-6, 1e-3, 0.5, 20.0, -0.5))]).T
     expected = [exact_log_likelihood(at, 0.0, gap, std) for at, gap in zip(x, width, strict=True)]
-    found = likelihood_of(x, np.zeros(len(x)), width, std)
+    found = turn_log_likelihood(x, np.zeros(len(x)), width, std)
     np.testing.assert_allclose(found, expected, rtol=1e-7)
 
 
@@ -150,8 +146,8 @@ def drawn(std: float, count: int = 4000):
 def stated_and_true(reckoned: float, std: float) -> tuple[float, float, float]:
     """Mean of the stated probability, share of right turns, and its standard error."""
     within, driven, turn, lower, upper, ratio = drawn(std)
-    remainder = remainders_of(within, driven, lower, upper, ratio)
-    chance = softmax(np.asarray(likelihood_of(remainder, lower, upper, reckoned)), axis=-1)
+    remainder = turn_remainders(within, driven, lower, upper, ratio)
+    chance = softmax(turn_log_likelihood(remainder, lower, upper, reckoned), axis=-1)
     best = chance.argmax(axis=1)
     right = (best == turn).mean()
     return chance.max(axis=1).mean(), right, math.sqrt(right * (1 - right) / len(turn))

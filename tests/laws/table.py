@@ -1,6 +1,7 @@
 """One row for every public function and model method, with what it promises."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,8 +17,8 @@ from tests.laws.law import scaled as scaled
 from tests.laws.surfaces import SURFACES
 from vttig_jax.kinematics import functions as kin
 from vttig_jax.kinematics.exact import ExactModel, exact_model
-from vttig_jax.kinematics.first_order import ClosedModel, closed_model
-from vttig_jax.kinematics.flank_table import first_order_bounds, tabulate_flanks
+from vttig_jax.kinematics.first_order import closed_model
+from vttig_jax.kinematics.flank_table import FirstOrderBounds, tabulate_flanks
 from vttig_jax.kinematics.harmonic import CombinedModel, OrderModel
 from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair, Rack
 
@@ -133,7 +134,7 @@ FUNCTIONS = (
     ),
 )
 MODELS = (
-    *_of_model(ClosedModel, closed_model, "transmission_error", "backlash"),
+    *_of_model(FirstOrderBounds, closed_model, "transmission_error", "backlash"),
     *_of_model(
         ExactModel, exact_model, "transmission_error", "backlash", "at_both_angles", "turned"
     ),
@@ -157,12 +158,12 @@ def _table(pair, rig, closing):
 
 
 def _closed(pair, rig, closing):
-    return first_order_bounds(closed_model(pair, rig), closing)
+    return replace(closed_model(pair, rig), closing=closing)
 
 
 TABLES = tuple(
     Law(name, partial(_bounds, make), (ANGLES, PAIR, RIG), "rad", KINKS, slow=make is _table)
-    for name, make in (("tabulate_flanks", _table), ("first_order_bounds", _closed))
+    for name, make in (("tabulate_flanks", _table), ("closed_model", _closed))
 )
 LAWS = (*FUNCTIONS, *MODELS, *TABLES, *SURFACES, *THICKNESSES, *CONTACTS)
 

@@ -1,9 +1,8 @@
 """Backlash from the tooth thickness of both gears, by section and of the pair, and its inverse."""
 
-import math
 from dataclasses import dataclass
 
-import jax
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
@@ -15,26 +14,16 @@ from ..base.errors import PairError
 from ..base.files.text_tables import key_values, text_table
 from ..base.units import DEG
 from ..pair.gear_pair import GearPair
-from .mounting import Values, common_face
-from .tooth import Tooth, tooth_of
-
-Teeth = tuple[Tooth, Tooth]
-"""The driving and the driven gear."""
+from .tooth import Scalar
 
 TOUCHING = 1e-9
 """Angle, rad, within which flanks touch: they interfere only if they overlap by more (chosen)."""
 
 # Chosen values:
-_GRID = 257  # sections over the common face in which the least clearance is searched
-_NEWTON = 3  # steps of Newton's method from there
 _REPORTED = 11  # sections reported by default
 _POSITIONS = 257  # positions over the stroke; the backlash is assumed monotonic between them
 _STEP = 1e-13  # tolerance of the position in the root search, mm
 _ROUNDING = 1e-12  # excess, rad, treated as zero so that the ends of the stroke are found
-
-
-def _teeth_of(pair: GearPair) -> Teeth:
-    return tooth_of(pair, "driving"), tooth_of(pair, "driven")
 
 
 @compiled
@@ -75,12 +64,11 @@ def section_backlash(
 
     ```
     """
-    gears = _teeth_of(pair)
-    distance = _distance(pair, centre_distance_mm)
     z, axial = jnp.asarray(z_mm, float), jnp.asarray(axial_mm, float)
-    low, high = common_face(gears, axial)
-    backlash = _clearance(gears, distance, _thickness(gears, distance, axial, z).sum(axis=-1))
-    known = ~jnp.isnan(gears[0].face_width_mm) | ~jnp.isnan(gears[1].face_width_mm)
+    distance = _distance(pair, centre_distance_mm)
+    backlash = jnp.vectorize(lambda z: _touching_at(pair, distance, axial, jnp.stack([z, z])))(z)
+    low, high = _common_face(pair, axial)
+    known = ~jnp.isnan(_face_widths(pair)).all()
     tolerance = 1e-12 * distance
     return jnp.where(known & ((z < low - tolerance) | (z > high + tolerance)), jnp.nan, backlash)
 
@@ -133,74 +121,73 @@ def backlash_and_contact(
     axial_mm: Real[ArrayLike, "..."] = 0.0,
 ) -> tuple[Float[Array, "*shape"], Float[Array, "*shape 2"]]:
     """Return `geometric_backlash`, rad, and the contact heights of flank A and flank B, mm."""
-    gears = _teeth_of(pair)
-    distance = _distance(pair, centre_distance_mm)
-    distance, axial = jnp.broadcast_arrays(distance, jnp.asarray(axial_mm, float))
-    low, high = common_face(gears, axial)
-    z = _contact_heights(gears, axial)
-    by_section = _thickness(gears, distance[..., None], axial[..., None], z)
-    thickness = jnp.trace(by_section, axis1=-2, axis2=-1)
-    return jnp.where(low <= high, _clearance(gears, distance, thickness), jnp.nan), z
+
+    def at(distance: Scalar, axial: Scalar) -> tuple[Scalar, Float[Array, "flank=2"]]:
+        low, high = _common_face(pair, axial)
+        z = _contact_heights(pair, axial, low, high)
+        return jnp.where(low <= high, _touching_at(pair, distance, axial, z), jnp.nan), z
+
+    positions = _distance(pair, centre_distance_mm), jnp.asarray(axial_mm, float)
+    return jnp.vectorize(at, signature="(),()->(),(2)")(*positions)
 
 
 def _distance(pair: GearPair, given: Real[ArrayLike, "..."] | None) -> Array:
     return jnp.asarray(pair.centre_distance_mm if given is None else given, float)
 
 
-def _contact_heights(gears: Teeth, axial: Values) -> Values:
-    """Return the heights z, mm, of least clearance; the last axis is (flank A, flank B).
+def _touching_at(
+    pair: GearPair, distance: Scalar, axial: Scalar, z: Float[Array, "flank=2"]
+) -> Scalar:
+    """Return the backlash of teeth that touch at heights z, mm, on flank A and flank B, rad.
 
-    The sum of the recessions of both gears is smallest there at any centre distance, because
-    r_w1/R₁ = r_w2/R₂. A grid over the common face is followed by Newton's method; of equal sections
-    the one closest to the middle is taken. For derivatives the height is a fixed share of the face.
+    It is that of teeth without taper, and the recession of both gears over R₂ at any centre
+    distance, because r_w1/R₁ = r_w2/R₂.
     """
-    fixed, shift = jax.tree.map(jax.lax.stop_gradient, (gears, axial))
-    low, high = (end[..., None] for end in common_face(fixed, shift))
-
-    def recession(share: Values) -> Values:
-        z = low + share * (high - low)
-        driven = fixed[1].recessions(-(z + shift[..., None]))[..., ::-1]
-        return jnp.diagonal(jnp.asarray(fixed[0].recessions(z) + driven), axis1=-2, axis2=-1)
-
-    def newton(share: Values, _) -> tuple[Values, None]:
-        slopes = jax.grad(lambda share: recession(share).sum())
-        slope, curvature = jax.jvp(slopes, (share,), (jnp.ones_like(share),))
-        step = jnp.where(curvature > 0, -slope / jnp.where(curvature > 0, curvature, 1.0), 0.0)
-        return jnp.clip(share + jnp.clip(step, -cell, cell), 0.0, 1.0), None
-
-    shares, cell = jnp.linspace(0.0, 1.0, _GRID), 1 / (_GRID - 1)
-    off_middle = jnp.abs(shares - 0.5).reshape(-1, *[1] * (shift.ndim + 1))
-    grid = jnp.broadcast_to(shares.reshape(off_middle.shape), (_GRID, *shift.shape, 2))
-    values = jax.vmap(recession)(grid)
-    tied = values <= values.min(axis=0, keepdims=True) + 1e-13
-    best = shares[jnp.argmin(jnp.where(tied, off_middle, jnp.inf), axis=0)]
-    best, _ = jax.lax.scan(newton, best, length=_NEWTON)
-    low, high = (end[..., None] for end in common_face(gears, axial))
-    return low + best * (high - low)
+    untapered = eqx.tree_at(lambda tree: tree.centre_distance_mm, pair, distance)
+    slopes, curvatures = _tapers(pair)
+    driven = -(z + axial)
+    crowning = (curvatures[0] * z**2 + curvatures[1] * driven**2) / 2
+    recession = slopes[0] * z + slopes[1] * driven + crowning
+    return jnp.asarray(untapered.drawing_backlash + recession.sum() / pair.reference_radii[1])
 
 
-def _thickness(gears: Teeth, distance: Values, axial: Values, z: Values) -> Values:
-    """Return the half thicknesses r_w1 ψ₁ + r_w2 ψ₂ of both teeth on the working pitch circles, mm.
+def _contact_heights(
+    pair: GearPair, axial: Scalar, low: Scalar, high: Scalar
+) -> Float[Array, "flank=2"]:
+    """Return the heights z, mm, between two ends at which flank A and flank B have least clearance.
 
-    The last axis of the result is (flank A, flank B). The sum over this axis is the thickness of a
-    driving tooth plus that of a driven tooth. `distance` and `axial` are a and s, mm.
+    The recession of both gears together is a parabola in z. If it is the same in all sections, the
+    middle is taken.
     """
-    driving, driven = gears
-    teeth = driving.teeth + driven.teeth
-    first, second = (jnp.broadcast_to(distance * gear.teeth / teeth, z.shape) for gear in gears)
-    left = driving.half_angles(first, z) * first[..., None]
-    right = driven.half_angles(second, -(z + axial)) * second[..., None]
-    return jnp.asarray(left + right[..., ::-1])
+    slopes, curvatures = _tapers(pair)
+    middle, curvature = (low + high) / 2, curvatures.sum()
+    rise = slopes[0] - slopes[1] + curvature * middle + curvatures[1] * axial
+    curved = curvature > 0
+    to_lowest = -rise / jnp.where(curved, curvature, 1.0)
+    to_end = -jnp.sign(rise) * (high - low)
+    return jnp.clip(middle + jnp.where(curved, to_lowest, to_end), low, high)
 
 
-def _clearance(gears: Teeth, distance: Values, thickness: Values) -> Values:
-    """Return the backlash (2π r_w1/z₁ − `thickness`)/r_w2, rad of the driven gear.
+def _tapers(pair: GearPair) -> tuple[Float[Array, "gear=2 flank=2"], Float[Array, "gear=2"]]:
+    """Return tan β of both gears on flanks A and B, and the curvature 8 c/b² of their crowning."""
+    gears = pair.driving, pair.driven
+    helices = jnp.array([[gear.helix_left_deg, gear.helix_right_deg] for gear in gears])
+    crowning = jnp.array([gear.crowning_um for gear in gears]) * 1e-3
+    widths = _face_widths(pair)
+    widths = jnp.where(jnp.isnan(widths), 1.0, widths)
+    return jnp.tan(helices * DEG), 8 * crowning / widths**2
 
-    `distance` is the centre distance a = r_w1 + r_w2, mm. `thickness` is the sum of the thickness
-    of a driving tooth and of a driven tooth, each on its working pitch circle, mm.
-    """
-    share = 1 / (gears[0].teeth + gears[1].teeth)
-    return (2 * math.pi * distance * share - thickness) / (distance * gears[1].teeth * share)
+
+def _face_widths(pair: GearPair) -> Float[Array, "gear=2"]:
+    return jnp.stack([jnp.asarray(g.face_width_mm) for g in (pair.driving, pair.driven)])
+
+
+def _common_face(pair: GearPair, axial: Scalar) -> tuple[Scalar, Scalar]:
+    """Return the lowest and highest z of the common face; see `Mounting.face`."""
+    widths = _face_widths(pair)
+    driving, driven = jnp.where(jnp.isnan(widths), jnp.inf, widths) / 2
+    low, high = jnp.maximum(-driving, -driven - axial), jnp.minimum(driving, driven - axial)
+    return jnp.where(jnp.isinf(low), 0.0, low), jnp.where(jnp.isinf(high), 0.0, high)
 
 
 def axial_for_backlash(
@@ -245,12 +232,11 @@ def axial_for_backlash(
 
     ```
     """
-    gears = _teeth_of(pair)
 
     def excess(axial: Array, _: None = None) -> Array:
         return geometric_backlash(pair, centre_distance_mm, axial) - backlash_rad
 
-    wanted, widths = f"{backlash_rad / DEG:g}°", np.array([float(g.face_width_mm) for g in gears])
+    wanted, widths = f"{backlash_rad / DEG:g}°", np.asarray(_face_widths(pair))
     if np.isnan(widths).any():
         at_0, at_1 = map(float, excess(jnp.array([0.0, 1.0])))
         if at_0 != at_1:
@@ -416,9 +402,8 @@ def gap_report(
 
     ```
     """
-    gears = _teeth_of(pair)
     distance = float(pair.centre_distance_mm if centre_distance_mm is None else centre_distance_mm)
-    low, high = (float(end) for end in common_face(gears, jnp.asarray(axial_mm, float)))
+    low, high = (float(end) for end in _common_face(pair, jnp.asarray(axial_mm, float)))
     if not low <= high:
         raise ValueError(
             f"Argument `axial_mm` must leave the faces some overlap, but is {axial_mm:g}, at which"

@@ -8,10 +8,9 @@ that flank. Arrays have the axes (section, pair, angle); the last axis is long a
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from enum import IntEnum
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,16 +22,13 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from ..base.arrays import Numbers, float64, known
 from ..base.errors import PairError
 from ..base.numerics.implicit import at_extreme, known_root
-from ..base.units import DEG
 from ..kinematics.flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
 from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .checks import check_pointed, check_tooth, section_heights
 from .deviations import Deviations
 from .flanks import Mates, Pose, Reach, concentric_touch, flank_starts, mates_of, pitch_point
 from .mounting import Misalignment, Mounting, Values
-from .tooth import SHAFTS, Scalar, Taper, Tooth, tooth_of
-
-Backlash = Literal["drawing", "given"]
+from .tooth import SHAFTS, Scalar, Tooth, tooth_of
 
 # Chosen values:
 _SECTIONS, _TOOTH_PAIRS, _POINTS = 9, 3, 9  # of the default grid; points are roll angles
@@ -335,17 +331,15 @@ def contact_search(
     return ContactSearch(mates, mounting, pose, guess, grid)
 
 
-def earliest(
-    scene: ContactSearch, touch: TouchPoint
-) -> tuple[TouchPoint, Callable[[Array], Array]]:
-    """Return the first contact at each angle among sections and pairs, and what selects it."""
-    flat = (scene.mates.sense * touch.error).reshape(-1, touch.error.shape[-1])
-    best = nearest(flat, touch.error.shape[:2])[None]
+def earliest(height: Float[Array, "section pair n"], values: Any) -> Any:
+    """Return what arrays of shape (section, pair, n) hold at the largest height of each angle."""
+    flat = height.reshape(-1, height.shape[-1])
+    best = nearest(flat, height.shape[:2])[None]
 
-    def select(values: Array) -> Array:
-        return jnp.take_along_axis(values.reshape(flat.shape), best, 0)[0]
+    def select(array: Array) -> Array:
+        return jnp.take_along_axis(array.reshape(flat.shape), best, 0)[0]
 
-    return jax.tree.map(select, touch), select
+    return jax.tree.map(select, values)
 
 
 @eqx.filter_jit
@@ -357,7 +351,8 @@ def _first_contacts(mates: Mates, mounting: Mounting, grid: SearchGrid, angles: 
 
     def search(angles: Any) -> TouchPoint:
         scene = contact_search(mates, mounting, grid, *angles)
-        return earliest(scene, scene.touches())[0]
+        touch = scene.touches()
+        return earliest(mates.sense * touch.error, touch)
 
     return jax.tree.map(jnp.ravel, jax.lax.map(search, angles))
 
@@ -514,9 +509,9 @@ class ContactModel(ImplicitModel):
     - `starts`: roll angles at the start of each flank, rad; rows are gears, columns flanks A and B.
     - `nominal_distance`: centre distance at which concentric gears define the zero of φ₂, mm.
     - `mounting`: position of the axes and the base circles.
-    - `opening`: additional angle of flank B, rad of the driven gear, relative to the drawing.
     - `deviations`: deviations of all flanks, or None.
     - `search_grid`: grid of the search for first contact.
+    - `uniform`: whether all sections and all teeth touch alike.
     """
 
     ratio: Float[Numbers, ""]
@@ -524,9 +519,9 @@ class ContactModel(ImplicitModel):
     starts: Float[Numbers, "gear=2 flank=2"]
     nominal_distance: Scalar
     mounting: Mounting
-    opening: Scalar
     deviations: Deviations | None
     search_grid: SearchGrid
+    uniform: bool = eqx.field(static=True)
 
     @property
     def grid_orders(self) -> GridOrders:
@@ -534,9 +529,7 @@ class ContactModel(ImplicitModel):
 
         Otherwise they are the first orders of both shafts.
         """
-        plain = self.mounting.misalignment is None and self.deviations is None
-        uniform = plain and _same_everywhere(self.teeth, self.mounting.centre_distance)
-        return FIRST_ORDERS if uniform else ((self.teeth[0].teeth, 0),)
+        return FIRST_ORDERS if self.uniform else ((self.teeth[0].teeth, 0),)
 
     def transmission_error(
         self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
@@ -579,7 +572,7 @@ def mates_on(model: ContactModel, side: int) -> Mates:
     """
     drawn = mates_of(model.teeth, model.starts, jnp.asarray(model.ratio), None, 0)
     # Flank B of a driving tooth touches the next tooth of the driven gear.
-    on_b = model.opening + 2 * math.pi / model.teeth[1].teeth
+    on_b = 2 * math.pi / model.teeth[1].teeth
     standing = side * on_b - concentric_touch(drawn, model.nominal_distance)
     mates = mates_of(model.teeth, model.starts, jnp.asarray(model.ratio), model.deviations, side)
     return eqx.tree_at(lambda tree: tree.standing, mates, standing)
@@ -592,7 +585,6 @@ def contact_model(
     misalignment: Misalignment | None = None,
     deviations: Deviations | None = None,
     sections: int | None = None,
-    constant_backlash: Backlash = "drawing",
     centre_distance_mm: Scalar | float | None = None,
     tooth_pairs: int | None = None,
     points: int | None = None,
@@ -614,15 +606,14 @@ def contact_model(
 
     **Arguments**
     - `pair`: gear pair.
-    - `eccentricities`: offsets of the base circles, axial displacement, constant backlash.
+    - `eccentricities`: offsets of the base circles and axial displacement; their constant backlash
+      is not used, because the backlash is that of the drawn teeth.
     - `misalignment`: tilt of the driven axis; None for parallel axes.
     - `deviations`: deviations of the flanks from the drawing, as maps and for each tooth.
     - `sections`: number of sections over the common face; the best section between them is searched
       too. The default is 9, or the number of columns of the finest map; it is the section z = 0
       alone if the recessions are linear and equal and the contact ratio is well above 1, because
       all sections then touch at once.
-    - `constant_backlash`: "drawing" for the backlash of the drawn teeth; "given" rotates flank B so
-      that concentric gears have the constant backlash of `eccentricities`, as after a fit.
     - `centre_distance_mm`: centre distance, by default the nominal one.
     - `tooth_pairs`: number of tooth pairs searched; by default 3, or more if the contact ratio
       requires it.
@@ -655,26 +646,12 @@ def contact_model(
 
     ```
     """
-    if constant_backlash not in ("drawing", "given"):
-        raise ValueError(
-            'Argument `constant_backlash` must be "drawing" or "given", but is'
-            f" {constant_backlash!r}."
-        )
     if not known(pair):
         pair = jax.tree.map(jnp.asarray, pair)  # so that no formula mixes NumPy and traced numbers
     gears = tooth_of(pair, "driving"), tooth_of(pair, "driven")
     distance = (
         pair.centre_distance_mm if centre_distance_mm is None else float64(centre_distance_mm)
     )
-    if sections is None:
-        uniform = misalignment is None and deviations is None and _same_everywhere(gears, distance)
-        sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
-    if points is None:
-        points = max(_POINTS, 2 * _knots(deviations, "roll_mm"))
-    if tooth_pairs is None:
-        needed = _least_tooth_pairs(gears, distance) if known(gears, distance) else 0
-        tooth_pairs = max(_TOOTH_PAIRS, needed)
-    search_grid = SearchGrid(sections, tooth_pairs, points)
     driving_offset, driven_offset = eccentricities.cartesian
     mounting = Mounting(
         centre_distance=distance,
@@ -684,18 +661,41 @@ def contact_model(
         half_widths=jnp.stack([jnp.asarray(gear.face_width_mm) / 2 for gear in gears]),
         misalignment=misalignment,
     )
-    if known(pair, gears, distance):
-        _check(gears, mounting, search_grid, deviations)
-    given = eccentricities.constant_backlash_deg * DEG - pair.drawing_backlash
+    checked, uniform, largest = known(pair, distance), False, 0.0
+    if checked:
+        _check(gears, mounting, deviations)
+        moved = eqx.tree_at(lambda tree: tree.centre_distance_mm, pair, distance)
+        least, largest = sorted(map(float, moved.contact_ratios))
+        # A tip edge alone touches in one section later than in the next.
+        plain = misalignment is None and deviations is None and least > _MARGIN
+        uniform = bool(plain and _straight_and_equal(pair))
+    if sections is None:
+        sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
+    if points is None:
+        points = max(_POINTS, 2 * _knots(deviations, "roll_mm"))
+    needed = math.ceil(largest + _SPARE)
+    pairs = max(_TOOTH_PAIRS, needed) if tooth_pairs is None else tooth_pairs
+    search_grid = SearchGrid(sections, pairs, points)
+    if needed > pairs:
+        raise PairError(
+            f"{pairs} tooth pairs are too few for a contact ratio of {largest:.2f}; give"
+            f" tooth_pairs={needed}.",
+            where="contact ratio",
+        )
+    if checked and sections > 1 and np.isnan([float(gear.face_width_mm) for gear in gears]).all():
+        raise PairError(
+            "the face width is missing, but contact differs along the face; give a face width.",
+            where="driving.face_width_mm",
+        )
     return ContactModel(
         ratio=jnp.asarray(float(pair.ratio), float),
         teeth=gears,
         starts=flank_starts(gears),
         nominal_distance=pair.centre_distance_mm,
         mounting=mounting,
-        opening=given if constant_backlash == "given" else np.zeros(()),
         deviations=deviations,
         search_grid=search_grid,
+        uniform=uniform,
     )
 
 
@@ -705,9 +705,7 @@ def _knots(deviations: Deviations | None, direction: str) -> int:
     return max((len(getattr(flank_map, direction)) for flank_map in maps), default=0)
 
 
-def _check(
-    teeth: tuple[Tooth, Tooth], mounting: Mounting, grid: SearchGrid, deviations: Deviations | None
-) -> None:
+def _check(teeth: tuple[Tooth, Tooth], mounting: Mounting, deviations: Deviations | None) -> None:
     """Raise `PairError` for gears that cannot be in contact; numbers must not be traced."""
     distance, offset = float(mounting.centre_distance), 0.0
     if known(mounting):
@@ -725,20 +723,9 @@ def _check(
             f" {'apart' if near else 'together'}.",
             where="centre_distance_mm",
         )
-    if (needed := _least_tooth_pairs(teeth, distance)) > grid.tooth_pairs:
-        raise PairError(
-            f"{grid.tooth_pairs} tooth pairs are too few for a contact ratio of"
-            f" {_contact_ratios(teeth, distance).max():.2f}; give tooth_pairs={needed}.",
-            where="contact ratio",
-        )
-    widths = [float(tooth.face_width_mm) for tooth in teeth]
-    if grid.sections > 1 and np.isnan(widths).all():
-        raise PairError(
-            "the face width is missing, but contact differs along the face; give a face width.",
-            where="driving.face_width_mm",
-        )
-    for shaft, tooth, width in zip(SHAFTS, teeth, widths, strict=True):
-        heights = section_heights(tooth, [0.0] if np.isnan(width) else None)
+    for shaft, tooth in zip(SHAFTS, teeth, strict=True):
+        widthless = np.isnan(float(tooth.face_width_mm))
+        heights = section_heights(tooth, [0.0] if widthless else None)
         try:
             check_tooth(tooth, heights)
             check_pointed(tooth, heights)
@@ -753,36 +740,7 @@ def _check(
             )
 
 
-def _same_everywhere(teeth: tuple[Tooth, Tooth], distance: Scalar) -> bool:
-    """Return whether all sections touch at once.
-
-    They do if the recessions are linear and equal on both gears and no tip edge touches alone; a
-    tip edge touches in one section later than in the next.
-    """
-    if not known(teeth, distance):
-        return False
-    for index in (0, 1):
-        driving, driven = teeth[0].recession[index], teeth[1].recession[1 - index]
-        if not (isinstance(driving, Taper) and isinstance(driven, Taper)):
-            return False
-        crowned = np.any(driving.crowning_mm) or np.any(driven.crowning_mm)
-        if crowned or driving.slope != driven.slope:
-            return False
-    return bool(_contact_ratios(teeth, float(distance)).min() > _MARGIN)
-
-
-def _least_tooth_pairs(teeth: tuple[Tooth, Tooth], distance: Scalar | float) -> int:
-    """Return the number of tooth pairs that must be searched to include the first contact."""
-    return int(np.ceil(_contact_ratios(teeth, float(distance)).max() + _SPARE))
-
-
-def _contact_ratios(teeth: tuple[Tooth, Tooth], distance: float) -> Float[np.ndarray, "2"]:
-    """Return the contact ratios of flanks A and B at a centre distance, mm.
-
-    `GearPair.contact_ratios` gives the same at the centre distance of the pair.
-    """
-    base = np.stack([teeth[0].base_radii, teeth[1].base_radii[::-1]])
-    tips = np.array([[float(tooth.tip_radius)] for tooth in teeth])
-    line = np.sqrt(np.maximum(distance**2 - base.sum(axis=0) ** 2, 0.0))
-    path = np.sqrt(np.maximum(tips**2 - base**2, 0.0)).sum(axis=0) - line
-    return path / base[0] * teeth[0].teeth / (2 * np.pi)
+def _straight_and_equal(pair: GearPair) -> bool:
+    """Return whether the recessions are linear and equal on both gears."""
+    crowned = pair.driving.crowning_um != 0 or pair.driven.crowning_um != 0
+    return not crowned and pair.driving.helix_deg == pair.driven.helix_deg

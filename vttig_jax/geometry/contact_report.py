@@ -205,25 +205,23 @@ def _contacts(
         scene = contact_search(mates, mounting, grid, driving, None)
         touch = scene.touches()
         shares = jnp.asarray(touch.share)
-        contact, select = earliest(scene, touch)
         height = mates.sense * touch.error
         reach = jax.vmap(scene.reach)(touch.roll, shares)
         radii = mates.driving.base_radius * jnp.sqrt(1 + touch.roll**2), reach.radius
+        contact, both, z = earliest(height, (touch, radii, reach.z))
         highest = jnp.max(height, axis=(0, 1), keepdims=True)
         tied = jnp.sum(height > highest - 1e-12, axis=(0, 1))
         # At most two ties: a section of the grid, and the best section at the same place.
         single = (grid.sections > 1) & (tied <= 2)
-        share = select(shares)
-        end = jnp.where(share < _END, -1, jnp.where(share > 1 - _END, 1, 0))
+        end = jnp.where(contact.share < _END, -1, jnp.where(contact.share > 1 - _END, 1, 0))
         touches = contact.place != Place.NOTHING
-        both = jnp.stack([select(radius) for radius in radii], axis=-1)
         return {
             "transmission_error": error_of((mates, mounting, driving, None), contact),
             "tooth_pair": jnp.stack([contact.tooth, mates.driven_tooth(contact.tooth)], axis=-1),
             "place": contact.place.astype(int),
             "end_of_face": jnp.where(single, end, 0),
-            "z_mm": jnp.where(touches, select(reach.z), jnp.nan),
-            "radius_mm": jnp.where(touches[:, None], both, jnp.nan),
+            "z_mm": jnp.where(touches, z, jnp.nan),
+            "radius_mm": jnp.where(touches[:, None], jnp.stack(both, axis=-1), jnp.nan),
             "section_z_mm": reach.z.T,
             "section_radius_mm": radii[0].T,
             "section_pair": scene.pose.tooth.T,

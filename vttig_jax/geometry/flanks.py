@@ -20,7 +20,6 @@ from jaxtyping import Array, Float
 from ..base.arrays import Numbers, known
 from ..base.errors import PairError
 from ..base.numerics.sincos import sincos
-from ..pair.gear_pair import involute
 from .deviations import Bicubic, Deviations
 from .form import form_radius, undercut_depth
 from .mounting import Mounting, Plane, Values
@@ -169,12 +168,11 @@ class Mates(eqx.Module):
 
 
 def _flank_of(tooth: Tooth, index: int, start: Scalar, **deviations: Any) -> Flank:
-    alpha, base = jnp.asarray(tooth.pressure_angles[index]), jnp.asarray(tooth.base_radii[index])
-    arc = math.pi * tooth.module_mm / 4 + tooth.profile_shift_mm * jnp.tan(alpha)
+    base = jnp.asarray(tooth.base_radii[index])
     return Flank(
         base_radius=base,
         reference_radius=jnp.asarray(tooth.reference_radius),
-        base_half_angle=jnp.asarray(arc / tooth.reference_radius + involute(alpha)),
+        base_half_angle=jnp.asarray(tooth.base_half_angles[index]),
         start=jnp.asarray(start),
         tip=jnp.sqrt((tooth.tip_radius / base) ** 2 - 1),
         recession=tooth.recession[index],
@@ -227,11 +225,8 @@ def flank_starts(teeth: tuple[Tooth, Tooth]) -> Float[Numbers, "gear=2 flank=2"]
                     where=SHAFTS[gear],
                 )
             starts.append(np.sqrt(max((radius / float(base)) ** 2 - 1, 0.0)))
-            continue
-        rack = rack_side(tooth, side)
-        sine = xp.sin(rack.pressure_angle)
-        length = tooth.reference_radius * sine + rack.flank_start / sine
-        starts.append(xp.maximum(length, 0.0) / base)
+        else:
+            starts.append(xp.maximum(rack_side(tooth, side).joint_length, 0.0) / base)
     return xp.stack([xp.asarray(start) for start in starts]).reshape(2, 2)
 
 

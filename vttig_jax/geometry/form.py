@@ -56,15 +56,12 @@ def form_radius(tooth: Tooth, side: Side) -> float:
 
     ```
     """
-    rack = replace(rack_side(tooth, side), recession=Taper(0.0))
-    base = float(tooth.base_radii[side_index(side)])
+    rack, index = replace(rack_side(tooth, side), recession=Taper(0.0)), side_index(side)
+    base = float(tooth.base_radii[index])
     if undercut_depth(tooth, side) <= 0:
-        # The flank begins at the roll length R sin α + y_start/sin α.
-        sine = np.sin(rack.pressure_angle)
-        start = float(tooth.reference_radius * sine + rack.flank_start / sine)
-        return math.hypot(base, start)
+        return math.hypot(base, float(rack.joint_length))
     alpha, height = float(rack.pressure_angle), np.zeros(1)
-    at_base = float(rack.half_tooth) + math.tan(alpha) - alpha
+    at_base = float(tooth.base_half_angles[index])
 
     def fillet(normal_angle: float) -> tuple[float, float]:
         """Return the radius, mm, and the angle from the centre line of the tooth, rad."""

@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar, root_scalar
 
-from ..base.arrays import Numbers, namespace
 from ..base.files.text_tables import key_values, text_table
 from ..base.units import DEG
-from ..pair.gear_pair import GearPair, involute
+from ..pair.gear_pair import GearPair
 from ..pair.schema import StatedTable
 from .form import form_radius, radius_where, undercut_depth
 from .tooth import SHAFTS, SIDES, Taper, Tooth
@@ -32,7 +31,7 @@ _SAME = 1e-9
 """Tolerance for equal base radii (relative) and equal base helix angles (rad); chosen."""
 
 
-def recession_slopes(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
+def recession_slopes(tooth: Tooth, z: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape 2"]:
     """Return the slope dδ/dz of the left and the right flank at height z (mm).
 
     For a straight flank it is tan β. It is positive if the tooth becomes thinner towards +z. The
@@ -40,10 +39,12 @@ def recession_slopes(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers
     straight and for crowned flanks.
     """
     step = 1e-3 * tooth.module_mm
-    return (tooth.recessions(z + step) - tooth.recessions(z - step)) / (2 * step)
+    return np.asarray(tooth.recessions(z + step) - tooth.recessions(z - step)) / (2 * step)
 
 
-def base_helix_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
+def base_helix_angles(
+    tooth: Tooth, z: Float[np.ndarray, "*shape"]
+) -> Float[np.ndarray, "*shape 2"]:
     """Return the base helix angles of the left and the right flank at height z, rad.
 
         tan β_b = (r_b/R) dδ/dz
@@ -51,24 +52,13 @@ def base_helix_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Number
     They are positive if the tooth becomes thinner towards +z; the left flank is then left-handed
     and the right flank right-handed.
     """
-    xp, slopes = namespace(tooth, z), recession_slopes(tooth, z)
-    ratio = xp.broadcast_to(tooth.base_radii / tooth.reference_radius, slopes.shape)
-    return xp.arctan(ratio * slopes)
+    return np.arctan(recession_slopes(tooth, z) * (tooth.base_radii / tooth.reference_radius))
 
 
-def base_half_angles(tooth: Tooth, z: Float[Numbers, "*shape"]) -> Float[Numbers, "*shape 2"]:
-    """Return the half angles of the tooth on the base circles at height z (mm), rad.
-
-        ψ_b(z) = (π m/4 + x m tan αₜ − δ(z))/R + inv αₜ
-
-    They are the angles from the centre line of the tooth to its left and its right flank, each on
-    the base circle of this flank. x m is the profile shift, R the reference radius and δ the
-    recession of the flank, all in mm. See `Tooth.half_angles` for other radii.
-    """
-    radius = tooth.reference_radius + 0 * z
-    angles = tooth.half_angles(radius, z)
-    reference = involute(tooth.pressure_angles)
-    return angles + namespace(reference).broadcast_to(reference, angles.shape)
+def base_half_angles(tooth: Tooth, z: float) -> Float[np.ndarray, "2"]:
+    """Return the half angles of the tooth on the base circles at height z (mm), rad."""
+    receded = np.asarray(tooth.recessions(np.asarray(z, float))) / tooth.reference_radius
+    return np.asarray(tooth.base_half_angles) - receded
 
 
 @dataclass(frozen=True)
@@ -148,11 +138,11 @@ def span(tooth: Tooth, z: float = 0.0, teeth: int | None = None) -> Span:
 
 
 def _base_helices(tooth: Tooth, z: float) -> Float[np.ndarray, "2"]:
-    return np.asarray(base_helix_angles(tooth, np.array([z]))[0])
+    return base_helix_angles(tooth, np.array([z]))[0]
 
 
 def _transverse(tooth: Tooth, z: float, teeth: int) -> float:
-    tooth_angle = float(base_half_angles(tooth, np.array([z])).sum())
+    tooth_angle = float(base_half_angles(tooth, z).sum())
     pitches = (teeth - 1) * 2 * math.pi / tooth.teeth
     return float(tooth.base_radii[0]) * (pitches + tooth_angle)
 
@@ -270,7 +260,7 @@ def over_balls(tooth: Tooth, ball_mm: float, z: float = 0.0) -> OverBalls:
         reason = "A gear with one tooth has no opposite space to measure over."
         return OverBalls(ball_mm, reason=reason)
     seats = [_stand_off(tooth, side, ball_mm / 2, z) for side in (0, 1)]
-    space = 2 * math.pi / tooth.teeth - float(base_half_angles(tooth, np.array([z])).sum())
+    space = 2 * math.pi / tooth.teeth - float(base_half_angles(tooth, z).sum())
     centre = radius_where(tooth.base_radii, -space + sum(angle for angle, _ in seats))
     if centre is None:
         reason = f"A ball of {ball_mm:g} mm lies below the base circle; take a larger one."
@@ -331,13 +321,11 @@ def _ideal_ball(tooth: Tooth, z: float) -> float:
 
     determine α_M and D. For β_b = 0 the solution has a closed form.
     """
-    height = np.array([z])
     circle = float(tooth.reference_radius + tooth.profile_shift_mm)
-    spaces = math.pi / tooth.teeth - base_half_angles(tooth, height)[0]
+    spaces = math.pi / tooth.teeth - base_half_angles(tooth, z)
     diameters = []
-    for base, space, helix in zip(
-        tooth.base_radii, spaces, base_helix_angles(tooth, height)[0], strict=True
-    ):
+    helices = _base_helices(tooth, z)
+    for base, space, helix in zip(tooth.base_radii, spaces, helices, strict=True):
         roll = math.sqrt(max((circle / base) ** 2 - 1, 0.0))
         target, square = space + roll / math.cos(helix) ** 2, math.tan(helix) ** 2
         target = min(target, _LARGEST_ANGLE)

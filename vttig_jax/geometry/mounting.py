@@ -11,7 +11,7 @@ from jaxtyping import Array, Complex, Float
 
 from ..base.arrays import Numbers, float64
 from ..kinematics.exact import turned_offset
-from .tooth import Scalar, Tooth
+from .tooth import Scalar
 
 Values = Float[Array, "..."]
 """Numbers of any shape."""
@@ -95,14 +95,3 @@ class Mounting(eqx.Module):
         low = jnp.maximum(-driving, -(driven + tilt) / up - self.axial)
         high = jnp.minimum(driving, (driven - tilt) / up - self.axial)
         return jnp.where(jnp.isinf(low), 0.0, low), jnp.where(jnp.isinf(high), 0.0, high)
-
-
-def common_face(gears: tuple[Tooth, Tooth], axial: Values) -> tuple[Values, Values]:
-    """Return the lowest and highest z of the common face on parallel axes; see `Mounting.face`."""
-    centre = jnp.zeros((), complex)
-    half = jnp.stack([jnp.asarray(gear.face_width_mm) / 2 for gear in gears])
-
-    def face(shift: Scalar) -> tuple[Values, Values]:
-        return Mounting(jnp.zeros(()), shift, centre, centre, half).face()
-
-    return jnp.vectorize(face)(axial)

@@ -73,6 +73,12 @@ class RackSide(eqx.Module):
         return self.shift - self.dedendum + self.tip_radius * (1 - sine)
 
     @property
+    def joint_length(self) -> Scalar:
+        """Roll length R sin α + y₁/sin α of the flank at that joint, mm."""
+        sine = namespace(self).sin(self.pressure_angle)
+        return self.pitch_radius * sine + self.flank_start / sine
+
+    @property
     def arc_centre(self) -> tuple[Scalar, Scalar]:
         """Centre of the arc for δ = 0, before mirroring, mm."""
         xp = namespace(self)

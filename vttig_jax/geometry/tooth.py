@@ -103,6 +103,16 @@ class Tooth(eqx.Module):
         return self.reference_radius * namespace(self).cos(self.pressure_angles)
 
     @property
+    def base_half_angles(self) -> Float[Numbers, "2"]:
+        """Half angles (π m/4 + x m tan αₜ)/R + inv αₜ on the base circles without recession, rad.
+
+        They are the angles from the centre line of the tooth to its left and its right flank.
+        """
+        shift = self.profile_shift_mm * namespace(self).tan(self.pressure_angles)
+        arc = math.pi * self.module_mm / 4 + shift
+        return arc / self.reference_radius + involute(self.pressure_angles)
+
+    @property
     def tip_radius(self) -> Scalar:
         """R + x m + h_ap, mm."""
         return self.reference_radius + self.profile_shift_mm + self.addendum_mm
@@ -127,14 +137,12 @@ class Tooth(eqx.Module):
         If the sum of both is negative, the tooth ends below r. NaN below the base circle.
         """
         xp, recessions = namespace(self, radius, z), self.recessions(z)
-        shift = self.profile_shift_mm * xp.tan(self.pressure_angles)
-        arc = math.pi * self.module_mm / 4 + shift
-        arc, base_radii, reference = (
+        base_radii, on_base = (
             xp.broadcast_to(of_flanks, recessions.shape)
-            for of_flanks in (arc, self.base_radii, involute(self.pressure_angles))
+            for of_flanks in (self.base_radii, self.base_half_angles)
         )
         at_radius = xp.arccos(base_radii / xp.asarray(radius)[..., None])
-        return (arc - recessions) / self.reference_radius + reference - involute(at_radius)
+        return on_base - recessions / self.reference_radius - involute(at_radius)
 
     def thickness(
         self, radius: Float[Numbers, "*shape"], z: Float[Numbers, "*shape"]

@@ -13,7 +13,8 @@ from scipy.special import erfc, gammaincc
 from ..base.numerics.polar_spread import polar_spread
 from ..base.units import ARCSEC
 from ..kinematics.exact import ExactModel, exact_model
-from ..kinematics.first_order import ClosedModel, closed_model
+from ..kinematics.first_order import closed_model
+from ..kinematics.flank_table import FirstOrderBounds
 from ..kinematics.harmonic import OrderModel
 from ..model.columns import GAP, ColumnName
 from ..model.mixed_fit import CLEAR, MixedFit
@@ -195,9 +196,7 @@ def mounted_exact(pair: GearPair, rig: Eccentricities, mounting: float) -> Exact
     return eqx.tree_at(lambda m: m.offset, model, jnp.asarray(model.offset) + mounting)
 
 
-def mounted_closed(pair: GearPair, rig: Eccentricities, mounting: float) -> ClosedModel:
-    """Return the closed form, (19) and (20), with the driven phasor rotated by the mounting."""
-    model = closed_model(pair, rig)
-    turned = model.driven_phasor * jnp.exp(1j * mounting)
-    moved = jnp.asarray(model.offset) + mounting
-    return eqx.tree_at(lambda m: (m.driven_phasor, m.offset), model, (turned, moved))
+def mounted_closed(pair: GearPair, rig: Eccentricities, mounting: float) -> FirstOrderBounds:
+    """Return the closed form, (19) and (20), with the driven waves ahead by the mounting."""
+    model = closed_model(pair, rig).ahead(jnp.array([0.0, mounting]))
+    return eqx.tree_at(lambda m: m.offset, model, jnp.asarray(model.offset) + mounting)

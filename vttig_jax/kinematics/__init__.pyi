@@ -6,7 +6,6 @@ from .flank_table import Bounds as Bounds
 from .flank_table import FirstOrderBounds as FirstOrderBounds
 from .flank_table import FlankTable as FlankTable
 from .flank_table import as_flank_model as as_flank_model
-from .flank_table import first_order_bounds as first_order_bounds
 from .flank_table import tabulate_flanks as tabulate_flanks
 from .functions import axial_displacement as axial_displacement
 from .functions import backlash as backlash

@@ -28,7 +28,6 @@ from ..base.arrays import Number, Numbers, float64
 from ..base.numerics.sincos import sincos
 from ..base.units import REV
 from ..pair.gear_pair import Flank
-from .first_order import ClosedModel
 from .flank_model import FIRST_ORDERS, FlankModel, GridOrders, flank_index
 
 PER_CYCLE = 64
@@ -139,7 +138,10 @@ class FirstOrderBounds(Bounds):
 
     def turned(self, turns: Int[ArrayLike, ""]) -> "FirstOrderBounds":
         """See `Bounds.turned`."""
-        angle = REV * turns * jnp.stack([jnp.zeros(()), jnp.asarray(self.ratio)])
+        return self.ahead(REV * turns * jnp.stack([jnp.zeros(()), jnp.asarray(self.ratio)]))
+
+    def ahead(self, angle: Float[Numbers, "shaft=2"]) -> "FirstOrderBounds":
+        """Return flanks whose waves of each shaft are ahead by an angle, rad."""
         c, s = jnp.cos(angle)[None], jnp.sin(angle)[None]
         a, b = jnp.asarray(self.cosine), jnp.asarray(self.sine)
         return replace(self, cosine=a * c + b * s, sine=b * c - a * s)
@@ -310,16 +312,6 @@ def nodes_per_turn(model: FlankModel) -> int:
             " number of nodes is a shape; find it with `nodes_per_turn` outside."
         )
     return max(_FEWEST, PER_CYCLE * math.ceil(model.highest_order - 1e-9))
-
-
-def first_order_bounds(
-    model: ClosedModel, closing: Float[Numbers, "2"] = _NO_CLOSING
-) -> FirstOrderBounds:
-    """Return the closed form of eccentric gears: Im[p exp(jφ)] = p_r sin φ + p_i cos φ."""
-    phasors = jnp.stack([model.driving_phasor, model.driven_phasor], axis=1)
-    return FirstOrderBounds(
-        model.ratio, model.offset, jnp.imag(phasors), jnp.real(phasors), closing
-    )
 
 
 class FunctionModel(FlankModel):

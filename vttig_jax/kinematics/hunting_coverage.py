@@ -41,9 +41,7 @@ class HuntingCoverage:
     @cached_property
     def both(self) -> Spans:
         """Intervals of the driving angle, rad, that are covered on both flanks."""
-        edges = np.unique(np.concatenate([[], *map(np.ravel, self.spans.values())]))
-        middle = (edges[1:] + edges[:-1]) / 2
-        return _joined(edges, self.holds(middle, "A") & self.holds(middle, "B"))
+        return _overlap(np.concatenate([np.empty((0, 2)), *self.spans.values()]), times=2)
 
     @property
     def share(self) -> float:
@@ -150,7 +148,9 @@ def hunting_coverage(
     for curve, start in zip(curves, places, strict=True):
         if start is not None and len(curve):
             pieces[curve.flank] += _pieces(curve, start, period)
-    spans: dict[Flank, Spans] = {f: _union(np.array(own)) for f, own in pieces.items() if own}
+    spans: dict[Flank, Spans] = {
+        f: _overlap(np.array(own), times=1) for f, own in pieces.items() if own
+    }
     return HuntingCoverage(pair, spans, sum(start is None for start in places))
 
 
@@ -170,15 +170,12 @@ def _pieces(curve: TECurve, start: float, period: float) -> list[tuple[float, fl
     return [(0.0, begin + length - period), (begin, period)]
 
 
-def _union(pieces: Float[np.ndarray, "_ 2"]) -> Spans:
+def _overlap(pieces: Float[np.ndarray, "_ 2"], times: int) -> Spans:
+    """Return the angles that at least so many of the intervals cover."""
     edges = np.unique(pieces)
-    middle = (edges[1:] + edges[:-1]) / 2
-    started = np.searchsorted(np.sort(pieces[:, 0]), middle)
-    ended = np.searchsorted(np.sort(pieces[:, 1]), middle)
-    return _joined(edges, started > ended)
-
-
-def _joined(edges: Float[np.ndarray, " _"], kept: Bool[np.ndarray, " _"]) -> Spans:
-    """Join the intervals edges[k] … edges[k + 1] with kept[k] true where they touch."""
-    change = np.diff(np.concatenate([[False], kept, [False]]).astype(np.int8))
-    return np.stack([edges[np.flatnonzero(change > 0)], edges[np.flatnonzero(change < 0)]], axis=1)
+    begun, ended = (
+        np.searchsorted(np.sort(ends), edges, side="right") for ends in (pieces[:, 0], pieces[:, 1])
+    )
+    # The last edge ends all intervals.
+    change = np.diff((begun - ended >= times).astype(int), prepend=0)
+    return np.stack([edges[change > 0], edges[change < 0]], axis=1)

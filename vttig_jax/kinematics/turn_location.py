@@ -12,12 +12,9 @@ lies in the range of the transmission error of this pair.
 from dataclasses import dataclass
 from fractions import Fraction
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.scipy.special import log_ndtr
-from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Real
+from jaxtyping import Float
+from scipy.special import log_ndtr, softmax
 
 from ..base.errors import NoAnswerError
 from ..base.files.text_tables import key_values
@@ -25,6 +22,11 @@ from ..base.runtime import require_x64
 from ..base.units import ARCSEC, DEG, REV
 from ..pair.gear_pair import Flank
 from .flank_model import FlankModel, flank_index
+
+Reading = float | Float[np.ndarray, "*readings"]
+
+Turns = Float[np.ndarray, "*#readings turns"]
+"""Numbers of every turn of the hunting period, for one reading or for several."""
 
 FARTHEST = 6.0
 """Largest misfit, in standard deviations, with which readings still fit a turn (chosen)."""
@@ -159,8 +161,8 @@ def locate(
         lower = upper = (lower, upper)[flank_index(flank)]
     remainder = turn_remainders(angle, driven_rad, lower, upper, float(ratio))
     likelihood = turn_log_likelihood(remainder, lower, upper, std_rad)
-    probabilities = np.asarray(jax.nn.softmax(likelihood))
-    order = np.argsort(-np.asarray(likelihood), kind="stable")
+    probabilities = softmax(likelihood)
+    order = np.argsort(-likelihood, kind="stable")
     best = int(order[0])
     low, high = sorted((float(lower[best]), float(upper[best])))
     error = float(remainder[best])
@@ -178,33 +180,21 @@ def locate(
 
 
 def turn_remainders(
-    driving: Real[ArrayLike, "*shape"],
-    driven: Real[ArrayLike, "*shape"],
-    lower: Real[ArrayLike, "*#shape turns"],
-    upper: Real[ArrayLike, "*#shape turns"],
-    ratio: Real[ArrayLike, ""],
-) -> Float[Array, "*shape turns"]:
-    """Return x_k = φ₂ − i (φ₁ + 2πk), rad, for every turn k.
+    driving: Reading, driven: Reading, lower: Turns, upper: Turns, ratio: float
+) -> Turns:
+    """Return x_k = φ₂ − i (φ₁ + 2πk), rad, for every turn k, which is the last axis.
 
     Whole turns are added to x_k so that it lies within half a turn of the middle of the gap.
     `driving` and `driven` are φ₁ and φ₂ in rad modulo one turn, `lower` and `upper` the TE of the
     flanks at every turn in rad, and `ratio` is i.
     """
-    readings = (jnp.asarray(angle, float)[..., None] for angle in (driving, driven))
-    flanks = (jnp.asarray(te, float) for te in (lower, upper))
-    first, second, lower, upper = jnp.broadcast_arrays(*readings, *flanks)
+    first, second = (np.asarray(angle)[..., None] for angle in (driving, driven))
     middle = (lower + upper) / 2
-    start = jnp.broadcast_to(REV * jnp.arange(middle.shape[-1]), middle.shape)
-    distance = second - ratio * (first + start) - middle
-    return middle + distance - REV * jnp.round(distance / REV)
+    distance = second - ratio * (first + REV * np.arange(middle.shape[-1])) - middle
+    return middle + distance - REV * np.round(distance / REV)
 
 
-def turn_log_likelihood(
-    remainder: Real[ArrayLike, "*shape turns"],
-    lower: Real[ArrayLike, "*#shape turns"],
-    upper: Real[ArrayLike, "*#shape turns"],
-    std: Real[ArrayLike, ""],
-) -> Float[Array, "*shape turns"]:
+def turn_log_likelihood(remainder: Turns, lower: Turns, upper: Turns, std: float) -> Turns:
     """Return ln p(x_k | k) of every turn: a uniform density of the gap convolved with a Gaussian.
 
     Arguments are in rad: `remainder` is x_k, `lower` and `upper` are TE_A and TE_B at every turn,
@@ -212,22 +202,18 @@ def turn_log_likelihood(
     `softmax` over the last axis gives the probability of every turn. A negative backlash counts as
     a gap of its absolute width.
     """
-    std = jnp.asarray(std, float)
-    remainder, lower, upper = jnp.broadcast_arrays(
-        *(jnp.asarray(values, float) for values in (remainder, lower, upper))
-    )
-    first, second = ((remainder - te) / std for te in (lower, upper))
-    high, low = jnp.maximum(first, second), jnp.minimum(first, second)
+    first, second = (remainder - lower) / std, (remainder - upper) / std
+    high, low = np.maximum(first, second), np.minimum(first, second)
     # The lower tail is used, because near 1 the difference of two distribution functions is lost in
     # rounding.
     mirrored = high + low > 0
-    high, low = jnp.where(mirrored, -low, high), jnp.where(mirrored, -high, low)
+    high, low = np.where(mirrored, -low, high), np.where(mirrored, -high, low)
     middle, width = (high + low) / 2, high - low
-    point = width * jnp.maximum(1.0, jnp.abs(middle)) < _NARROW
-    low = jnp.where(point, high - 1.0, low)
+    point = width * np.maximum(1.0, np.abs(middle)) < _NARROW
+    low = np.where(point, high - 1.0, low)
     top = log_ndtr(high)
-    gap = top + jnp.log1p(-jnp.exp(log_ndtr(low) - top)) - jnp.log(jnp.where(point, 1.0, width))
-    return jnp.where(point, -(middle**2) / 2 - np.log(np.sqrt(REV)), gap) - jnp.log(std)
+    gap = top + np.log1p(-np.exp(log_ndtr(low) - top)) - np.log(np.where(point, 1.0, width))
+    return np.where(point, -(middle**2) / 2 - np.log(np.sqrt(REV)), gap) - np.log(std)
 
 
 def _flanks(

@@ -122,21 +122,17 @@ class SyntheticRig:
 
 def order_model(pair: GearPair, errors: tuple[OrderError, ...]) -> OrderModel:
     """Return the `OrderModel` of harmonics a sin(kφ + p) = a sin p cos kφ + a cos p sin kφ."""
-    term_of = {
-        "driving": lambda k: (k, 0),
-        "driven": lambda k: (0, k),
-        "mesh": lambda k: (k * pair.driving.teeth, 0),
-    }
-    terms = tuple(dict.fromkeys(term_of[e.shaft](e.order) for e in errors))
-    cosine, sine = np.zeros((2, 2, len(terms)))
-    for error in errors:
-        index = ("AB".index(error.flank), terms.index(term_of[error.shaft](error.order)))
-        cosine[index] += error.amplitude_deg * DEG * np.sin(error.phase_deg * DEG)
-        sine[index] += error.amplitude_deg * DEG * np.cos(error.phase_deg * DEG)
+    first = {"driving": (1, 0), "driven": (0, 1), "mesh": (pair.driving.teeth, 0)}
+    orders = [(e.order * first[e.shaft][0], e.order * first[e.shaft][1]) for e in errors]
+    terms = tuple(dict.fromkeys(orders))
+    waves = np.zeros((2, len(terms)), complex)
+    for error, order in zip(errors, orders, strict=True):
+        phase = np.exp(1j * error.phase_deg * DEG)
+        waves["AB".index(error.flank), terms.index(order)] += error.amplitude_deg * DEG * phase
     return OrderModel(
         ratio=np.asarray(float(pair.ratio)),
         terms=terms,
         offset=jnp.zeros(2),
-        cosine=jnp.asarray(cosine),
-        sine=jnp.asarray(sine),
+        cosine=jnp.asarray(np.imag(waves)),
+        sine=jnp.asarray(np.real(waves)),
     )

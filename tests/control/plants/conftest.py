@@ -4,14 +4,12 @@ import pytest
 
 from tests.control.parts import trapezoid
 from vttig_jax.kinematics.first_order import closed_model
-from vttig_jax.kinematics.flank_table import first_order_bounds
 from vttig_jax.rig.paper import paper_pair
 
 
 @pytest.fixture(scope="module")
 def bounds(paper_rig):
-    pair = paper_pair()
-    return first_order_bounds(closed_model(pair, paper_rig), pair.taper / pair.reference_radii[1])
+    return closed_model(paper_pair(), paper_rig)
 
 
 @pytest.fixture(scope="module")

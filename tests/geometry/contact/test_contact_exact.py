@@ -76,11 +76,11 @@ def test_sections_that_touch_at_once_add_nothing(paper_pair):
     assert apart(paper_pair, drawn(paper_pair, axial=0.3), SOME, sections=9) < 1e-14
 
 
-def test_an_apparent_backlash_turns_flank_b(paper_pair):
-    """In the place of the drawn one: j_c of a fit, and nothing else changes."""
+def test_the_backlash_is_that_of_the_drawn_teeth(paper_pair):
+    """The j_c of a fit changes nothing."""
     fitted = rig(backlash_deg=0.038, axial=0.1)
-    assert apart(paper_pair, fitted, SOME, constant_backlash="given") < 1e-14
-    assert apart(paper_pair, fitted, SOME) > 1e-4  # by default the teeth are as drawn
+    assert apart(paper_pair, fitted, SOME, drawn(paper_pair, axial=0.1)) < 1e-14
+    assert apart(paper_pair, fitted, SOME) > 1e-4
 
 
 def test_axes_that_are_not_where_the_drawing_has_them(paper_pair):

@@ -50,7 +50,6 @@ def test_gears_that_do_not_meet():
 
 def test_options_that_are_none(unchecked):
     cases: list[tuple[dict[str, Any], str]] = [
-        ({"constant_backlash": "fitted"}, "`constant_backlash` must be"),
         ({"sections": 0}, "`sections` must be 1 or more, but is 0"),
         ({"tooth_pairs": 0}, "`tooth_pairs` must be 1 or more"),
         ({"points": 2}, "`points` must be 3 or more, but is 2"),

@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 from ...base.errors import NoAnswerError, PairError
 from ...base.units import ARCSEC, REV
 from ...kinematics.backlash_map import BacklashMap
-from ...kinematics.first_order import ClosedModel
 from ...kinematics.flank_error import errors_at
 from ...kinematics.flank_model import FlankModel, ImplicitModel, fixed_point
+from ...kinematics.flank_table import FirstOrderBounds
 from ...kinematics.harmonic import CombinedModel, OrderModel, Term
 from ...pair.gear_pair import Drive, Flank, GearPair
 from .compensation import Compensation, closing_of
@@ -143,9 +143,9 @@ def gap_series(model: FlankModel, highest: tuple[int, int]) -> tuple[float, tupl
 
     **Raises** `ValueError` for a model that is neither closed nor implicit.
     """
-    if isinstance(model, ClosedModel):
-        phasors = np.stack([np.diff(model.driving_phasor), np.diff(model.driven_phasor)])[:, 0]
-        return float(np.diff(model.offset)[0]), ((1, 0), (0, 1)), -1j * phasors
+    if isinstance(model, FirstOrderBounds):
+        waves = np.asarray(model.cosine) - 1j * np.asarray(model.sine)
+        return float(np.diff(model.offset)[0]), ((1, 0), (0, 1)), waves[1] - waves[0]
     if not isinstance(model, ImplicitModel):
         raise ValueError(
             f"Argument `model` must be a closed or implicit flank model, but is {type(model)}."

@@ -31,12 +31,12 @@ from ...base.arrays import float64, known, namespace
 from ...base.errors import ScenarioError
 from ...base.units import DEG, REV
 from ...kinematics.exact import exact_model
-from ...kinematics.first_order import ClosedModel, closed_model
+from ...kinematics.first_order import closed_model
 from ...kinematics.flank_model import FlankModel
 from ...kinematics.flank_table import (
     Bounds,
+    FirstOrderBounds,
     FlankTable,
-    first_order_bounds,
     nodes_per_turn,
     tabulate_flanks,
 )
@@ -266,8 +266,8 @@ def _table_of(
     the motion.
     """
     model, given = _model(s, which)
-    if isinstance(model, ClosedModel):
-        first = first_order_bounds(model, closings_of(s.pair)).turned(turns)
+    if isinstance(model, FirstOrderBounds):
+        first = replace(model, closing=closings_of(s.pair)).turned(turns)
         if which == "plant_map":
             return first, jnp.min(first.gap(_angles_of(s.pair))), 0.0
         if given and s.map_backlash_deg is not None:
