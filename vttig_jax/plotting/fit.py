@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..base.numerics.quantiles import NORMAL_95
 from ..base.units import ARCSEC, DEG
 from ..identify.result import Fit
 from ..kinematics.te_curve import TECurve
@@ -111,7 +110,7 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
     bars = ax.errorbar(
         [one.speed_rpm for one in gaps],
         [one.value for one in gaps],
-        yerr=[NORMAL_95 * one.std for one in gaps],
+        yerr=[1.96 * one.std for one in gaps],
         fmt="o",
         color=MODEL_COLOUR,
         markersize=4,

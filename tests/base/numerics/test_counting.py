@@ -6,9 +6,8 @@ from fractions import Fraction
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.fft import next_fast_len
 
-from vttig_jax.base.numerics.counting import next_smooth, whole_below
+from vttig_jax.base.numerics.counting import whole_below
 
 HALVES = st.integers(0, 20_000)
 
@@ -24,8 +23,3 @@ def test_halves_and_whole_numbers_are_what_they_are_meant_to_be(half, unit, way)
 @given(st.integers(0, 10_000), st.floats(0.01, 0.49))
 def test_everything_else_is_rounded_as_usual(whole, share):
     assert whole_below(whole + share) == whole
-
-
-@given(st.integers(1, 2**26))
-def test_smooth_lengths_are_those_of_scipy(least):
-    assert next_smooth(least) == next_fast_len(least, real=True)

@@ -40,28 +40,3 @@ def pieces(count: int, most: int = 65_536) -> Iterator[slice]:
     """
     for start in range(0, count, most):
         yield slice(start, min(start + most, count))
-
-
-def next_smooth(least: int) -> int:
-    """Return the smallest 2^a 3^b 5^c that is at least `least`, a fast length of a real FFT.
-
-    It is `scipy.fft.next_fast_len(least, real=True)`, without the import of that package.
-
-    **Example**
-    ```python
-    >>> from vttig_jax.base.numerics.counting import next_smooth
-    >>> next_smooth(1024), next_smooth(1025), next_smooth(9999)
-    (1024, 1080, 10000)
-
-    ```
-    """
-    best = 1 << max(least - 1, 0).bit_length()
-    five = 1
-    while five < best:
-        odd = five
-        while odd < best:
-            twos = 1 << (-(-least // odd) - 1).bit_length()  # least power of two of this factor
-            best = min(best, odd * twos)
-            odd *= 3
-        five *= 5
-    return best

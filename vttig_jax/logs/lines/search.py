@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import Chebyshev
+from scipy.fft import next_fast_len
 
 from ...base.angles import amplitude_phase, wrap_deg
-from ...base.numerics.counting import next_smooth, whole_below
+from ...base.numerics.counting import whole_below
 from ...base.threads import one_blas_thread
 from ...base.units import ARCSEC, REV
 from ..encoder_log import EncoderLog
@@ -349,8 +350,7 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
 
 
 def _scaled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    size = float(np.abs(values).max())
-    return values / size if size > 0 else values
+    return values / max(float(np.abs(values).max()), 1e-300)
 
 
 HIGHEST_ORDER = 6
@@ -507,7 +507,7 @@ class Spectrum:
         place = (rows.turns - rows.turns.min()) / width
         bins = np.ceil(place - _SPREAD / 2).astype(np.int64)[:, None] + np.arange(_SPREAD)
         weights = _kernel(bins - place[:, None])
-        length = next_smooth(max(int(np.ceil(count)), 4 * _SPREAD))
+        length = next_fast_len(max(int(np.ceil(count)), 4 * _SPREAD), real=True)
         step = 1 / (length * width)
         first = int(np.ceil(LEAST_CYCLES / (rows.span * step)))
         cycles = step * np.arange(first, int(highest / step) + 1)
