@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (658, 1),  # 560
     "kinematics": (1174, 23),  # 780
     "geometry": (3317, 53),  # 2800
-    "logs": (10043, 268),  # 7400
+    "logs": (10045, 268),  # 7400
     "rig": (294, 1),  # 260
     "model": (2141, 44),
     "identify": (3423, 38),  # 9000 together with posterior
