@@ -74,7 +74,7 @@ def open_delay(fit: Fit, found: Identified) -> Iterator[Finding]:
     """Say that the interval of the backlash is that of the assumed delay."""
     scope, problem = fit.core.scope, fit.core.posterior.problem
     determined = fit.parameters["delay_s"].determined
-    if determined or DELAY not in problem.index or len(scope.flanks) < 2:
+    if determined or not fit.core.settled or DELAY not in problem.index or len(scope.flanks) < 2:
         return
     width_s = problem.columns[problem.index[DELAY]].width
     yield _said(

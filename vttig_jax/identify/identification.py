@@ -402,7 +402,7 @@ def conditions_of(
     index = core.posterior.problem.index
     if DELAY not in index:
         return (*conditions, "no_delay" if core.delay_s == 0 else "given_delay")
-    if not parameters["delay_s"].determined and both:
+    if not parameters["delay_s"].determined and core.settled and both:
         width_ms = 1e3 * core.posterior.problem.columns[index[DELAY]].width
         return (*conditions, f"delay_within_{width_ms:.3g}_ms")
     return conditions

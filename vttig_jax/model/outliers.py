@@ -64,7 +64,5 @@ def spread(values: Float[np.ndarray, " n"]) -> float:
 
 def _mixture(values: np.ndarray, deviation: float, share: float) -> tuple[np.ndarray, np.ndarray]:
     scaled = np.minimum(np.abs(values) / deviation, 1 / np.finfo(float).eps)
-    return (
-        (1 - share) * np.exp(-0.5 * scaled**2),
-        share / _WIDER * np.exp(-0.5 * (scaled / _WIDER) ** 2),
-    )
+    good = (1 - share) * np.exp(-0.5 * scaled**2)
+    return good, share / _WIDER * np.exp(-0.5 * (scaled / _WIDER) ** 2)

@@ -279,13 +279,15 @@ def _backlash(fit: MixedFit, told: Quantities) -> Parameter:
 
 
 def _delay(fit: MixedFit, told: Quantities) -> Parameter:
+    reason, columns = "", {column.name: column for column in fit.posterior.problem.columns}
     if all(one.still for one in fit.shafts):
-        return Parameter("delay_s", "s", reason="readings at standstill have no delay")
-    if "delay" not in told.names:
+        reason = "readings at standstill have no delay"
+    elif "delay" not in told.names:
         reason = f"not fitted: {1e3 * fit.delay_s:.4g} ms, as stated"
-        return Parameter("delay_s", "s", reason=reason)
-    column = fit.posterior.problem.columns[fit.posterior.problem.index[DELAY]]
-    if told.std("delay") > TOLD * column.width:
-        reason = f"the log does not tell it: within ± {duration_text(column.width)} as assumed"
+    elif not fit.settled:
+        reason = "the search ended before it stood still"
+    elif told.std("delay") > TOLD * (width := columns[DELAY].width):
+        reason = f"the log does not tell it: within ± {duration_text(width)} as assumed"
+    if reason:
         return Parameter("delay_s", "s", reason=reason)
     return told.scalar("delay", "s", label="delay_s")

@@ -21,6 +21,7 @@ from ...base.numerics.student_noise import NoiseFit, fit_student_noise
 from ...base.numerics.well_conditioned import orthonormal_basis, pseudo_inverse
 from ...base.units import DEG, REV
 from ..encoder_log import EncoderLog
+from ..lines.rows import scaled
 from ..motion.segments import Segments, groups_of_speed
 
 ORDERS = 4
@@ -44,7 +45,7 @@ def effects_of(
     """
     time, angles = log.time[rows], (log.driving_angle[rows], log.driven_angle[rows])
     drift = (time - time.mean()) / max(float(np.ptp(time)), 1e-300)
-    columns = [_scaled(log.driving_speed.value[rows]), drift]
+    columns = [scaled(log.driving_speed.value[rows]), drift]
     columns += [group == number for number in range(int(group.max()) + 1)]
     flanks = [flank for flank in (forward, ~forward) if flank.any()]
     for turn in (np.exp(1j * angle) for angle in angles):
@@ -53,12 +54,8 @@ def effects_of(
             columns += [part * flank for part in (np.real(wave), np.imag(wave)) for flank in flanks]
             wave = wave * turn
     if log.torque is not None:
-        columns.append(_scaled(log.torque[rows]))
+        columns.append(scaled(log.torque[rows]))
     return np.stack(columns, axis=1, dtype=np.float64)
-
-
-def _scaled(values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    return values / max(float(np.abs(values).max()), 1e-300)
 
 
 EVIDENCE, FURTHER = 100.0, 30.0

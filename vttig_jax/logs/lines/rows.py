@@ -377,6 +377,11 @@ def orthonormal(
     return basis[:, :rank], mixing / size[:, None]
 
 
+def scaled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return a regressor over its largest magnitude; one that is zero everywhere stays zero."""
+    return values / max(float(np.abs(values).max()), 1e-300)
+
+
 def fitted(
     columns: Float[np.ndarray, "n q"], value: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:

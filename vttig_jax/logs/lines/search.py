@@ -33,6 +33,7 @@ from .rows import (
     filter_of_order,
     highest_resolved,
     noise_filter,
+    scaled,
     stack,
     transposed,
 )
@@ -332,9 +333,9 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
     highest = min(HIGHEST, per_turn / _ALIAS)
     size = max(1, whole_below(per_turn / (_ROWS_PER_CYCLE * highest)))
     time = (log.time - log.time.mean()) / max(float(np.ptp(log.time)), 1e-300)
-    columns = [np.ones(len(log)), time, time**2, _scaled(speed.value)]
+    columns = [np.ones(len(log)), time, time**2, scaled(speed.value)]
     if log.torque is not None:
-        columns.append(_scaled(log.torque))
+        columns.append(scaled(log.torque))
     channels = [angle, log.transmission_error, *columns]
     runs = []
     for segment in segments:
@@ -347,10 +348,6 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
         runs.append(Stretch(means[0], means[1], np.stack(means[2:], axis=1), segment.flank))
     highest = min(highest, highest_resolved(runs)) if runs else 0.0
     return find_lines(runs, highest=highest, most=_MOST) if highest >= 1 else ()
-
-
-def _scaled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    return values / max(float(np.abs(values).max()), 1e-300)
 
 
 HIGHEST_ORDER = 6
