@@ -504,7 +504,7 @@ class Spectrum:
         place = (rows.turns - rows.turns.min()) / width
         bins = np.ceil(place - _SPREAD / 2).astype(np.int64)[:, None] + np.arange(_SPREAD)
         weights = _kernel(bins - place[:, None])
-        length = next_fast_len(max(int(np.ceil(count)), 4 * _SPREAD), real=True)
+        length: int = next_fast_len(max(int(np.ceil(count)), 4 * _SPREAD), real=True)  # pyright: ignore
         step = 1 / (length * width)
         first = int(np.ceil(LEAST_CYCLES / (rows.span * step)))
         cycles = step * np.arange(first, int(highest / step) + 1)
