@@ -28,7 +28,6 @@ from scipy.stats import binomtest
 
 import vttig_jax
 from vttig_jax.base.errors import LogError, NoAnswerError
-from vttig_jax.base.numerics.quantiles import NORMAL_95
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -349,7 +348,7 @@ def judge(rig: Rig, tally: Tally) -> None:
             continue
         tally.held[name].append(low <= truth <= high)
         if value > 0 and low > 0:
-            tally.widths[name].append((high - low) / (2 * NORMAL_95 * rig.oracle[name]))
+            tally.widths[name].append((high - low) / (2 * 1.96 * rig.oracle[name]))
     higher = [o for o in fit.orders if o.significant and o.order > 1]
     tally.phantoms += sum(not _stands_for(o, rig) for o in higher)
     excess = [
