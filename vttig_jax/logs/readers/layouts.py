@@ -415,12 +415,12 @@ def _walk(lines: Sequence[str], mark: str) -> Iterator[Section]:
 
 def _is_header(fields: list[str], lines: Sequence[str], number: int, mark: str) -> bool:
     """Return whether `fields`, from the line `number`, are names above a row of numbers."""
-    if len(fields) < 2 or not all(fields) or any(map(looks_like_number, fields)):
+    if len(fields) < 2 or not any(map(_DIGIT.search, lines[number : number + 4])):
         return False
-    below = [line for line in lines[number : number + 4] if line.strip()][:2]
-    if not any(map(_DIGIT.search, below)):
+    if not all(fields) or any(map(looks_like_number, fields)):
         return False
-    rows = [split(line, mark) for line in below]
+    below = [line for line in lines[number : number + 4] if line.strip()]
+    rows = [split(line, mark) for line in below[:2]]
     row = rows[-1] if is_units_row(rows[0]) else rows[0]
     return len(row) == len(fields) and _has_numbers(row)
 

@@ -93,11 +93,13 @@ def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real
         return read_stamps(texts, lambda r: f"{source}: {'' if r is None else lines[r]}{what}")[0]
     if texts and all(text.lstrip("+-").isdigit() and len(text) < 19 for text in texts):
         return np.array([int(text) for text in texts], np.int64)
-    values = [to_number(text, decimal) for text in texts]
-    if None in values:
-        line, text = cells[values.index(None)]
-        raise LogError(
-            f"`{printable(text)}` is no number; correct it or remove the line.",
-            where=f"{source}: line {line}, {what}",
-        )
+    values = []
+    for line, text in cells:
+        value = to_number(text, decimal)
+        if value is None:
+            raise LogError(
+                f"`{printable(text)}` is no number; correct it or remove the line.",
+                where=f"{source}: line {line}, {what}",
+            )
+        values.append(value)
     return np.array(values, np.float64)
