@@ -106,7 +106,8 @@ def gap_of_speed(fit: Fit, found: Identified) -> Iterator[Finding]:
     rows, ratio = fit.checks.gap_by_speed, fit.checks.likelihood_ratio["gap_by_speed"]
     if ratio <= NEEDED or len(rows) < 2:
         return
-    slow, fast = rows[0], rows[-1]
+    ends = min(rows, key=lambda one: one.value), max(rows, key=lambda one: one.value)
+    slow, fast = sorted(ends, key=lambda one: one.speed_rpm)
     yield _said(
         "gap-of-speed",
         slow=slow,

@@ -400,6 +400,8 @@ def conditions_of(
     elif not both:
         conditions = (f"flank_{core.scope.flanks[0]}_only",)
     index = core.posterior.problem.index
+    if isinstance(pair, Drive) and RATIO not in index and settings.ratio_within != 0:
+        conditions += ("the_stated_ratio",)
     if DELAY not in index:
         return (*conditions, "no_delay" if core.delay_s == 0 else "given_delay")
     if not parameters["delay_s"].determined and core.settled and both:

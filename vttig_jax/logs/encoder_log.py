@@ -283,7 +283,9 @@ class EncoderLog:
         for role in UNITS.keys() & values.keys():
             factor = UNITS[role].get(units[role]) or radians_of(units[role], None, layout.lead_mm)
             assert factor is not None  # `assign` asks for the lead of an error that is a length
-            values[role] = factor * values[role]
+            # The error of an encoder that counts backwards has the other sign.
+            sign = roles.statement.encoders[1].sign if role == "transmission_error" else 1
+            values[role] = sign * factor * values[role]
         found = replace(found, notes=(*notes, *found.notes))
         return cls._validated(found, units, roles.statement, place, sha256=sha256)
 

@@ -11,6 +11,7 @@ times these (their difference), and has a prior:
 | first orders, tooth mesh, lines | N(0, (3 u)²), u: robust deviation of the transmission error |
 | order k > 1 of each shaft, difference between the flanks | N(0, (τ/k)²), one τ each |
 | rounding that repeats, beside every harmonic and the gap | N(0, r²) |
+| one rounding error of a steady driving shaft, an offset of a segment | N(0, q²/12) |
 | start angles of a log | N(0, (360°)²/12) |
 | drift: a random walk of each log in K ramps | N(0, τ²/K) |
 | delay of a part of a log; bends of the gap over the speed | N(0, τ²) |
@@ -114,6 +115,7 @@ class Shape:
     - `still`: whether all logs are readings at standstill, without speed.
     - `drift`: whether the logs tell a drift: a table that has every place once does not.
     - `rounding`: r of every log on one flank, rad, 0 where rounding does not repeat.
+    - `offsets`: standard deviations of the rounding errors of every log that are offsets, rad.
     """
 
     starts: tuple[Start, ...]
@@ -127,6 +129,7 @@ class Shape:
     still: bool = False
     drift: bool = True
     rounding: tuple[float, ...] = ()
+    offsets: tuple[tuple[float, ...], ...] = ()
 
 
 def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Iterator[Column]:
@@ -167,6 +170,8 @@ def columns_of(waves: Sequence[Wave], shape: Shape, assumed: Assumptions) -> Ite
                     yield Column(row, logs, differs, prior, width)
                     yield from rounded(row, logs, differs=differs)
     for log in range(len(shape.starts)):
+        for k, width in enumerate(shape.offsets[log] if shape.offsets else ()):
+            yield Column(RowName("offset", k), (log,), prior=KNOWN, width=width)
         for k in range(KNOTS if shape.drift else 0):
             yield Column(RowName("drift", k), (log,), prior="drift", width=KNOTS**-0.5)
         if assumed.delay == "fitted" and shape.both:  # on one flank it is a drift

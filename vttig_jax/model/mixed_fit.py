@@ -1,7 +1,7 @@
 """Passes over the logs: rows, outliers, compression and the largest density until they settle."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -195,7 +195,10 @@ def design_of(
     waves = waves_of(pair, orders, lines)
     if all(one.still for one in shafts):
         angles = np.concatenate([one.in_runs(one.driving) for one in shafts if one.runs])
+        firsts = [wave for wave in waves if wave.is_first]
         waves = told_waves(angles, waves, ratio)
+        if not tells_ratio(angles, {*waves, *firsts}, ratio):
+            assumed = replace(assumed, ratio=0.0)
     shape = Shape(
         starts=tuple(one.start for one in shafts),
         both=len({run.flank for one in shafts for run in one.runs}) == 2,
@@ -207,6 +210,7 @@ def design_of(
         still=all(one.still for one in shafts),
         drift=any(one.tells_drift for one in shafts),
         rounding=tuple(one.rounding for one in shafts),
+        offsets=tuple(tuple(std for *_, std in one.offsets) for one in shafts),
     )
     cycles = [wave.cycles(ratio) for wave in waves]
     cycles += [] if given is None else [given.highest_order]
@@ -347,6 +351,20 @@ def told_waves(
     likely = sorted(waves, key=own)
     told = told_orders(angle, [w.cycles(ratio) for w in likely], sum(w.is_first for w in waves))
     return tuple(wave for wave in waves if told[likely.index(wave)])
+
+
+def tells_ratio(angle: Float[np.ndarray, " n"], waves: Iterable[Wave], ratio: float) -> bool:
+    """Return whether readings at driving angles, rad, tell an error of the ratio from harmonics.
+
+    At few places a slope has the values of many harmonics together, and would take what is in none
+    of them, such as a first order that is +1 and −1 in turn.
+    """
+    cycles = [wave.cycles(ratio) for wave in waves]
+    phase = np.outer(angle, [0.0, *cycles])
+    columns = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+    x = angle - angle.mean()
+    rest = x - columns @ np.linalg.lstsq(columns, x, rcond=1e-9)[0]
+    return float(rest @ rest) > CLEAR**3 * float(x @ x)
 
 
 def clear_orders(posterior: Posterior) -> frozenset[RowName]:

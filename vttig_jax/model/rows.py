@@ -121,6 +121,7 @@ class Shafts:
     readings at standstill, which have no speed and no delay. `tells_drift`: whether a drift does
     not look like orders, as it does where a table has about every place once. `rounding`: standard
     deviation, on one flank, of what rounding that repeats adds to a coefficient of a harmonic, rad.
+    `offsets`: samples [start, stop) with one rounding error, and its standard deviation, rad.
     """
 
     time: Float[np.ndarray, " n"]
@@ -140,6 +141,7 @@ class Shafts:
     still: bool = False
     tells_drift: bool = True
     rounding: float = 0.0
+    offsets: tuple[tuple[int, int, float], ...] = ()
 
     def in_runs(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
         """Return the values of the samples of all runs."""
@@ -324,6 +326,8 @@ def rows_of(
             yield RowName("drift", k), np.clip(x * KNOTS - k, 0, 1)
         for k in range(PARTS):
             yield RowName("part", k), late * np.clip(1 - np.abs(x * (PARTS - 1) - k), 0, None)
+        for k, (start, stop, _) in enumerate(shafts.offsets):
+            yield RowName("offset", k), mean((index >= start) & (index < stop))
         for k, bend in enumerate(bends):
             yield RowName("bend", k), np.clip(np.abs(speed) - bend, 0, None)
         error = shafts.error[index] - level

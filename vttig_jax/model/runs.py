@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from ..base.units import ARCSEC
 from ..logs.channel.unwrap import step_of
 from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
@@ -35,7 +36,11 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
     runs = [Run(s.start, s.stop, s.flank) for s in segments.segments]
     slowing: list[Run] = []
     blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
-    for ramp in find_ramps(log, segments):
+    locked = commensurate(log, segments.segments)
+    offsets = [(*own, std * ARCSEC) for one in locked for *own, std in one.offsets]
+    # The rounding of a ramp is noise, which runs of one rounding error each do not have.
+    free = sum(run.stop - run.start for run in runs) > 2 * sum(b - a for a, b, _ in offsets)
+    for ramp in find_ramps(log, segments) if free else ():
         start, stop = ramp.segment.start, ramp.segment.stop
         start, stop = (start + blurred, stop) if ramp.speeding_up else (start, stop - blurred)
         if stop - start >= _LEAST:
@@ -47,8 +52,8 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
         inside = any(m.start <= first.start and second.stop <= m.stop for m in segments.motion)
         if same and inside and between.stop - between.start > 0:
             slowing.append(Run(between.start, between.stop, first.flank))
-    locked = {one.shaft: one.rounding_arcsec for one in commensurate(log, segments.segments)}
-    rounding = float(np.radians(np.linalg.norm([*locked.values()]) / 3600))
+    last = {one.shaft: one.rounding_arcsec for one in locked}
+    rounding = float(np.linalg.norm([*last.values()]) * ARCSEC)
     driving, ratio = log.driving.steady_angle(log.time), float(log.ratio)  # without spikes
     error = log.transmission_error
     if driving is not log.driving_angle:
@@ -74,6 +79,7 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
         resolution=log.driving.resolution,
         torque=torque,
         rounding=rounding,
+        offsets=tuple(offsets),
     )
     return found.steadied(driving, (*runs, *slowing))
 

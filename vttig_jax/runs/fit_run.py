@@ -17,7 +17,8 @@ from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..base.files.run_folder import RunFolder
 from ..base.logger import LOGGER
 from ..logs.read import read_log
-from ..logs.recognition.request import DriveRequest
+from ..logs.recognition.request import DriveRequest, roles_of
+from ..pair.schema import as_fraction
 from .options import ReadingOptions, RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import spec_of_file, stated_spec
@@ -71,8 +72,14 @@ def readings_alone(
     from ..pair.gear_pair import pair_from_spec
 
     spec = drive.spec() if pair is None else spec_of_file(pair, drive)
-    lead_mm = options.reading.lead_mm or spec.log.lead_mm
-    found = read_backlash_readings(readings, decimal=options.reading.decimal, lead_mm=lead_mm)
+    reading = options.reading
+    found = read_backlash_readings(
+        readings,
+        decimal=reading.decimal,
+        lead_mm=reading.lead_mm or spec.log.lead_mm,
+        driving=roles_of(reading.columns).get("driving"),
+        driving_scale=float(as_fraction(drive.driving_scale or spec.log.driving_scale, "")),
+    )
     return fit_readings(found, pair_from_spec(spec))
 
 

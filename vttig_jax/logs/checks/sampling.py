@@ -3,14 +3,16 @@
 The order spectrum of the transmission error is by least squares over samples with a certain flank.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 from jaxtyping import Float, Int64
 
 from ...base.units import ARCSEC, REV
+from ...pair.schema import Flank
 from ..channel.channel import GAP
 from ..encoder_log import EncoderLog
 from ..motion.segments import HIGHEST, Segment, groups_of_speed, turns_of
@@ -61,23 +63,30 @@ class Commensurate:
     `speed_rpm` is the signed speed of the driving shaft. `rounding_arcsec` is the standard
     deviation of what the rounding of the counts adds to cosine or sine of an order, as an angle of
     the driven shaft: that of all of it, q/√12, over the root of the counts over which it strays.
+    A driving shaft that moves by p/q counts alone has one rounding error in a segment, an offset,
+    and there it is 0. `gap_arcsec` is that of the backlash: √2 as large, or that of the mean offset
+    of the segments on flank A less that on flank B. `offsets`: samples [start, stop) of these
+    segments, and the standard deviation of each offset in arcsec.
     """
 
     shaft: str
-    speed_rpm: float
     counts_per_sample: float
     rounding_arcsec: float
+    gap_arcsec: float
+    speed_rpm: float
+    offsets: tuple[tuple[int, int, float], ...] = ()
 
     @property
     def sentence(self) -> str:
         """Sentence on what it does to a fit, with a cure."""
         step = Fraction(self.counts_per_sample).limit_denominator(_MOST_SAMPLES).denominator
+        orders = f" and {self.rounding_arcsec:.2g}″ in orders" if self.rounding_arcsec else ""
         return (
             f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
             f" {self.counts_per_sample:.4f} counts a sample, a whole number"
             f"{f' in {step} samples' * (step > 1)}: its quantisation"
-            f" ({self.rounding_arcsec:.2g}″ in backlash and orders) does not average out; change"
-            " the speed or the rate slightly"
+            f" ({self.gap_arcsec:.2g}″ in the backlash{orders}) does not average out; change the"
+            " speed or the rate slightly"
         )
 
 
@@ -131,10 +140,13 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
     The rounding of a steady shaft then repeats every q samples, and their mean is rounded to 1/q
     counts. Most steps of q samples are p counts, which noise of the encoder would prevent, and
     their mean is within 0.001 of it, or one count in the segment, which a speed nearby would
-    prevent. The number of the row is no reading. Each shaft and p/q is reported once, for the first
-    segment in which it is found.
+    prevent. The number of the row is no reading. Each shaft and p/q is reported once, with the
+    speed of the first segment in which it is found.
     """
-    findings = {}
+    findings: dict[tuple[str, float], Commensurate] = {}
+    sizes = Counter[Flank]()
+    for segment in segments:
+        sizes[segment.flank] += segment.stop - segment.start
     sides = ("driving", log.driving, abs(float(log.ratio))), ("driven", log.driven, 1.0)
     for shaft, channel, gain in sides:
         row = log.place.columns.get(shaft) == ROW
@@ -142,12 +154,21 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
             continue
         for segment in segments:
             step, samples, strayed = _locked(channel.reading[segment.start : segment.stop])
-            # A driving shaft that moves by p/q counts alone has one rounding error, an offset.
-            if samples and (shaft == "driven" or strayed > 1):
-                size = gain * channel.resolution / (samples * ARCSEC)
-                size /= float(np.sqrt(12 * max(strayed, 1.0)))
-                one = Commensurate(shaft, 60 * segment.speed / REV, abs(step), size)
-                findings.setdefault((shaft, abs(step)), one)
+            if not samples:
+                continue
+            name, rpm = (shaft, abs(step)), 60 * segment.speed / REV
+            one = findings.setdefault(name, Commensurate(*name, 0.0, 0.0, rpm))
+            size = gain * channel.resolution / (samples * ARCSEC)
+            size /= float(np.sqrt(12 * max(strayed, 1.0)))
+            if shaft == "driving" and strayed <= 1:  # one rounding error, an offset of the segment
+                own = segment.start, segment.stop, size
+                one = replace(one, offsets=(*one.offsets, own))
+                size *= (segment.stop - segment.start) / sizes[segment.flank]
+            elif one.rounding_arcsec:
+                continue
+            else:
+                one, size = replace(one, rounding_arcsec=size), 2**0.5 * size
+            findings[name] = replace(one, gap_arcsec=float(np.hypot(one.gap_arcsec, size)))
     return tuple(findings.values())
 
 

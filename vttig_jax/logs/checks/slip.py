@@ -399,13 +399,15 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
     medians = _medians(residual, edges, size)
     means = np.add.reduceat(effects, edges, axis=0) / size[:, None]
     # Least size in rad of the driven shaft: half the scatter of the residual, a multiple of the
-    # rounding error, and one count. The step of readings in degrees is their travel per sample.
-    limits = [0.5 * float(np.median(np.abs(residual))) / 0.6745, _DIGITS * log.rounding]
+    # rounding error, and one count of both encoders, whose rounding may differ from pass to pass.
+    # The step of readings in degrees is their travel per sample.
+    counts = 0.0
     for channel, ratio in ((log.driving, abs(float(log.ratio))), (log.driven, 1.0)):
         if channel is not None and channel.unit == "counts":
-            limits.append(ratio * channel.resolution)
-    found = []
-    for step in find_steps(medians, means, max(limits), rival=means[:, 0]):
+            counts += ratio * channel.resolution
+    scatter = 0.5 * float(np.median(np.abs(residual))) / 0.6745
+    least, found = max(scatter, _DIGITS * log.rounding, counts), []
+    for step in find_steps(medians, means, least, rival=means[:, 0]):
         row = _first_row_after(rows, residual, edges, step, effects @ step.coefficients)
         found.append(Slip(float(log.time[row]), row, step.size / DEG, step.std / DEG))
     return tuple(found)

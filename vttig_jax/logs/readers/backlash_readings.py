@@ -22,7 +22,7 @@ from ...geometry.deviations import Deviations, FlankMap
 from ...geometry.tooth import SHAFTS
 from ...pair.gear_pair import GearPair
 from ...pair.schema import LogLayout
-from .column_names import BACKLASH, name_and_unit, read_name, words_of
+from .column_names import BACKLASH, index_of, name_and_unit, read_name, words_of
 from .delimited import TextTable, find_table
 from .text import read_text
 
@@ -121,7 +121,12 @@ class BacklashReadings:
 
 
 def read_backlash_readings(
-    path: str | Path, *, decimal: str | None = None, lead_mm: float | None = None
+    path: str | Path,
+    *,
+    decimal: str | None = None,
+    lead_mm: float | None = None,
+    driving: str | None = None,
+    driving_scale: float = 1.0,
 ) -> BacklashReadings:
     """Read a text file (CSV, TSV, TXT) of backlash readings.
 
@@ -134,6 +139,8 @@ def read_backlash_readings(
     **Arguments**
     - `path`: path of the file.
     - `decimal`: decimal mark "." or ","; required only if the file is ambiguous.
+    - `driving`: name or number (#2) of the column of angles, where no name says driving.
+    - `driving_scale`: factor of these angles, i⁻¹ for positions of the driven shaft.
     - `lead_mm`: travel in one turn of the driven shaft, for a backlash in µm or mm: 2π r for a dial
       gauge at the radius r in mm.
 
@@ -168,14 +175,14 @@ def read_backlash_readings(
             " with decimal commas).",
             where=error.where,
         ) from None
-    columns = {role: _column(table, role) for role in UNITS}
+    columns = {role: _column(table, role, driving) for role in UNITS}
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     lines = np.array([number for number, _ in table.rows()], np.int64)
-    driving, backlash = (
+    angle, backlash = (
         _radians(role, one, table.names[index], _size(table, index, unit, lead_mm), source, lines)
         for (role, (index, unit)), one in zip(columns.items(), values, strict=True)
     )
-    return BacklashReadings(driving, backlash, source, digest, lines)
+    return BacklashReadings(driving_scale * angle, backlash, source, digest, lines)
 
 
 def _size(table: TextTable, index: int, unit: str, lead_mm: float | None) -> float:
@@ -190,8 +197,14 @@ def _size(table: TextTable, index: int, unit: str, lead_mm: float | None) -> flo
     return radians
 
 
-def _column(table: TextTable, role: str) -> tuple[int, str]:
-    """Return the index and unit of the column of a role, by the words that say it in a log too."""
+def _column(table: TextTable, role: str, driving: str | None) -> tuple[int, str]:
+    """Return the index and unit of the column of a role, by the words that say it in a log too.
+
+    `driving` names the column of angles.
+    """
+    named = None
+    if role == "driving" and driving is not None:
+        named = index_of(driving, role, table.names, table.source)
     first, *others, last = UNITS[role]
     suggested = f"{role}_{first}{''.join(f', _{unit}' for unit in others)} or _{last}"
     matches: list[tuple[int, str]] = []
@@ -201,7 +214,7 @@ def _column(table: TextTable, role: str) -> tuple[int, str]:
         stem, unit = name_and_unit(name, known, where)
         gap = not BACKLASH.isdisjoint(words_of(stem))
         said = gap if role == "backlash" else not gap and read_name(name, where).role == role
-        if stem.lower() != role and not (said and unit):
+        if index != named and (named is not None or (stem.lower() != role and not (said and unit))):
             continue
         if unit is None:
             raise LogError(f"the name has no unit; rename it {suggested}.", where=where)
@@ -215,7 +228,8 @@ def _column(table: TextTable, role: str) -> tuple[int, str]:
     if not matches:
         raise LogError(
             f"there is no column {suggested}; the file has"
-            f" {', '.join(table.names)}: rename or convert the right one.",
+            f" {', '.join(table.names)}: rename the right one"
+            f"{', or give --column driving=NAME' * (role == 'driving')}.",
             where=table.source,
         )
     return matches[0]

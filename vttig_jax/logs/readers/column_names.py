@@ -343,17 +343,42 @@ DRIVING, DRIVEN, OUTPUT_SIDE, TIME, QUANTITIES, SETPOINTS = (
     frozenset(fold(_WORDS_OF[key]).split())
     for key in ("driving", "driven", "output_side", "time", "quantities", "setpoints")
 )
-DIRECTION, TURNING, BACKLASH, _UP, _DOWN = (
+DIRECTION, TURNING, BACKLASH, ERRORS, _OF_TRANSMISSION, _STATISTICS, _UP, _DOWN = (
     frozenset(fold(_WORDS_OF[key]).split())
-    for key in ("direction", "turning", "backlash", "rising", "falling")
+    for key in (
+        *("direction", "turning", "backlash", "errors", "transmission_error", "statistics"),
+        *("rising", "falling"),
+    )
 )
 """Words for the shafts and for time; words such as `joint`, which are the driven shaft where no
 other name says it; words for other quantities, and for angles that were not measured; names of a
-column of directions, directions whose sense depends on the side from which one looks, and names of
-readings of the backlash."""
+column of directions, directions whose sense depends on the side from which one looks, names of
+readings of the backlash, of errors and of the transmission error, and of statistics."""
 
 WAYS = dict.fromkeys(_UP, 1.0) | dict.fromkeys(_DOWN, -1.0)
 """Word for a direction → +1 for rising positions, −1 for falling ones."""
+
+
+def is_statistic(name: str) -> bool:
+    """Return whether a name says what follows from several readings, their mean or reversal."""
+    return not (_STATISTICS | BACKLASH).isdisjoint(words_of(name))
+
+
+def ways_in(name: str) -> set[float]:
+    """Return the senses of the words for directions in the name of a reading.
+
+    A single letter is none: `F` and `R` are a force and a radius too.
+    """
+    words = [word for word in (*words_of(name), *name.split()) if word != "pos"]
+    said = [word for word in words if len(word) > 1 or not word.isalpha()]
+    wide = {one for one in WAYS if _WIDE.search(one) and one in name}
+    return {WAYS[word] for word in (*said, *wide) if word in WAYS}
+
+
+def is_transmission_error(name: str) -> bool:
+    """Return whether a name says the transmission error: `TE [µm]`, `transmission error`."""
+    words = words_of(name)
+    return not _OF_TRANSMISSION.isdisjoint(words) or {"transmission", "error"} <= {*words}
 
 
 COMPOUND: Final = 5
@@ -370,6 +395,7 @@ _LONGEST_FIRST = sorted((one for one in DRIVING | DRIVEN if len(one) >= SHORT), 
 _PARTS = re.compile(r"[/\\.:]+")
 _CAMEL = re.compile(r"(?<=[a-zß-ÿ0-9])(?=[A-ZÀ-Þ])|(?<=[A-Z])(?=[A-Z][a-z])")
 _WORDS = re.compile(r"[^\W\d_]+")
+_NUMBERED = re.compile(r"(?<![^\W_])[^\W\d_]\d+(?![^\W_])")
 _WIDE = re.compile(r"[\u1100-\u11ff\u2e80-\uffef]")
 
 
@@ -411,7 +437,8 @@ def read_name(name: str, where: str, units: Sequence[str] = ANGLES) -> NameReadi
     inside = bracket_of(name)
     other = inside if unit is None and inside in OTHER_UNITS else ""
     last = [part for part in _PARTS.split(stem) if part.strip()][-1:]
-    words = words_of("".join(last))
+    # `n1` in `n1_motor_pos` numbers a node; alone it is a speed.
+    words = words_of(_NUMBERED.sub("", "".join(last))) or words_of("".join(last))
     quantities = _found(words, QUANTITIES)
     if unit in ANGLES and quantities in OTHER_UNITS:  # such as Hz [gon], a horizontal direction
         quantities = ""

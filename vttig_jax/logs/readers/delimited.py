@@ -24,7 +24,16 @@ from ...base.errors import LogError
 from ...pair.schema import LogLayout
 from ..channel.channel import EXACT_FLOAT
 from ..source import SKIP
-from .column_names import TIME_UNITS, WAYS, bracket_of, fold, is_units_row, unit_in, with_units
+from .column_names import (
+    TIME_UNITS,
+    WAYS,
+    bracket_of,
+    fold,
+    is_units_row,
+    unit_in,
+    ways_in,
+    with_units,
+)
 from .table import MOST_COLUMNS, Table
 from .text import Lines
 from .times import looks_like_stamp
@@ -146,6 +155,9 @@ _COMMENT = re.compile(r"(?:^| )\s*#.*", re.DOTALL)
 
 _WORD = re.compile(r".*[^\W\d_]{2}|\W{3}")
 """Start of a field that holds a word or is a ruled line, and is no number that was cut off."""
+
+_RULED = re.compile(r"[-+|\s]+")
+"""Line between the names and the rows, or between rows, of a printed table."""
 
 _GAPS = "- -- --- – — nan NaN NAN NA N/A n/a n.a. #N/A #NV null NULL None none"
 NO_NUMBERS = frozenset(("", *_GAPS.split()))
@@ -344,9 +356,10 @@ class TextTable(Table):
         return bool(steps[0] > _FAR * steps[1:].max())
 
     def _fields(self, line: str) -> list[str]:
-        """Return the fields of a line without its comment; none for an empty row such as `;;`."""
-        content = self._content(line)
-        return split(content, self.delimiter) if content.strip() else []
+        """Return the fields of a line without its comment; none for `;;` and for a ruled line."""
+        content = self._content(line).strip()
+        ruled = "---" in content and _RULED.fullmatch(content)
+        return split(content, self.delimiter) if content and not ruled else []
 
     def _content(self, line: str) -> str:
         """Return a line without its comment, which starts with the line or after a blank.
@@ -374,14 +387,17 @@ class TextTable(Table):
     def _leave_out_text_below(self) -> None:
         """Leave out the lines of text below the last row of numbers, with a note.
 
-        These are lines that start with a word where the rows start with a number. If the rows start
-        with a word too, such lines have no number where the first row has one.
+        These are lines whose first field with content is a word where the first row has a number,
+        such as `;mean;0.12`. Where it has a word too, such lines have none of its numbers.
         """
         numbers = [k for k in range(len(self._first)) if _value_at(self._first, k)]
         row, text, count = 0, "", 0
         for k, line, fields in self._from_below():
-            lacks = 0 in numbers or not any(_value_at(fields, index) for index in numbers)
-            if not lacks or _value_at(fields, 0) or not _WORD.match(fields[0]):
+            place = next((k for k, one in enumerate(fields) if one not in NO_NUMBERS), 0)
+            begun = fields[place]
+            lacks = place in numbers or not any(_value_at(fields, index) for index in numbers)
+            worded = (begun[:1].isalpha() and len(begun) > 1) or _WORD.match(begun)
+            if not lacks or _value_at(fields, place) or not worded:
                 break
             row, text, count = k, line.strip(), count + 1
         else:
@@ -601,7 +617,7 @@ def _names_with_units(lines: Lines, header: int, delimiter: str | None, width: i
     """Return the column names; a row of units or directions is added to the names above it."""
     names = _names(lines[header], delimiter, width)
     first, *ways = split(lines[header], delimiter, trim=False)
-    if header and not first and {*map(fold, ways)} <= WAYS.keys():  # each pair below one name
+    if header and not first and all(map(ways_in, ways)):  # each pair below one name
         above = accumulate(split(lines[header - 1], delimiter, trim=False), lambda a, b: b or a)
         return [f"{a} {b}".strip() for a, b in zip(above, ["", *ways], strict=False)]
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):

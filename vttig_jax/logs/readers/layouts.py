@@ -343,7 +343,10 @@ class Section:
     others: list[int] = field(default_factory=list)
 
     def columns(self, number: int, mark: str, source: str) -> Iterator[tuple[str, np.ndarray]]:
-        """Yield the columns whose first row is a number or a date, of rows in which none lacks."""
+        """Yield the columns whose first row is a number or a date, of rows in which none lacks.
+
+        With the `number` 0 they have the names of the text alone.
+        """
         named = with_units(self.names, self.units or [])
         first = self.rows[0][1]
         chosen = [k for k, text in enumerate(first) if is_value(text)]
@@ -351,9 +354,12 @@ class Section:
         self.rows = [row for row in self.rows if all(row[1][k] for k in chosen)]
         for k in chosen:
             name = printable(named[k])
-            place = f"section {number}, column `{name}`"
+            place = f"section {number}, column `{name}`" if number else f"column `{name}`"
             cells = [(line, row[k]) for line, row in self.rows]
-            yield f"{number}/{name}", numbers(cells, decimal_of(self.rows, mark), source, place)
+            yield (
+                f"{number}/{name}" if number else name,
+                numbers(cells, decimal_of(self.rows, mark), source, place),
+            )
 
 
 def read_sections(lines: Lines, source: str) -> Found | None:
@@ -363,6 +369,16 @@ def read_sections(lines: Lines, source: str) -> Found | None:
         return None
     columns: dict[str, np.ndarray] = {}
     notes = []
+    first, *rest = found
+    ends = [
+        to_number(one.rows[k][1][0], decimal_of(one.rows, mark)) for one in found for k in (0, -1)
+    ]
+    rises = all(a is not None and b is not None and a < b for a, b in pairwise(ends))
+    if rises and all(one.names == first.names for one in rest):  # one clock, a header a page
+        first.rows += [row for one in rest for row in one.rows]
+        columns.update(first.columns(0, mark, source))
+        note = f"the names are written {len(found)} times, and the rows go on below them: one table"
+        return Table(tuple(columns), tuple(columns.values()), source), (note,)
     for number, section in enumerate(found, 1):
         columns.update(section.columns(number, mark, source))
         heading = f" `{printable(section.heading[:40])}`" if section.heading else ""

@@ -205,7 +205,8 @@ def read_brackets(lines: Lines, source: str) -> Found | None:
 def _side(lines: Sequence[str]) -> list[Row]:
     """Return the lines of a table on its side, or no lines for any other text.
 
-    Every line has a name, perhaps a unit, and then only numbers, more of them than there are lines.
+    Every line has a name, perhaps a unit, and then only numbers, of which it has more than there
+    are such lines.
     """
     for mark in _MARKS if len(lines) <= MOST_COLUMNS else ():
         rows = [(number, split(line, mark)) for number, line in enumerate(lines, 1)]
@@ -213,7 +214,7 @@ def _side(lines: Sequence[str]) -> list[Row]:
         first = next(k for k, (_, row) in enumerate(rows) if len(row) == width)
         block = [(number, row) for number, row in rows[first:] if row]
         whole = all(len(row) == width for _, row in block[:-1])
-        if len(block) > 1 and width > len(lines) + 2 and whole:
+        if len(block) > 1 and width > len(block) + 2 and whole:
             values = (text for _, row in block for text in row[2:MOST_COLUMNS])
             if not any(is_value(row[0]) for _, row in block) and all(map(is_value, values)):
                 return block

@@ -19,7 +19,16 @@ import numpy as np
 from jaxtyping import Int64, Real, Shaped
 
 from ...base.errors import LogError
-from .column_names import SHAFT_UNITS, TIME, WAYS, index_of, name_and_unit, words_of
+from .column_names import (
+    SHAFT_UNITS,
+    TIME,
+    WAYS,
+    index_of,
+    is_statistic,
+    name_and_unit,
+    ways_in,
+    words_of,
+)
 from .times import read_stamps
 
 MOST_COLUMNS = 256
@@ -38,6 +47,7 @@ class Table:
       separate time stamps. - `held`: indices of columns of which only changes are logged.
     - `sample_numbers`: numbers of the rows in the full record if samples are missing.
     - `notes`: sentences on assumptions and on what is left out.
+    - `passes`: whether the rows are passes up and down, one after the other.
     - `computed`: the last columns, which are computed from others when they are read.
     - `units`: name of a computed column → unit of the columns from which it is computed.
     """
@@ -51,6 +61,7 @@ class Table:
     digest: str = ""
     notes: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    passes: bool = False
     computed: "tuple[Computed, ...]" = ()
 
     @property
@@ -154,23 +165,27 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     falling ones. Readings that do not follow the positions are errors.
     A table with a time, or of which one of these columns is `requested`, stays as it is.
     """
-    marks = [[*words_of(name), *name.split()] for name in table.names]  # also `Run 1 +`
-    words = [[word for word in own if word != "pos"] for own in marks]
-    senses = [{WAYS[word] for word in own if word in WAYS} for own in words]
+    senses = [set() if is_statistic(name) else ways_in(name) for name in table.names]
     up, down = ([k for k, own in enumerate(senses) if own == {sign}] for sign in (1, -1))
     passes = [k for both in zip(up, down, strict=False) for k in both]
     names = [table.names[k] for k in passes]
-    timed = any(word in TIME for own in words for word in own)
+    timed = any(word in TIME for name in table.names for word in words_of(name))
     if timed or not up or len(up) != len(down) or {*names} & {*requested}:
         return table
     values = table.numeric()
     kept = [k for k, own in enumerate(senses) if not own and k in values]
+    kept = [k for k in kept if not is_statistic(table.names[k])]
     even = [k for k in kept if abs(np.sign(np.diff(values[k])).sum()) == len(values[k]) - 1 > 0]
     named = [name_and_unit(name, SHAFT_UNITS, table.source) for name in names]
     stems, units = zip(*named, strict=True)
-    if {*passes} - values.keys() or not even or len({*units}) > 1:
+    lacking = {*passes} - values.keys()
+    if not even or len({*units}) > 1 or not all(map(table.starts_with_a_number, lacking)):
         return table
+    if lacking:
+        table.columns([*lacking])  # raises for a field without a number
     position = values[even[-1]]
+    counted = [k for k in even[:-1] if np.all(np.abs(np.diff(values[k])) == 1)]  # `No.`
+    kept = [k for k in kept if k not in counted]
     rising = np.argsort(position)
     order = np.concatenate([rising, rising[::-1]] * len(up))
     reading = np.stack([values[k] for k in passes])[np.arange(len(order)) // len(rising), order]
@@ -186,7 +201,7 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     note = f"{said} are passes up and down side by side, read as one pass after the other"
     arrays = (*(values[k][order] for k in kept), reading, ways)
     columns, told = (*(table.names[k] for k in kept), name, "direction"), (*table.notes, note)
-    return Table(columns, arrays, table.source, digest=table.digest, notes=told)
+    return Table(columns, arrays, table.source, digest=table.digest, notes=told, passes=True)
 
 
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")

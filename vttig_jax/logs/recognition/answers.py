@@ -43,6 +43,7 @@ def answer_to(
             roles = (role,) if role else SHAFTS
             named = (f"{one}={name}" for one, name in zip(roles, columns, strict=False))
             option = " ".join(f"--column {one}=NAME" for one in roles)
+            option = question.options[0] if slug == "driving-open" else option
             changes = {"columns": (*reading.columns, *named)}
         case "shafts-open":
             option = question.options[0].rpartition(", or ")[2]

@@ -19,6 +19,7 @@ from ..channel.unwrap import complete
 from ..readers.column_names import (
     ANGLES,
     DIRECTION,
+    ERRORS,
     ROLES,
     ROW,
     ROW_INDEX,
@@ -29,6 +30,7 @@ from ..readers.column_names import (
     fold,
     index_of,
     inputs_and_outputs,
+    is_transmission_error,
     name_and_unit,
     read_name,
     scale_of,
@@ -264,6 +266,10 @@ class Search:
                 found = self._by_name(role, self._beside(role))
                 if found is not None:
                     self._take(role, found, "by-name")
+        said = [one for one in self.free() if is_transmission_error(one.name)]
+        if "driven" in missing and "driven" not in self.roles and len(said) == 1:
+            self._take("transmission_error", said[0], "by-name")
+            missing.remove("driven")
         return [role for role in missing if role not in self.roles]
 
     def _by_name(self, role: str, candidates: Sequence[Candidate]) -> Candidate | None:
@@ -277,6 +283,8 @@ class Search:
         named = [one for one in possible if one.reading.role == role]
         if len(named) > 1:
             named = [one for one in named if one.turns] or named
+        if len(named) == 2 and all(one.has_levels for one in named):
+            return None  # two channels of one encoder, which are counted
         if len(named) > 1:
             raise self._several(role, named)
         if not named and role == "driven" and "driving" in self.roles:
@@ -315,10 +323,21 @@ class Search:
             self._take("time", rising[0], "grows-evenly")
         elif len(wrong) == 1:
             self._take("time", wrong[0], "by-name")
+        elif self.table.passes or self.table.says_way(self.roles.get("direction", ROW_INDEX)):
+            self._take_standstill()
         else:
             growing = [one for one in candidates if one.rises]
             seen = f"; columns that only grow are {listed_facts(growing)}" if growing else ""
             raise self._ask("no-time", role="time", columns=growing, seen=seen)
+
+    def _take_standstill(self) -> None:
+        """Take a table that says how its places were approached, and no time, as one without."""
+        statement, drive = self.statement, self.statement.drive
+        layout = msgspec.structs.replace(statement.layout, sample_rate_hz=1.0)
+        if drive is not None:
+            drive = msgspec.structs.replace(drive, log=layout)
+        self.statement, self.timed = replace(statement, layout=layout, drive=drive), False
+        self.guesses.append(Guess.of("standstill", "time", "--sample-rate HZ"))
 
     def _find_by_ratio(self, missing: list[str]) -> None:
         """Assign the missing shafts to the only columns that have the given ratio.
@@ -328,15 +347,20 @@ class Search:
         """
         free, ratio = self.free(), self.statement.ratio
         if "transmission_error" in self.roles:
+            angles = [one for one in free if one.turns and one.reading.unit in ANGLES] or free
             seen = f"; there are {listed_facts(free)}" if free else ""
-            if ratio is not None:
-                scale = abs(1 / ratio)
-                seen += f"; to positions of the driven shaft add --driving-scale {scale}"
-            raise self._ask("driving-open", role="driving", columns=free, seen=seen)
+            seen += self._of_driven()
+            name = f"'{angles[0].name}'" if len(angles) == 1 else "NAME"
+            option = f"--column driving={name}"
+            raise self._ask(
+                "driving-open", role="driving", columns=angles, options=[option], seen=seen
+            )
         if ratio is None or (missing == ["driven"] and self.clocked):
             angles = [one for one in free if one.reading.is_angle]
             raise self._shafts_open(missing, angles, given=False)
         fixed = {role: self.candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
+        if lacking := [one.index for one in fixed.values() if one.values is None]:
+            self.table.columns(lacking)  # raises for the field without a number
         turning = [one for one in free if one.turns and one.reading.is_angle]
         listed = [*turning, *(one for one in free if one.is_constant)]
         possible = [one for one in turning if one.reading.role is None]
@@ -348,8 +372,12 @@ class Search:
                 if angle and self.table.starts_with_a_number(one.index):
                     self.table.columns([one.index])
             raise self._shafts_open(missing, listed, given=True)
+        angles = [one for one in possible if one.reading.unit is not None]
+        lacks = "driven" in missing and "time" not in self.roles and len(angles) < len(missing)
+        if lacks and self._error_columns():
+            raise self._shafts_open(missing, listed, given=True)
         signs, unknown = self.fitting_pairs(fixed, possible, ratio)
-        if unknown and not signs:
+        if unknown and not signs and not all(one.has_levels for _, one in unknown):
             raise self._no_unit(unknown)
         if not signs:
             raise self._shafts_open(missing, listed, given=True, turning=(fixed, possible))
@@ -360,6 +388,8 @@ class Search:
             sided = [pair for pair in pairs if pair[1].reading.output_side]
             if len(sided) != 1:
                 columns = list({one.index: one for pair in pairs for one in pair}.values())
+                drivers = [a.name for a, b in pairs if b is pairs[0][1]]
+                mean = self._hint("mean", sum="+".join(drivers))
                 raise self._ask(
                     "several-pairs",
                     columns=columns,
@@ -367,6 +397,7 @@ class Search:
                     pairs=", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4]),
                     first=pairs[0][0].name,
                     second=pairs[0][1].name,
+                    mean=mean * (len(drivers) == len(pairs) == 2),
                 )
             pairs = sided
         if signs[pairs[0]] < 0:
@@ -378,6 +409,7 @@ class Search:
         if self.statement.two_readings:
             raise self._two_readings("ratio-of-two-readings", ratio)
         driven, rest = pairs[0][1], [one for one in turning if one not in pairs[0]]
+        rest += self._error_columns()
         if "driven" in missing and driven.reading.setpoint and rest:
             raise self._only_a_setpoint("driven", [driven, *rest])
         for role, one in zip(SHAFTS, pairs[0], strict=True):
@@ -423,9 +455,18 @@ class Search:
         moving.sort(key=lambda one: bool(one.reading.setpoint))
         moving.sort(key=lambda one: (not one.reading.is_angle, one.reading.unit is None))
         others = [one for one in self.free() if one.turns and one.reading.other]
-        levels = [one.name for one in moving + others if one.has_levels]
+        errors = self._error_columns()
+        side = {"driving": 0, "driven": 2}
+        channels = [one for one in moving + others if one.has_levels]
+        channels.sort(key=lambda one: side.get(str(one.reading.role), 1))
+        levels = [one.name for one in channels]
         counted = list(zip(missing, levels[::2], levels[1::2], strict=False))
         options = " ".join(f"--column {role}=NAME" for role in missing)
+        if len(errors) == 1 and "driven" in missing and "time" not in self.roles:
+            angles = [f"'{one.name}'" for one in moving if one.reading.unit in ANGLES]
+            name = angles[0] if len(angles) == 1 else "NAME"
+            options = f"--column driving={name} " * ("driving" in missing)
+            options += f"--column transmission_error='{errors[0].name}'"
         if len(counted) == len(missing):  # channels with two levels
             options = " ".join(f"--quadrature {role}='{a},{b}'" for role, a, b in counted)
         lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
@@ -454,9 +495,9 @@ class Search:
             seen += "; channels with two levels are counted with --quadrature ROLE='A,B'"
         for one in (one for one in moving if self.statement.counted and one.span):
             seen += f"; `{one.name}` jumps over {one.span:.3g}: --counts gives a turn"
-        for one in others:
-            if one.reading.unit in ANGLE_UNITS and "driven" in missing and self.roles:
-                seen += self._hint("error", name=one.name)
+        for one in errors if "driven" in missing else ():
+            said = f"transmission_error='{one.name}'" in options
+            seen += self._of_driven() if said else self._hint("error", name=one.name)
         seen += "; a linear axis needs --lead-mm, its travel in mm in one turn" * bool(lengths)
         return self._ask(
             "shafts-open",
@@ -467,6 +508,16 @@ class Search:
             why=why,
             seen=seen,
         )
+
+    def _of_driven(self) -> str:
+        """Return what a question on positions beside an error adds."""
+        ratio = self.statement.ratio
+        return self._hint("positions", scale="I with I:1" if ratio is None else str(abs(1 / ratio)))
+
+    def _error_columns(self) -> list[Candidate]:
+        """Return the columns without a role whose names say an angular error."""
+        angles = [one for one in self.free() if one.turns and one.reading.unit in ANGLE_UNITS]
+        return [one for one in angles if one.reading.other in ERRORS]
 
     def _seen_ratio(self, fixed: dict[str, Candidate], free: Sequence[Candidate]) -> str:
         """Return the ratios of columns that turn together, as text that begins with a mark.
@@ -647,7 +698,7 @@ class Search:
             and not self._have_asked("no-unit", "scaled-unit")
             and not {*SHAFTS} & {*self.roles, *self.units}
         ):
-            free = [one for one in self.free() if one.turns]
+            free = [one for one in self.free() if one.turns and not one.has_levels]
             turning = [one for one in free if one.reading.is_angle or one.is_voltage]
             if not self.statement.counted and not any(one.reading.unit for one in turning):
                 unnamed = [("", one) for one in turning]
@@ -741,6 +792,7 @@ class Search:
     def free(self) -> list[Candidate]:
         """Return the columns without a role that are not time stamps of another column."""
         taken = {*self.roles.values(), *self.table.clocks.values()}
+        taken |= {k for one in self.table.computed for k in one.of}
         return [one for one in self.candidates if one.index not in taken]
 
     def _beside(self, role: str) -> list[Candidate]:

@@ -353,9 +353,10 @@ def counts_of(text: str) -> tuple[int, int]:
     """
     parts = [part.strip() for part in text.split(",")]
     if len(parts) > 2 or not all(part.isascii() and part.isdigit() and int(part) for part in parts):
+        volts = "; for 3.3 V a turn write --counts 33,33 and --column 'driving=10*NAME'"
         raise UsageError(
             f"--counts {text!r} must be the counts per revolution of the driving and of the driven"
-            " encoder, for example 90000,90000."
+            f" encoder, for example 90000,90000{volts if '.' in text else ''}."
         )
     return int(parts[0]), int(parts[-1])
 
