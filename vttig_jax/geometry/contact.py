@@ -16,13 +16,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Bool, Float, Int
 
 from ..base.arrays import Numbers, float64, known
 from ..base.errors import PairError
 from ..base.numerics.implicit import at_extreme, known_root
-from ..kinematics.flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
+from ..kinematics.flank_model import (
+    FIRST_ORDERS,
+    Angles,
+    AnglesLike,
+    GridOrders,
+    ImplicitModel,
+    flank_index,
+)
 from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .checks import check_pointed, check_tooth, section_heights
 from .deviations import Deviations
@@ -531,19 +537,12 @@ class ContactModel(ImplicitModel):
         """
         return FIRST_ORDERS if self.uniform else ((self.teeth[0].teeth, 0),)
 
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
+    def transmission_error(self, driving_angle: AnglesLike, flank: Flank) -> Angles:
         """Return TE = φ₂ − i φ₁ at first contact on `flank`, rad; NaN without contact."""
         angle = jnp.asarray(driving_angle, float)
         return self._error(flank, angle.ravel(), None).reshape(angle.shape)
 
-    def at_both_angles(
-        self,
-        driving_angle: Float[Array, "*shape"],
-        driven_angle: Float[Array, "*shape"],
-        flank: Flank,
-    ) -> Float[Array, "*shape"]:
+    def at_both_angles(self, driving_angle: Angles, driven_angle: Angles, flank: Flank) -> Angles:
         """Return TE at first contact, rad, with the driven base circle centre at the given φ₂."""
         first, second = jnp.broadcast_arrays(driving_angle, driven_angle)
         return self._error(flank, first.ravel(), second.ravel()).reshape(first.shape)
