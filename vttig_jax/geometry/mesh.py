@@ -169,9 +169,8 @@ class _Layout:
         columns, joints = self.grid.point_columns(), self.grid.counts.joints
         triangles = self._bore_triangles()
         for tooth in range(self.blank.teeth):
-            along = tooth * self.grid.counts.around + columns
-            rows = np.arange(len(columns))[:, None] * self.width
-            index = rows + (along % self.width if self.blank.whole else along)
+            along = (tooth * self.grid.counts.around + columns) % self.width
+            index = np.arange(len(columns))[:, None] * self.width + along
             a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
             triangles += _stacked((a, b, c), (a, c, d))
             for row in (0, -1):
@@ -199,8 +198,7 @@ class _Layout:
 
     def _bore_row(self, row: int, tooth: int) -> Int[np.ndarray, " columns"]:
         """Return the indices of the bore points below `tooth` in row `row`, from space to space."""
-        along = tooth * self.per_pitch + np.arange(self.per_pitch + 1)
-        along = along % self.bore_width if self.blank.whole else along
+        along = (tooth * self.per_pitch + np.arange(self.per_pitch + 1)) % self.bore_width
         return self._bore_start + (row % len(self.z)) * self.bore_width + along
 
     def _bore_triangles(self) -> list[Triangles]:
@@ -377,8 +375,17 @@ def chordal_error(
         end = min(row + batch, rows)
         true = grid.rows_at(heights[row * _FINER : end * _FINER + 1], _FINER)
         part = points[row : end + 1]
-        inside = max(inside, *_off_planes(part, true), *_off_edges(grid, part, true))
-        across = max(across, *_off_chords(part, true[::_FINER]))
+        # Edges along the face lie between two pieces, chords in the sections.
+        edges = (
+            _from_edges(part[:-1, column], part[1:, column], true[:, column * _FINER])
+            for column in grid.counts.joints
+        )
+        chords = (
+            _from_edges(line[:-1], line[1:], true_line)
+            for line, true_line in zip(part, true[::_FINER], strict=True)
+        )
+        inside = max(inside, *_off_planes(part, true), *edges)
+        across = max(across, *chords)
     return _BETWEEN * max(inside, across), _BETWEEN * across
 
 
@@ -392,19 +399,6 @@ def _off_planes(points: np.ndarray, true: np.ndarray) -> Iterator[float]:
         first, other = planes if along >= up else planes[::-1]
         normal = np.where(first[1][..., None], first[0], other[0])
         yield float(np.abs(((at - a) * normal).sum(axis=-1)).max())
-
-
-def _off_edges(grid: ToothGrid, points: np.ndarray, true: np.ndarray) -> Iterator[float]:
-    """Yield the largest distances from the edges along the face between two pieces, mm."""
-    for column in grid.counts.joints:
-        line = points[:, column]
-        yield _from_edges(line[:-1], line[1:], true[:, column * _FINER])
-
-
-def _off_chords(points: np.ndarray, true: np.ndarray) -> Iterator[float]:
-    """Yield the largest distance of each section from its chords, mm."""
-    for line, true_line in zip(points, true, strict=True):
-        yield _from_edges(line[:-1], line[1:], true_line)
 
 
 def _plane(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
