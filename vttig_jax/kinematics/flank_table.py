@@ -14,6 +14,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -282,11 +283,8 @@ def tabulate_flanks(
     def nodes(angle: Float[Array, " chunk"]) -> Float[Array, "chunk 4"]:
         columns: list[Array] = []
         for flank in FLANKS:
-            value, slope = jax.jvp(
-                lambda angle, flank=flank: model.transmission_error(angle, flank),
-                (angle,),
-                (jnp.ones_like(angle),),
-            )
+            error = partial(model.transmission_error, flank=flank)
+            value, slope = jax.jvp(error, (angle,), (jnp.ones_like(angle),))
             columns += [value, step * slope]
         return jnp.stack(columns, axis=1)
 
