@@ -667,7 +667,8 @@ def contact_model(
         least, largest = sorted(map(float, moved.contact_ratios))
         # A tip edge alone touches in one section later than in the next.
         plain = misalignment is None and deviations is None and least > _MARGIN
-        uniform = bool(plain and _straight_and_equal(pair))
+        straight = not (pair.driving.crowning_um or pair.driven.crowning_um)
+        uniform = bool(plain and straight and pair.driving.helix_deg == pair.driven.helix_deg)
     if sections is None:
         sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
     if points is None:
@@ -737,9 +738,3 @@ def _check(teeth: tuple[Tooth, Tooth], mounting: Mounting, deviations: Deviation
                 f" {tooth.teeth}).",
                 where=f"{shaft}_pitch_um",
             )
-
-
-def _straight_and_equal(pair: GearPair) -> bool:
-    """Return whether the recessions are linear and equal on both gears."""
-    crowned = pair.driving.crowning_um != 0 or pair.driven.crowning_um != 0
-    return not crowned and pair.driving.helix_deg == pair.driven.helix_deg

@@ -633,11 +633,9 @@ def compare_stated(stated: StatedTable, found: GearMeasures) -> tuple[dict[str, 
     }
     reasons = {}
     if found.section_mm:
-        at = f"that of the middle of the face, not of z = {found.section_mm:g} mm"
-        reasons = {
-            "span_mm": f"The stated span is {at}.",
-            "over_balls_mm": f"The stated measure over balls is {at}.",
-        }
+        at = f"that of the middle of the face, not of z = {found.section_mm:g} mm."
+        reasons["span_mm"] = f"The stated span is {at}"
+        reasons["over_balls_mm"] = f"The stated measure over balls is {at}"
     else:
         if stated.span_teeth != span.teeth:
             reasons["span_mm"] = f"The stated span is over {stated.span_teeth} teeth."
@@ -687,19 +685,15 @@ def measures_text(
                 row += ["", ""]
         rows.append(row)
     table = [f"  {line}" for line in text_table(rows, headers).splitlines()]
-    angles, ratios, diameters = (
-        " / ".join(f"{value:.{digits}f}" for value in mesh[key].values())
-        for key, digits in (
-            ("working_pressure_angle_deg", 4),
-            ("contact_ratio", 3),
-            ("pitch_diameter_mm", 4),
-        )
-    )
+
+    def both(key: str, digits: int) -> str:
+        return " / ".join(f"{value:.{digits}f}" for value in mesh[key].values())
+
     backlash = [round(mesh[f"backlash_{unit}"], 4) + 0.0 for unit in ("deg", "mm")]  # no −0
     together = [
-        ("working pressure angle A / B", f"{angles}°"),
-        ("pitch diameters", f"{diameters} mm"),
-        ("contact ratio A / B", ratios),
+        ("working pressure angle A / B", f"{both('working_pressure_angle_deg', 4)}°"),
+        ("pitch diameters", f"{both('pitch_diameter_mm', 4)} mm"),
+        ("contact ratio A / B", both("contact_ratio", 3)),
         ("backlash", "{:.4f}° of the driven gear = {:.4f} mm".format(*backlash)),
     ]
     table.append(key_values(together, title=f"in mesh at a = {mesh['centre_distance_mm']:g} mm"))
