@@ -8,9 +8,9 @@ import pytest
 from tests.oracles import involute_contact as oracle
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.functions import exact_transmission_error, transmission_error
-from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
+from vttig_jax.pair.schema import FLANKS
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
 """Over the hunting period of 100.5 rad, and before it."""
 

@@ -17,6 +17,7 @@ from scipy.interpolate import RectBivariateSpline
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.deviations import Deviations, FlankMap
 from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.schema import FLANKS
 
 TEETH, DISTANCE, WIDTH = (45, 80), 125.12, 20.0
 BASE = tuple(count * math.cos(math.radians(20.0)) for count in TEETH)
@@ -33,7 +34,6 @@ MEASURED = {
 }
 """Rows and columns of the maps, half their width, and their first and last rows, mm."""
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 
 pytestmark = pytest.mark.slow  # the brute force takes half a minute a map
 
