@@ -22,12 +22,7 @@ from jaxtyping import Array, Complex, Float
 from ..base.arrays import Number, Numbers, float64, namespace, written
 from ..base.files.text_tables import key_values
 from ..base.units import DEG, REV
-from .pair_file import (
-    depth_ratio,
-    load_pair_spec,
-    transverse_module_mm,
-    transverse_pressure_angles_deg,
-)
+from .pair_file import load_pair_spec, transverse
 from .schema import (
     DriveTable,
     Encoder,
@@ -304,14 +299,14 @@ def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
     if spec.drive is not None:
         return Drive(spec.ratio, spec.driving, spec.driven, **sections)
     assert spec.pair is not None
-    driving, driven = (_gear(table) for table in (spec.driving, spec.driven))
+    module, angles, depth_ratio = transverse(spec)
     return GearPair(
-        driving,
-        driven,
-        module_mm=transverse_module_mm(spec),
-        pressure_angles_deg=transverse_pressure_angles_deg(spec),
+        _gear(spec.driving),
+        _gear(spec.driven),
+        module_mm=module,
+        pressure_angles_deg=angles,
         centre_distance_mm=spec.pair.centre_distance_mm,
-        rack=Rack(spec.rack.addendum, spec.rack.clearance, spec.rack.tip_radius, depth_ratio(spec)),
+        rack=Rack(spec.rack.addendum, spec.rack.clearance, spec.rack.tip_radius, depth_ratio),
         **sections,
     )
 
