@@ -328,12 +328,7 @@ def contact_search(
     if driven_angle is None:
         guess = concentric_touch(mates, distance)
         driven_angle = mates.ratio * driving_angle + guess
-    pose = Pose(
-        driving_angle[None] - number * mates.pitch,
-        number,
-        mounting.driving_centre(driving_angle[None]),
-        mounting.driven_centre(driven_angle[None]),
-    )
+    pose = mates.pose(mounting, driving_angle[None], driven_angle[None], number)
     return ContactSearch(mates, mounting, pose, guess, grid)
 
 
@@ -486,12 +481,7 @@ def _reach(contact: TouchPoint, gears: Gears) -> Reach:
     if driven_angle is None:
         error = jnp.where(contact.place == Place.NOTHING, 0.0, contact.error)
         driven_angle = mates.ratio * driving_angle + error
-    pose = Pose(
-        driving_angle - contact.tooth * mates.pitch,
-        contact.tooth,
-        mounting.driving_centre(driving_angle),
-        mounting.driven_centre(driven_angle),
-    )
+    pose = mates.pose(mounting, driving_angle, driven_angle, contact.tooth)
     share = share_of(mounting, jnp.zeros(())) if contact.share is None else contact.share
     return mates.reach(mounting, pose, contact.roll, share)
 

@@ -118,6 +118,11 @@ class Mates(eqx.Module):
     driven: Flank
     standing: Values
 
+    def pose(self, mounting: Mounting, driving: Values, driven: Values, tooth: Values) -> Pose:
+        """Return the position of tooth pairs at driving and driven angles, rad."""
+        centres = mounting.driving_centre(driving), mounting.driven_centre(driven)
+        return Pose(driving - tooth * self.pitch, tooth, *centres)
+
     def reach(self, mounting: Mounting, pose: Pose, roll: Values, share: Values) -> Reach:
         """Return the driven position for a driving roll angle, rad, and share of the common face.
 

@@ -513,15 +513,13 @@ def _around(
     area = np.abs(chord[..., 0] * middle[..., 1] - chord[..., 1] * middle[..., 0])
     sagitta = (area / np.maximum(length, 1e-12)).max(axis=0).reshape(-1, _PROBE).max(axis=1)
     total = length.max(axis=0).reshape(-1, _PROBE).sum(axis=1)
-    worst = dict.fromkeys(PARTS, 0.0)
-    for (_, part), size in zip(ORDER, sagitta, strict=True):
-        worst[part] = max(worst[part], float(size))
+    pieces = np.array([part for _, part in ORDER])
+    worst = {part: float(sagitta[pieces == part].max()) for part in PARTS}
     counts: dict[str, Any] = {
         part: max(1, math.ceil(_PROBE * math.sqrt(1.1 * size / tolerance)))
         for part, size in worst.items()
     }
-    pieces = zip(total, ORDER, strict=True)
-    step = max(length / counts[part] for length, (_, part) in pieces if part in CURVED)
+    step = max(total[k] / counts[part] for k, part in enumerate(pieces) if part in CURVED)
     return Counts(**counts), step
 
 
