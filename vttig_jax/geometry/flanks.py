@@ -183,10 +183,8 @@ def mates_of(
     for gear, (tooth, shaft) in enumerate(zip(teeth, SHAFTS, strict=True)):
         index = 1 - side if gear else side
         base = jnp.asarray(tooth.base_radii[index])
-        flank_map, pitch = (
-            getattr(deviations, shaft)[side],
-            getattr(deviations, f"{shaft}_pitch_um"),
-        )
+        flank_map = getattr(deviations, shaft)[side]
+        pitch = getattr(deviations, f"{shaft}_pitch_um")
         flank = Flank(
             base_radius=base,
             reference_radius=jnp.asarray(tooth.reference_radius),
