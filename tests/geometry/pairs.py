@@ -2,9 +2,8 @@
 
 from typing import Any
 
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
-
-FLANKS: tuple[Flank, Flank] = ("A", "B")
+from vttig_jax.pair.gear_pair import Gear, GearPair
+from vttig_jax.pair.schema import FLANKS as FLANKS
 
 
 def pair_of(

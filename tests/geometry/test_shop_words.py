@@ -65,7 +65,7 @@ def test_thinned_teeth_open_the_backlash_by_their_sum(tmp_path, distance):
     np.testing.assert_allclose(a, 0.0, atol=1e-12)
     np.testing.assert_allclose(b, float(thin.drawing_backlash), atol=1e-12)
     gears = [measure_gear(tooth_of(pair, "driving")) for pair in (thin, full)]
-    slender, whole = (float(gear.thickness.section or np.nan) for gear in gears)
+    slender, whole = (gear.tooth_thickness_mm for gear in gears)
     assert whole - slender == pytest.approx(0.08)
 
 

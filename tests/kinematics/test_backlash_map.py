@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.geometry.pairs import pair_of
 from vttig_jax.base.arrays import Numbers
 from vttig_jax.base.errors import PairError
 from vttig_jax.kinematics.backlash_map import BacklashMap
@@ -25,11 +26,6 @@ RIG = np.array([0.0226, 49.5, 0.0273, 79.3, 0.038, 0.02])
 """Eccentricities in mm and their phases in degrees, backlash in degrees, displacement in mm."""
 
 STEPS = np.array([1e-4, 0.1, 1e-4, 0.1, 1e-3, 1e-3])
-
-
-def pair_of(helix_deg=3.0):
-    gears = Gear(45, helix_deg, helix_deg), Gear(80, helix_deg, helix_deg)
-    return GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0, centre_distance_mm=125.12)
 
 
 def exact_map(rig):
@@ -117,7 +113,8 @@ def test_safe_closing_takes_up_the_smallest_gap_and_binds_nowhere(grid, paper_pa
 
 
 def test_safe_closing_without_taper_or_geometry(grid, paper_rig):
-    spur = BacklashMap(exact_model(pair_of(0.0), paper_rig), None, pair_of(0.0))
+    untapered = pair_of((0.0, 0.0))
+    spur = BacklashMap(exact_model(untapered, paper_rig), None, untapered)
     assert spur.safe_closing_mm == np.inf and "safe axial closing" not in str(spur)
     drive = BacklashMap(grid.model, None, Drive(Fraction(9, 16)))
     assert np.isnan(drive.safe_closing_mm)

@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.geometry.pairs import pair_of
 from tests.oracles import involute_contact as oracle
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.functions import exact_transmission_error, transmission_error
-from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities
+from vttig_jax.pair.schema import FLANKS
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
 """Over the hunting period of 100.5 rad, and before it."""
 
@@ -25,13 +26,7 @@ def make(
     axial=0.0,
 ):
     """The same rig for the package and for the oracle."""
-    pair = GearPair(
-        Gear(teeth[0], *helix),
-        Gear(teeth[1], *helix),
-        module_mm=2.0,
-        pressure_angles_deg=pressure,
-        centre_distance_mm=distance,
-    )
+    pair = pair_of(helix, teeth=teeth, distance=distance, pressure=pressure)
     rig = Eccentricities(e[0], 49.5, e[1], 79.3, backlash, axial)
     brute = oracle.Rig(
         teeth,

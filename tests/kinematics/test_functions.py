@@ -17,9 +17,9 @@ from vttig_jax.kinematics.functions import (
     exact_transmission_error,
     transmission_error,
 )
-from vttig_jax.pair.gear_pair import Eccentricities, Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Eccentricities, Gear, GearPair
+from vttig_jax.pair.schema import FLANKS
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 ANGLES = np.linspace(-3.0, 40.0, 97)
 
 phases = st.floats(0.0, 360.0)
@@ -112,11 +112,7 @@ def test_axial_displacement_both_ways(paper_pair, paper_rig):
 
 def test_unequal_helix_angles_move_each_flank_by_its_own():
     pair = GearPair(Gear(45, 3.0, 1.0), Gear(80, 3.0, 1.0), module_mm=2.0, pressure_angles_deg=20.0)
-    shift: dict[Flank, float] = {
-        "A": np.tan(np.radians(3.0)) / 80,
-        "B": -np.tan(np.radians(1.0)) / 80,
-    }
-    for flank, slope in shift.items():
+    for flank, slope in zip(FLANKS, np.tan(np.radians([3.0, -1.0])) / 80, strict=True):
         for te in (transmission_error, exact_transmission_error):
             moved = te(1.0, pair, Eccentricities(axial_mm=0.5), flank)
             assert float(moved) == pytest.approx(0.5 * slope, rel=1e-12)

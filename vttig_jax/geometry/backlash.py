@@ -14,6 +14,7 @@ from ..base.errors import PairError
 from ..base.files.text_tables import key_values, text_table
 from ..base.units import DEG
 from ..pair.gear_pair import GearPair
+from .mounting import Mounting
 from .tooth import Scalar
 
 TOUCHING = 1e-9
@@ -184,10 +185,8 @@ def _face_widths(pair: GearPair) -> Float[Array, "gear=2"]:
 
 def _common_face(pair: GearPair, axial: Scalar) -> tuple[Scalar, Scalar]:
     """Return the lowest and highest z of the common face; see `Mounting.face`."""
-    widths = _face_widths(pair)
-    driving, driven = jnp.where(jnp.isnan(widths), jnp.inf, widths) / 2
-    low, high = jnp.maximum(-driving, -driven - axial), jnp.minimum(driving, driven - axial)
-    return jnp.where(jnp.isinf(low), 0.0, low), jnp.where(jnp.isinf(high), 0.0, high)
+    centre = jnp.zeros((), complex)
+    return Mounting(pair.centre_distance_mm, axial, centre, centre, _face_widths(pair) / 2).face()
 
 
 def axial_for_backlash(

@@ -16,13 +16,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Array, Bool, Float, Int, Real
+from jaxtyping import Array, Bool, Float, Int
 
 from ..base.arrays import Numbers, float64, known
 from ..base.errors import PairError
 from ..base.numerics.implicit import at_extreme, known_root
-from ..kinematics.flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
+from ..kinematics.flank_model import (
+    FIRST_ORDERS,
+    Angles,
+    AnglesLike,
+    GridOrders,
+    ImplicitModel,
+    flank_index,
+)
 from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .checks import check_pointed, check_tooth, section_heights
 from .deviations import Deviations
@@ -322,12 +328,7 @@ def contact_search(
     if driven_angle is None:
         guess = concentric_touch(mates, distance)
         driven_angle = mates.ratio * driving_angle + guess
-    pose = Pose(
-        driving_angle[None] - number * mates.pitch,
-        number,
-        mounting.driving_centre(driving_angle[None]),
-        mounting.driven_centre(driven_angle[None]),
-    )
+    pose = mates.pose(mounting, driving_angle[None], driven_angle[None], number)
     return ContactSearch(mates, mounting, pose, guess, grid)
 
 
@@ -480,12 +481,7 @@ def _reach(contact: TouchPoint, gears: Gears) -> Reach:
     if driven_angle is None:
         error = jnp.where(contact.place == Place.NOTHING, 0.0, contact.error)
         driven_angle = mates.ratio * driving_angle + error
-    pose = Pose(
-        driving_angle - contact.tooth * mates.pitch,
-        contact.tooth,
-        mounting.driving_centre(driving_angle),
-        mounting.driven_centre(driven_angle),
-    )
+    pose = mates.pose(mounting, driving_angle, driven_angle, contact.tooth)
     share = share_of(mounting, jnp.zeros(())) if contact.share is None else contact.share
     return mates.reach(mounting, pose, contact.roll, share)
 
@@ -531,19 +527,12 @@ class ContactModel(ImplicitModel):
         """
         return FIRST_ORDERS if self.uniform else ((self.teeth[0].teeth, 0),)
 
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
+    def transmission_error(self, driving_angle: AnglesLike, flank: Flank) -> Angles:
         """Return TE = φ₂ − i φ₁ at first contact on `flank`, rad; NaN without contact."""
         angle = jnp.asarray(driving_angle, float)
         return self._error(flank, angle.ravel(), None).reshape(angle.shape)
 
-    def at_both_angles(
-        self,
-        driving_angle: Float[Array, "*shape"],
-        driven_angle: Float[Array, "*shape"],
-        flank: Flank,
-    ) -> Float[Array, "*shape"]:
+    def at_both_angles(self, driving_angle: Angles, driven_angle: Angles, flank: Flank) -> Angles:
         """Return TE at first contact, rad, with the driven base circle centre at the given φ₂."""
         first, second = jnp.broadcast_arrays(driving_angle, driven_angle)
         return self._error(flank, first.ravel(), second.ravel()).reshape(first.shape)
@@ -668,7 +657,8 @@ def contact_model(
         least, largest = sorted(map(float, moved.contact_ratios))
         # A tip edge alone touches in one section later than in the next.
         plain = misalignment is None and deviations is None and least > _MARGIN
-        uniform = bool(plain and _straight_and_equal(pair))
+        straight = not (pair.driving.crowning_um or pair.driven.crowning_um)
+        uniform = bool(plain and straight and pair.driving.helix_deg == pair.driven.helix_deg)
     if sections is None:
         sections = 1 if uniform else max(_SECTIONS, _knots(deviations, "z_mm"))
     if points is None:
@@ -738,9 +728,3 @@ def _check(teeth: tuple[Tooth, Tooth], mounting: Mounting, deviations: Deviation
                 f" {tooth.teeth}).",
                 where=f"{shaft}_pitch_um",
             )
-
-
-def _straight_and_equal(pair: GearPair) -> bool:
-    """Return whether the recessions are linear and equal on both gears."""
-    crowned = pair.driving.crowning_um != 0 or pair.driven.crowning_um != 0
-    return not crowned and pair.driving.helix_deg == pair.driven.helix_deg

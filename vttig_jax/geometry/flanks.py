@@ -10,7 +10,6 @@ on flank B. No equation of meshing is used: first contact is an extreme over all
 """
 
 import math
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -45,8 +44,8 @@ class Flank(eqx.Module):
     start: Values
     tip: Values
     recession: Recession
-    map: Bicubic | None = None
-    pitch: Float[Array, " teeth"] | None = None
+    map: Bicubic | None
+    pitch: Float[Array, " teeth"] | None
 
     @property
     def limits(self) -> Array:
@@ -119,6 +118,11 @@ class Mates(eqx.Module):
     driven: Flank
     standing: Values
 
+    def pose(self, mounting: Mounting, driving: Values, driven: Values, tooth: Values) -> Pose:
+        """Return the position of tooth pairs at driving and driven angles, rad."""
+        centres = mounting.driving_centre(driving), mounting.driven_centre(driven)
+        return Pose(driving - tooth * self.pitch, tooth, *centres)
+
     def reach(self, mounting: Mounting, pose: Pose, roll: Values, share: Values) -> Reach:
         """Return the driven position for a driving roll angle, rad, and share of the common face.
 
@@ -167,19 +171,6 @@ class Mates(eqx.Module):
         return x + pose.driving_centre[0], y + pose.driving_centre[1]
 
 
-def _flank_of(tooth: Tooth, index: int, start: Scalar, **deviations: Any) -> Flank:
-    base = jnp.asarray(tooth.base_radii[index])
-    return Flank(
-        base_radius=base,
-        reference_radius=jnp.asarray(tooth.reference_radius),
-        base_half_angle=jnp.asarray(tooth.base_half_angles[index]),
-        start=jnp.asarray(start),
-        tip=jnp.sqrt((tooth.tip_radius / base) ** 2 - 1),
-        recession=tooth.recession[index],
-        **deviations,
-    )
-
-
 def mates_of(
     teeth: tuple[Tooth, Tooth],
     starts: Float[Numbers, "gear=2 flank=2"],
@@ -188,21 +179,25 @@ def mates_of(
     side: int,
 ) -> Mates:
     """Return the flanks A (`side` 0) or B (1) of both gears; their `standing` is still 0."""
-    given = [{}, {}]
-    if deviations is not None:
-        for gear, shaft in enumerate(SHAFTS):
-            flank_map = getattr(deviations, shaft)[side]
-            pitch = getattr(deviations, f"{shaft}_pitch_um")
-            given[gear]["map"] = None if flank_map is None else flank_map.prepared()
-            given[gear]["pitch"] = None if pitch is None else jnp.asarray(pitch)[side]
-    return Mates(
-        sense=jnp.asarray(1.0 - 2.0 * side),
-        ratio=ratio,
-        pitch=jnp.asarray(2 * math.pi / teeth[0].teeth),
-        driving=_flank_of(teeth[0], side, starts[0, side], **given[0]),
-        driven=_flank_of(teeth[1], 1 - side, starts[1, side], **given[1]),
-        standing=jnp.zeros(()),
-    )
+    deviations, flanks = deviations or Deviations(), []
+    for gear, (tooth, shaft) in enumerate(zip(teeth, SHAFTS, strict=True)):
+        index = 1 - side if gear else side
+        base = jnp.asarray(tooth.base_radii[index])
+        flank_map = getattr(deviations, shaft)[side]
+        pitch = getattr(deviations, f"{shaft}_pitch_um")
+        flank = Flank(
+            base_radius=base,
+            reference_radius=jnp.asarray(tooth.reference_radius),
+            base_half_angle=jnp.asarray(tooth.base_half_angles[index]),
+            start=jnp.asarray(starts[gear, side]),
+            tip=jnp.sqrt((tooth.tip_radius / base) ** 2 - 1),
+            recession=tooth.recession[index],
+            map=None if flank_map is None else flank_map.prepared(),
+            pitch=None if pitch is None else jnp.asarray(pitch)[side],
+        )
+        flanks.append(flank)
+    pitch = jnp.asarray(2 * math.pi / teeth[0].teeth)
+    return Mates(jnp.asarray(1.0 - 2.0 * side), ratio, pitch, *flanks, standing=jnp.zeros(()))
 
 
 def flank_starts(teeth: tuple[Tooth, Tooth]) -> Float[Numbers, "gear=2 flank=2"]:

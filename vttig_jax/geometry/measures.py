@@ -1,8 +1,8 @@
 """Workshop measures of one gear: tooth thickness, span and distance over balls."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,23 +42,29 @@ def recession_slopes(tooth: Tooth, z: Float[np.ndarray, "*shape"]) -> Float[np.n
     return np.asarray(tooth.recessions(z + step) - tooth.recessions(z - step)) / (2 * step)
 
 
-def base_helix_angles(
-    tooth: Tooth, z: Float[np.ndarray, "*shape"]
-) -> Float[np.ndarray, "*shape 2"]:
-    """Return the base helix angles of the left and the right flank at height z, rad.
+def base_helix_angles(tooth: Tooth, z: float) -> Float[np.ndarray, "2"]:
+    """Return the base helix angles of the left and the right flank at height z (mm), rad.
 
         tan β_b = (r_b/R) dδ/dz
 
     They are positive if the tooth becomes thinner towards +z; the left flank is then left-handed
     and the right flank right-handed.
     """
-    return np.arctan(recession_slopes(tooth, z) * (tooth.base_radii / tooth.reference_radius))
+    (slopes,) = recession_slopes(tooth, np.array([z]))
+    return np.arctan(slopes * (tooth.base_radii / tooth.reference_radius))
 
 
 def base_half_angles(tooth: Tooth, z: float) -> Float[np.ndarray, "2"]:
     """Return the half angles of the tooth on the base circles at height z (mm), rad."""
     receded = np.asarray(tooth.recessions(np.asarray(z, float))) / tooth.reference_radius
     return np.asarray(tooth.base_half_angles) - receded
+
+
+class Flanks(NamedTuple):
+    """Values of the left and the right flank."""
+
+    left: float
+    right: float
 
 
 @dataclass(frozen=True)
@@ -120,9 +126,9 @@ def span(tooth: Tooth, z: float = 0.0, teeth: int | None = None) -> Span:
         )
     # Outermost flanks have a common normal if their base helices have the same hand and angle; a
     # crowned flank has one only where its helix angle is zero.
-    left_helix, right_helix = _base_helices(tooth, z)
-    around = z + float(tooth.module_mm) * np.array([-1.0, 0.0, 1.0])
-    curved = (np.ptp(base_helix_angles(tooth, around), axis=0) > _SAME).any()
+    left_helix, right_helix = base_helix_angles(tooth, z)
+    around = [base_helix_angles(tooth, z + k * float(tooth.module_mm)) for k in (-1, 0, 1)]
+    curved = (np.ptp(around, axis=0) > _SAME).any()
     common = abs(left_helix + right_helix) <= _SAME and not (curved and abs(left_helix) > _SAME)
     normal = abs(left_helix) if common else None
     cosine = math.cos(normal or 0.0)
@@ -135,10 +141,6 @@ def span(tooth: Tooth, z: float = 0.0, teeth: int | None = None) -> Span:
         return Span(None if teeth is None else teeth, reason=reason)
     reason = _measuring_error(tooth, z, normal, value)
     return Span(k, value, transverse, 2 * contact, measurable=reason is None, reason=reason)
-
-
-def _base_helices(tooth: Tooth, z: float) -> Float[np.ndarray, "2"]:
-    return base_helix_angles(tooth, np.array([z]))[0]
 
 
 def _transverse(tooth: Tooth, z: float, teeth: int) -> float:
@@ -183,7 +185,7 @@ def _contact_error(tooth: Tooth, teeth: int, contact: float) -> str | None:
 def _measuring_error(tooth: Tooth, z: float, normal: float | None, value: float) -> str | None:
     """Return a sentence if no micrometer can measure the span, else None."""
     if normal is None:
-        left, right = _base_helices(tooth, z) / DEG
+        left, right = base_helix_angles(tooth, z) / DEG
         if left * right > 0:
             first, second = SIDES if left > 0 else SIDES[::-1]
             cause = (
@@ -216,17 +218,19 @@ class OverBalls:
     - `ball_diameter_mm`: diameter D of the balls.
     - `value_mm`: 2 r_M + D, or 2 r_M cos(π/2z) + D if z is odd; None with a `reason`.
     - `centre_diameter_mm`: 2 r_M, the diameter of the circle of the ball centres.
-    - `contact_diameters_mm`, `contact_z_mm`: diameters and heights at which a ball touches the left
+    - `contact_diameter_mm`, `contact_z_mm`: diameters and heights at which a ball touches the left
       and the right flank.
     - `reason`: sentence that explains a missing value.
+    - `per_axial_mm`: change dM/dz of the value per mm by which the balls are held higher.
     """
 
     ball_diameter_mm: float
     value_mm: float | None = None
     centre_diameter_mm: float | None = None
-    contact_diameters_mm: tuple[float, float] | None = None
-    contact_z_mm: tuple[float, float] | None = None
+    contact_diameter_mm: Flanks | None = None
+    contact_z_mm: Flanks | None = None
     reason: str | None = None
+    per_axial_mm: float | None = None
 
 
 def over_balls(tooth: Tooth, ball_mm: float, z: float = 0.0) -> OverBalls:
@@ -243,7 +247,8 @@ def over_balls(tooth: Tooth, ball_mm: float, z: float = 0.0) -> OverBalls:
 
         inv α_L(r_M) + inv α_R(r_M) = ψ_bL(z) + ψ_bR(z) + E_L + E_R − 2π/z,   cos α(r) = r_b/r
 
-    For equal flanks this is inv α_M = s_t(z)/d + inv αₜ + D/(d_b cos β_b) − π/z.
+    For equal flanks this is inv α_M = s_t(z)/d + inv αₜ + D/(d_b cos β_b) − π/z. The change of the
+    measurement along the axis follows from the slopes of δ at the points of contact.
 
     **Example**
     ```python
@@ -288,9 +293,14 @@ def over_balls(tooth: Tooth, ball_mm: float, z: float = 0.0) -> OverBalls:
         reason = "would touch beyond the end of the face; measure closer to its middle"
     if reason:
         return OverBalls(ball_mm, reason=f"A ball of {ball_mm:g} mm {reason}.")
-    distance = 2 * centre * (math.cos(math.pi / 2 / tooth.teeth) if tooth.teeth % 2 else 1.0)
-    left, right = contacts
-    return OverBalls(ball_mm, distance + ball_mm, 2 * centre, (2 * left, 2 * right), heights)
+    askew = math.cos(math.pi / 2 / tooth.teeth) if tooth.teeth % 2 else 1.0
+    slopes = recession_slopes(tooth, np.array(heights))
+    thinning = float(slopes[0, 0] + slopes[1, 1]) / float(tooth.reference_radius)
+    # d(inv α)/dr = tan α / r for either flank
+    tangents = np.sqrt((centre / tooth.base_radii) ** 2 - 1)
+    slope = float(-2 * askew * thinning * centre / tangents.sum())
+    touching = Flanks(2 * contacts[0], 2 * contacts[1]), Flanks(*heights)
+    return OverBalls(ball_mm, 2 * centre * askew + ball_mm, 2 * centre, *touching, None, slope)
 
 
 def usual_ball(tooth: Tooth, z: float = 0.0) -> float:
@@ -324,7 +334,7 @@ def _ideal_ball(tooth: Tooth, z: float) -> float:
     circle = float(tooth.reference_radius + tooth.profile_shift_mm)
     spaces = math.pi / tooth.teeth - base_half_angles(tooth, z)
     diameters = []
-    helices = _base_helices(tooth, z)
+    helices = base_helix_angles(tooth, z)
     for base, space, helix in zip(tooth.base_radii, spaces, helices, strict=True):
         roll = math.sqrt(max((circle / base) ** 2 - 1, 0.0))
         target, square = space + roll / math.cos(helix) ** 2, math.tan(helix) ** 2
@@ -369,64 +379,71 @@ def _stand_off(tooth: Tooth, side: int, half: float, z: float) -> tuple[float, f
 
 
 @dataclass(frozen=True)
-class FaceThickness:
-    """Tooth thickness at one radius, as arcs in mm, in a section and at the ends of the face.
+class ThicknessAt:
+    """Tooth thickness at one radius, as arcs in mm; None where there is no involute.
 
     **Arguments**
     - `radius_mm`: radius of the circle.
-    - `thin`, `thick`: thickness at the two ends of the face, None without face width.
-    - `section`: thickness at the measured section.
-    - `reason`: sentence that explains a missing thickness.
+    - `thin_mm`, `thick_mm`: thickness at the two ends of the face, None without face width.
+    - `section_mm`: thickness at the measured section.
     """
 
     radius_mm: float
-    thin: float | None = None
-    section: float | None = None
-    thick: float | None = None
-    reason: str | None = None
+    thin_mm: float | None = None
+    section_mm: float | None = None
+    thick_mm: float | None = None
 
 
 @dataclass(frozen=True)
 class GearMeasures:
-    """Workshop measures of one gear in mm and degrees; pairs of flanks are (left, right).
+    """Workshop measures of one gear in mm and degrees, with the names that they have in JSON.
 
     **Arguments**
-    - `teeth`: number of teeth; `section_mm`: height of the measured section.
-    - `reference_diameter_mm` … `form_diameters_mm`: diameters of the circles; the involute of a
-      flank begins at its form circle. `undercut`: whether the fillet cuts into a flank.
+    - `section_mm`: height of the measured section. `undercut`: whether a fillet cuts into a flank.
+    - `tooth_thickness_thin_mm` … `tip_thickness_thick_mm`: arcs of the reference and the tip circle
+      at the thin end of the face, in the section and at the thick end.
+    - `tip_diameter_mm` … `form_diameter_mm`: diameters of the circles; the involute of a flank
+      begins at its form circle.
     - `base_helix_deg`: base helix angles at the section, positive where the flank thins the tooth
       towards +z.
-    - `thickness`, `tip_thickness`: at the reference and the tip circle; `thickness_at`: at further
-      radii.
     - `chordal_thickness_mm`, `chordal_height_mm`: at the reference circle, in the transverse plane.
-    - `span`, `over_balls`: results of the functions of the same name. `over_balls_slope`: change
-      of the measurement over balls per mm of z, mm/mm; None if it has no value.
+    - `span_mm`, `over_balls_mm`: results of `span` and `over_balls`.
+    - `thickness_at`: thickness at further radii.
     """
 
-    teeth: int
     section_mm: float
-    reference_diameter_mm: float
+    undercut: bool
+    teeth: int
+    tooth_thickness_thin_mm: float | None
+    tooth_thickness_mm: float
+    tooth_thickness_thick_mm: float | None
+    tip_thickness_thin_mm: float | None
+    tip_thickness_mm: float
+    tip_thickness_thick_mm: float | None
     tip_diameter_mm: float
     root_diameter_mm: float
-    base_diameters_mm: tuple[float, float]
-    form_diameters_mm: tuple[float, float]
-    undercut: bool
-    base_helix_deg: tuple[float, float]
-    thickness: FaceThickness
-    tip_thickness: FaceThickness
-    thickness_at: tuple[FaceThickness, ...]
+    reference_diameter_mm: float
+    base_diameter_mm: Flanks
+    form_diameter_mm: Flanks
+    base_helix_deg: Flanks
     chordal_thickness_mm: float
     chordal_height_mm: float
-    span: Span
-    over_balls: OverBalls
-    over_balls_slope: float | None
+    span_mm: Span
+    over_balls_mm: OverBalls
+    thickness_at: tuple[ThicknessAt, ...]
 
     @property
     def notes(self) -> list[str]:
         """Sentences on measures that are missing or need care."""
-        notes = [item.reason for item in (*self.thickness_at, self.span, self.over_balls)]
-        form, balls = max(self.form_diameters_mm), self.over_balls
-        if self.thickness.thin is None:
+        form, balls = max(self.form_diameter_mm), self.over_balls_mm
+        notes = [
+            f"There is no involute at a radius of {arc.radius_mm:g} mm: it reaches from"
+            f" {form / 2:.4f} to {self.tip_diameter_mm / 2:.4f} mm."
+            for arc in self.thickness_at
+            if arc.section_mm is None
+        ]
+        notes += [reason for reason in (self.span_mm.reason, balls.reason) if reason]
+        if self.tooth_thickness_thin_mm is None:
             notes.append("The drawing gives no face_width_mm, so that its teeth have no ends.")
         if self.undercut:
             notes.append(
@@ -447,40 +464,26 @@ class GearMeasures:
                 f"Hold the centres of the balls at z = {self.section_mm:g} mm: where teeth taper,"
                 " the measure changes along the axis."
             )
-        return [note for note in notes if note is not None]
+        return notes
 
     @property
     def tapered(self) -> bool:
         """Whether the measurement over balls changes along the axis by more than 1e-6 mm/mm."""
-        return abs(self.over_balls_slope or 0.0) > 1e-6
+        return abs(self.over_balls_mm.per_axial_mm or 0.0) > 1e-6
 
     def to_json(self) -> dict[str, Any]:
         """Return the record of one gear in an object of schema `vttig.measure/1`."""
-        circles = {"tooth_thickness": self.thickness, "tip_thickness": self.tip_thickness}
-        places = ("thin_", "thin"), ("", "section"), ("thick_", "thick")
-        return {
-            "teeth": self.teeth,
-            **{
-                f"{name}_{prefix}mm": getattr(arc, place)
-                for name, arc in circles.items()
-                for prefix, place in places
-            },
-            "tip_diameter_mm": self.tip_diameter_mm,
-            "root_diameter_mm": self.root_diameter_mm,
-            "reference_diameter_mm": self.reference_diameter_mm,
-            "base_diameter_mm": _named(SIDES, self.base_diameters_mm),
-            "form_diameter_mm": _named(SIDES, self.form_diameters_mm),
-            "base_helix_deg": _named(SIDES, self.base_helix_deg),
-            "chordal_thickness_mm": self.chordal_thickness_mm,
-            "chordal_height_mm": self.chordal_height_mm,
-            "span_mm": _record(self.span),
-            "over_balls_mm": _record(self.over_balls) | {"per_axial_mm": self.over_balls_slope},
-            "thickness_at": [
-                {"radius_mm": arc.radius_mm} | {f"{p}_mm": getattr(arc, p) for _, p in places}
-                for arc in self.thickness_at
-            ],
-            "notes": self.notes,
-        }
+        fields = asdict(self, dict_factory=_record) | {"notes": self.notes}
+        return {key: fields[key] for key in fields if key not in ("section_mm", "undercut")}
+
+
+def _record(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the fields of a measure by their names in JSON, values of both flanks by side."""
+    short = {"value_mm": "value", "transverse_mm": "transverse"}
+    return {
+        short.get(name, name): value._asdict() if isinstance(value, Flanks) else value
+        for name, value in fields
+    }
 
 
 def measure_gear(
@@ -509,9 +512,10 @@ def measure_gear(
     >>> gears = Gear(45, 3.0, 3.0, 20.0), Gear(80, 3.0, 3.0, 20.0)
     >>> pair = GearPair(*gears, module_mm=2.0, pressure_angles_deg=20.0)
     >>> gear = measure_gear(tooth_of(pair, "driving"))
-    >>> print(f"{gear.thickness.thin:.4f} … {gear.thickness.thick:.4f} mm")
+    >>> print(f"{gear.tooth_thickness_thin_mm:.4f} … {gear.tooth_thickness_thick_mm:.4f} mm")
     2.0934 … 4.1897 mm
-    >>> print(f"{gear.over_balls.value_mm:.4f} mm over {gear.over_balls.ball_diameter_mm} mm")
+    >>> balls = gear.over_balls_mm
+    >>> print(f"{balls.value_mm:.4f} mm over {balls.ball_diameter_mm} mm")
     94.9666 mm over 3.5 mm
 
     ```
@@ -524,41 +528,39 @@ def measure_gear(
     radius, tip = float(tooth.reference_radius), float(tooth.tip_radius)
     forms = [form_radius(tooth, side) for side in SIDES]
     diameter = usual_ball(tooth, section_mm) if ball_mm is None else ball_mm
-    ball = over_balls(tooth, diameter, section_mm)
     mean = float(tooth.half_angles(np.array([radius]), np.array([section_mm])).sum() / 2)
     low = max(forms)
-    involutes = f"it reaches from {low:.4f} to {tip:.4f} mm."
     return GearMeasures(
-        teeth=tooth.teeth,
-        section_mm=section_mm,
-        reference_diameter_mm=2 * radius,
+        section_mm,
+        any(undercut_depth(tooth, side) > 0 for side in SIDES),
+        tooth.teeth,
+        *_thickness(tooth, radius, section_mm),
+        *_thickness(tooth, tip, section_mm),
         tip_diameter_mm=2 * tip,
         root_diameter_mm=2 * float(tooth.root_radius),
-        base_diameters_mm=_both(2 * tooth.base_radii),
-        form_diameters_mm=_both([2 * form for form in forms]),
-        undercut=any(undercut_depth(tooth, side) > 0 for side in SIDES),
-        base_helix_deg=_both(_base_helices(tooth, section_mm) / DEG),
-        thickness=_face_thickness(tooth, radius, section_mm),
-        tip_thickness=_face_thickness(tooth, tip, section_mm),
-        thickness_at=tuple(
-            _face_thickness(tooth, r, section_mm)
-            if low <= r <= tip
-            else FaceThickness(
-                r, reason=f"There is no involute at a radius of {r:g} mm: {involutes}"
-            )
-            for r in radii_mm
-        ),
+        reference_diameter_mm=2 * radius,
+        base_diameter_mm=Flanks(*map(float, 2 * tooth.base_radii)),
+        form_diameter_mm=Flanks(*(2 * form for form in forms)),
+        base_helix_deg=Flanks(*map(float, base_helix_angles(tooth, section_mm) / DEG)),
         chordal_thickness_mm=2 * radius * math.sin(mean),
         chordal_height_mm=tip - radius * math.cos(mean),
-        span=span(tooth, section_mm, span_teeth or span(tooth).teeth),
-        over_balls=ball,
-        over_balls_slope=_slope(tooth, ball),
+        span_mm=span(tooth, section_mm, span_teeth or span(tooth).teeth),
+        over_balls_mm=over_balls(tooth, diameter, section_mm),
+        thickness_at=tuple(
+            ThicknessAt(r, *(_thickness(tooth, r, section_mm) if low <= r <= tip else ()))
+            for r in radii_mm
+        ),
     )
 
 
-def _both(values: Iterable[Any]) -> tuple[float, float]:
-    left, right = values
-    return float(left), float(right)
+def _thickness(
+    tooth: Tooth, radius: float, section: float
+) -> tuple[float | None, float, float | None]:
+    """Return the thickness, mm, at the thin end of the face, in a section and at the thick end."""
+    width = float(tooth.face_width_mm)
+    heights = np.array([section] if np.isnan(width) else [section, -width / 2, width / 2])
+    middle, *ends = map(float, tooth.thickness(np.full_like(heights, radius), heights))
+    return min(ends, default=None), middle, max(ends, default=None)
 
 
 def measure_pair(pair: GearPair) -> dict[str, Any]:
@@ -589,39 +591,8 @@ def measure_pair(pair: GearPair) -> dict[str, Any]:
     }
 
 
-def _named(names: Iterable[str], values: Any) -> Any:
-    """Return values by their names; None for no values."""
-    return None if values is None else dict(zip(names, map(float, values), strict=True))
-
-
-def _record(found: Span | OverBalls) -> dict[str, Any]:
-    """Return the fields of a measure by their names in JSON, pairs of flanks by their side."""
-    short = {"value_mm": "value", "transverse_mm": "transverse"}
-    named = {k: _named(SIDES, v) if isinstance(v, tuple) else v for k, v in vars(found).items()}
-    return {short.get(k, k.replace("diameters", "diameter")): v for k, v in named.items()}
-
-
-def _face_thickness(tooth: Tooth, radius: float, section: float) -> FaceThickness:
-    width = float(tooth.face_width_mm)
-    heights = np.array([section] if np.isnan(width) else [section, -width / 2, width / 2])
-    middle, *ends = map(float, tooth.thickness(np.full_like(heights, radius), heights))
-    return FaceThickness(radius, min(ends, default=None), middle, max(ends, default=None))
-
-
-def _slope(tooth: Tooth, ball: OverBalls) -> float | None:
-    """Return the change dM/dz of the measurement over balls, mm/mm; None without a measurement.
-
-    It follows from the derivative of Σ inv α(r_M) = … − (δ_L + δ_R)/R at the points of contact.
-    """
-    if ball.centre_diameter_mm is None or ball.contact_z_mm is None:
-        return None
-    slopes = recession_slopes(tooth, np.array(ball.contact_z_mm))
-    thinning = float(slopes[0, 0] + slopes[1, 1]) / float(tooth.reference_radius)
-    centre = ball.centre_diameter_mm / 2
-    # d(inv α)/dr = tan α / r for either flank
-    tangents = np.sqrt((centre / tooth.base_radii) ** 2 - 1)
-    odd_factor = np.cos(np.pi / 2 / tooth.teeth) if tooth.teeth % 2 else 1.0
-    return float(-2 * odd_factor * thinning * centre / tangents.sum())
+def _named(names: Iterable[str], values: Any) -> dict[str, float]:
+    return dict(zip(names, map(float, values), strict=True))
 
 
 class Stated(NamedTuple):
@@ -651,10 +622,10 @@ def compare_stated(stated: StatedTable, found: GearMeasures) -> tuple[dict[str, 
 
     ```
     """
-    span, balls = found.span, found.over_balls
+    span, balls = found.span_mm, found.over_balls_mm
     computed = {
-        "tooth_thickness_thin_mm": found.thickness.thin,
-        "tooth_thickness_thick_mm": found.thickness.thick,
+        "tooth_thickness_thin_mm": found.tooth_thickness_thin_mm,
+        "tooth_thickness_thick_mm": found.tooth_thickness_thick_mm,
         "tip_diameter_mm": found.tip_diameter_mm,
         "root_diameter_mm": found.root_diameter_mm,
         "span_mm": span.value_mm,
@@ -662,11 +633,9 @@ def compare_stated(stated: StatedTable, found: GearMeasures) -> tuple[dict[str, 
     }
     reasons = {}
     if found.section_mm:
-        at = f"that of the middle of the face, not of z = {found.section_mm:g} mm"
-        reasons = {
-            "span_mm": f"The stated span is {at}.",
-            "over_balls_mm": f"The stated measure over balls is {at}.",
-        }
+        at = f"that of the middle of the face, not of z = {found.section_mm:g} mm."
+        reasons["span_mm"] = f"The stated span is {at}"
+        reasons["over_balls_mm"] = f"The stated measure over balls is {at}"
     else:
         if stated.span_teeth != span.teeth:
             reasons["span_mm"] = f"The stated span is over {stated.span_teeth} teeth."
@@ -681,9 +650,6 @@ def compare_stated(stated: StatedTable, found: GearMeasures) -> tuple[dict[str, 
             comparable = value is not None and name not in reasons
             comparison[name] = Stated(given, given - value if comparable else None)
     return comparison, [sentence for name, sentence in reasons.items() if name in comparison]
-
-
-_Cell = Callable[[GearMeasures], Any]
 
 
 def measures_text(
@@ -708,10 +674,9 @@ def measures_text(
     for name in gears:
         headers += [name, "stated", "difference"] if with_stated else [name]
     rows = []
-    for label, key, cell in _rows(list(gears.values())):
+    for label, key, cells in _rows(list(gears.values())):
         row = [label]
-        for name, measures in gears.items():
-            value = cell(measures)
+        for name, value in zip(gears, cells, strict=True):
             row.append(f"{value:.4f}" if isinstance(value, float) else value)
             if with_stated and (given := stated[name].get(key)):
                 excess = "–" if given.difference is None else f"{given.difference:+.4f}"
@@ -720,19 +685,15 @@ def measures_text(
                 row += ["", ""]
         rows.append(row)
     table = [f"  {line}" for line in text_table(rows, headers).splitlines()]
-    angles, ratios, diameters = (
-        " / ".join(f"{value:.{digits}f}" for value in mesh[key].values())
-        for key, digits in (
-            ("working_pressure_angle_deg", 4),
-            ("contact_ratio", 3),
-            ("pitch_diameter_mm", 4),
-        )
-    )
+
+    def both(key: str, digits: int) -> str:
+        return " / ".join(f"{value:.{digits}f}" for value in mesh[key].values())
+
     backlash = [round(mesh[f"backlash_{unit}"], 4) + 0.0 for unit in ("deg", "mm")]  # no −0
     together = [
-        ("working pressure angle A / B", f"{angles}°"),
-        ("pitch diameters", f"{diameters} mm"),
-        ("contact ratio A / B", ratios),
+        ("working pressure angle A / B", f"{both('working_pressure_angle_deg', 4)}°"),
+        ("pitch diameters", f"{both('pitch_diameter_mm', 4)} mm"),
+        ("contact ratio A / B", both("contact_ratio", 3)),
         ("backlash", "{:.4f}° of the driven gear = {:.4f} mm".format(*backlash)),
     ]
     table.append(key_values(together, title=f"in mesh at a = {mesh['centre_distance_mm']:g} mm"))
@@ -744,57 +705,50 @@ def measures_text(
     return "\n".join([title, *table, *(["", "notes:", *lines] if lines else [])])
 
 
-def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, _Cell]]:
-    """Return label, key of the stated value ("" for none) and a function for each row.
+def _rows(gears: list[GearMeasures]) -> list[tuple[str, str, list[Any]]]:
+    """Return label, key and the cells of all gears for each row; lengths are in mm."""
 
-    The function takes the measures of a gear and returns the cell; lengths are in mm.
-    """
-    radii = [thickness.radius_mm for thickness in gears[0].thickness_at]
-    tapered = any(measures.tapered for measures in gears)
-    ends = ("thin end", "thin"), ("section", "section"), ("thick end", "thick")
-    measurable = any(gear.span.measurable for gear in gears)
+    def rows(label: str, key: str) -> list[tuple[str, str, list[Any]]]:
+        """Return one row, or one for each flank where the flanks of a gear differ."""
+        values = [getattr(gear, key) for gear in gears]
+        if not isinstance(values[0], Flanks):
+            return [(label, key, values)]
+        left, right = ([getattr(flanks, side) for flanks in values] for side in SIDES)
+        if left == right:
+            return [(label, key, left)]
+        return [(f"{label}, left flank", key, left), (f"{label}, right flank", key, right)]
+
+    helices = [gear.base_helix_deg for gear in gears]
+    spans, balls = [gear.span_mm for gear in gears], [gear.over_balls_mm for gear in gears]
+    span_label = "span" if any(s.measurable for s in spans) else "span, a computed figure"
+    slopes = ("over balls, per mm of z", "", [b.per_axial_mm for b in balls])
+    places = ("thin end", "thin_mm"), ("section", "section_mm"), ("thick end", "thick_mm")
     return [
-        ("teeth", "", lambda g: str(g.teeth)),
-        ("reference diameter", "", lambda g: g.reference_diameter_mm),
-        ("tip diameter", "tip_diameter_mm", lambda g: g.tip_diameter_mm),
-        ("root diameter", "root_diameter_mm", lambda g: g.root_diameter_mm),
-        *_by_side(gears, "base diameter", lambda g: g.base_diameters_mm),
-        *_by_side(gears, "form diameter", lambda g: g.form_diameters_mm),
-        ("base helix and hand, left flank [°]", "", lambda g: _handed(g.base_helix_deg[0], "LR")),
-        ("base helix and hand, right flank [°]", "", lambda g: _handed(g.base_helix_deg[1], "RL")),
-        ("thickness, thin end", "tooth_thickness_thin_mm", lambda g: g.thickness.thin),
-        ("thickness, section", "", lambda g: g.thickness.section),
-        ("thickness, thick end", "tooth_thickness_thick_mm", lambda g: g.thickness.thick),
-        ("tip thickness, thin end", "", lambda g: g.tip_thickness.thin),
-        ("tip thickness, section", "", lambda g: g.tip_thickness.section),
+        ("teeth", "", [str(gear.teeth) for gear in gears]),
+        *rows("reference diameter", "reference_diameter_mm"),
+        *rows("tip diameter", "tip_diameter_mm"),
+        *rows("root diameter", "root_diameter_mm"),
+        *rows("base diameter", "base_diameter_mm"),
+        *rows("form diameter", "form_diameter_mm"),
+        ("base helix and hand, left flank [°]", "", [_handed(b.left, "LR") for b in helices]),
+        ("base helix and hand, right flank [°]", "", [_handed(b.right, "RL") for b in helices]),
+        *rows("thickness, thin end", "tooth_thickness_thin_mm"),
+        *rows("thickness, section", "tooth_thickness_mm"),
+        *rows("thickness, thick end", "tooth_thickness_thick_mm"),
+        *rows("tip thickness, thin end", "tip_thickness_thin_mm"),
+        *rows("tip thickness, section", "tip_thickness_mm"),
         *(
-            (
-                f"thickness at r = {radius:g}, {label}",
-                "",
-                lambda g, k=k, place=place: getattr(g.thickness_at[k], place),
-            )
-            for k, radius in enumerate(radii)
-            for label, place in ends
+            (f"thickness at r = {at[0].radius_mm:g}, {label}", "", [getattr(a, key) for a in at])
+            for at in zip(*(gear.thickness_at for gear in gears), strict=True)
+            for label, key in places
         ),
-        ("chordal thickness", "", lambda g: g.chordal_thickness_mm),
-        ("height above the chord", "", lambda g: g.chordal_height_mm),
-        ("teeth spanned", "", lambda g: None if g.span.teeth is None else str(g.span.teeth)),
-        ("span" if measurable else "span, a computed figure", "span_mm", lambda g: g.span.value_mm),
-        ("ball diameter", "", lambda g: f"{g.over_balls.ball_diameter_mm:g}"),
-        ("over balls", "over_balls_mm", lambda g: g.over_balls.value_mm),
-        *([("over balls, per mm of z", "", lambda g: g.over_balls_slope)] if tapered else []),
-    ]
-
-
-def _by_side(
-    gears: list[GearMeasures], label: str, values: Callable[[GearMeasures], tuple[float, float]]
-) -> list[tuple[str, str, _Cell]]:
-    """Return one row if left and right value agree in all gears, else one row for each flank."""
-    if all(values(g)[0] == values(g)[1] for g in gears):
-        return [(label, "", lambda g: values(g)[0])]
-    return [
-        (f"{label}, left flank", "", lambda g: values(g)[0]),
-        (f"{label}, right flank", "", lambda g: values(g)[1]),
+        *rows("chordal thickness", "chordal_thickness_mm"),
+        *rows("height above the chord", "chordal_height_mm"),
+        ("teeth spanned", "", [None if s.teeth is None else str(s.teeth) for s in spans]),
+        (span_label, "span_mm", [s.value_mm for s in spans]),
+        ("ball diameter", "", [f"{b.ball_diameter_mm:g}" for b in balls]),
+        ("over balls", "over_balls_mm", [b.value_mm for b in balls]),
+        *([slopes] if any(gear.tapered for gear in gears) else []),
     ]
 
 

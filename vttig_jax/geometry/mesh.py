@@ -25,6 +25,8 @@ from .surface import PARTS, turned
 from .tooth import Tooth
 
 Triangles = Int[np.ndarray, "_ 3"]
+Line = Int[np.ndarray, "_"]
+Keys = Float[np.ndarray, "_"]
 
 _FOLLOWS = 0.5
 """Rotation of the spaces, in half pitches, above which the bore rotates with them (chosen)."""
@@ -105,10 +107,10 @@ def gear_mesh(
     blank = blank_of(tooth, teeth=teeth, bore_mm=bore_mm, tolerance_mm=tolerance_mm)
     grid, error = fitting_grid(blank.profile, tolerance_mm, blank.teeth, rounding)
     progress()
+    bore = _Bore(grid, blank, tolerance_mm)
     points = grid.points()
-    layout = _Layout(grid, blank, tolerance_mm)
-    vertices = layout.vertices(points).astype(rounding).astype(float)
-    triangles = layout.triangles(points, vertices)
+    vertices = _vertices(points, bore, blank).astype(rounding).astype(float)
+    triangles = _triangles(grid, points, vertices, bore, blank)
     used = np.zeros(len(vertices), bool)
     used[triangles] = True  # points of pieces that have no area are in no triangle
     progress()
@@ -117,115 +119,98 @@ def gear_mesh(
         triangles=(np.cumsum(used) - 1)[triangles],
         teeth=blank.teeth,
         sections=len(grid.z),
-        error_mm=max(error, layout.bore_error_mm),
+        error_mm=max(error, bore.error_mm),
         notes=blank.notes,
     )
 
 
-class _Layout:
-    """Numbering of the points of the mesh: those of the teeth by section, then those of the bore.
+class _Bore:
+    """Rows of points on the bore: at both ends, or in all sections if it winds with helical teeth.
 
-    The bore has rows of points at both ends, or in all sections if it rotates with helical teeth;
-    without bore each row is one point on the axis.
+    Each row has `per_pitch` intervals in a pitch; without bore it is one point on the axis.
     """
 
     def __init__(self, grid: ToothGrid, blank: Blank, tolerance_mm: float) -> None:
-        self.grid, self.blank, self.pitch = grid, blank, grid.profile.pitch
-        self.around = blank.teeth * grid.counts.around
-        self.width = self.around + (0 if blank.whole else 1)
-        self.radius, self.per_pitch = blank.bore_mm / 2, 0
+        pitch = grid.profile.pitch
+        self.radius, self.per_pitch, self.error_mm = blank.bore_mm / 2, 0, 0.0
         self.z, self.rotation = grid.z, np.zeros(len(grid.z))
         if self.radius > 0:
             self.rotation = bore_rotation(grid.profile, self.z)
             widest = 2 * math.acos(max(1 - _SHARE * tolerance_mm / self.radius, 0.5))
-            self.per_pitch = math.ceil(self.pitch / widest)
+            self.per_pitch = math.ceil(pitch / widest)
         if not self.rotation.any():
             self.z, self.rotation = self.z[[0, -1]], self.rotation[[0, -1]]
-        self.bore_width = max(blank.teeth * self.per_pitch + (0 if blank.whole else 1), 1)
+        if self.per_pitch:
+            step = max(pitch / self.per_pitch, float(np.abs(np.diff(self.rotation)).max()))
+            self.error_mm = self.radius * (1 - math.cos(step / 2))
 
-    @property
-    def bore_error_mm(self) -> float:
-        """Largest distance of the cylinder from its triangles, mm."""
-        if not self.per_pitch:
-            return 0.0
-        step = max(self.pitch / self.per_pitch, float(np.abs(np.diff(self.rotation)).max()))
-        return self.radius * (1 - math.cos(step / 2))
 
-    def vertices(self, points: np.ndarray) -> Float[np.ndarray, "n 3"]:
-        """Return the points of all teeth and of the bore, mm."""
-        teeth = [rotated(points[:, :-1], k * self.pitch) for k in range(self.blank.teeth)]
-        if not self.blank.whole:
-            teeth.append(rotated(points[:, -1:], (self.blank.teeth - 1) * self.pitch))
-        outside = np.concatenate(teeth, axis=1).reshape(-1, 3)
-        around = np.arange(self.bore_width) * (self.pitch / max(self.per_pitch, 1))
-        bore = on_circle(self.radius, self.rotation[:, None] - self.pitch / 2 + around, self.z)
-        return np.concatenate([outside, bore.reshape(-1, 3)])
+def _numbers(blank: Blank, rows: int, per_pitch: int, first: int = 0) -> Int[np.ndarray, "_ _"]:
+    """Return the numbers of the points of rows around the gear, counted from `first`.
 
-    def triangles(self, points: np.ndarray, vertices: np.ndarray) -> Triangles:
-        """Return the triangles of teeth, end faces, bore and cut faces, seen from outside.
+    Around a whole gear the last point of a row is its first one.
+    """
+    count = blank.teeth * per_pitch
+    width = max(count if blank.whole else count + 1, 1)
+    return first + np.arange(rows)[:, None] * width + np.arange(count + 1) % width
 
-        `points` are those of one tooth, `vertices` all points as written, both in mm.
-        """
-        columns, joints = self.grid.point_columns(), self.grid.counts.joints
-        triangles = self._bore_triangles()
-        for tooth in range(self.blank.teeth):
-            along = tooth * self.grid.counts.around + columns
-            rows = np.arange(len(columns))[:, None] * self.width
-            index = rows + (along % self.width if self.blank.whole else along)
-            a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-            triangles += _stacked((a, b, c), (a, c, d))
-            for row in (0, -1):
-                inner, angle = self._bore_row(row, tooth), float(self.rotation[row])
-                face = [
-                    _tooth_face(points[row], index[row], joints),
-                    _rim_face(points[row], index[row], joints, inner, self.pitch, angle),
-                ]
-                if tooth == 0:
-                    _check_face(_nondegenerate(np.concatenate(face)), vertices)
-                triangles += [part if row else part[:, ::-1] for part in face]
-        if not self.blank.whole:
-            # A cut face reaches from the bottom of an outer space to the bore.
-            rows, bore_rows = (np.arange(len(z)) for z in (self.grid.z, self.z))
-            for column, order in ((0, 1), (self.around, -1)):
-                inner = self._bore_start + bore_rows * self.bore_width
-                inner = inner + (self.bore_width - 1 if column else 0)
-                outer = rows * self.width + column
-                triangles.append(_strip(outer, inner, self.grid.z, self.z)[:, ::order])
-        return _nondegenerate(np.concatenate(triangles))
 
-    @property
-    def _bore_start(self) -> int:
-        return self.width * len(self.grid.z)
+def _vertices(points: np.ndarray, bore: _Bore, blank: Blank) -> Float[np.ndarray, "n 3"]:
+    """Return the points of all teeth by section and then those of the bore, mm."""
+    pitch = blank.profile.pitch
+    teeth = [rotated(points[:, :-1], k * pitch) for k in range(blank.teeth)]
+    if not blank.whole:
+        teeth.append(rotated(points[:, -1:], (blank.teeth - 1) * pitch))
+    outside = np.concatenate(teeth, axis=1).reshape(-1, 3)
+    width = 1 + np.ptp(_numbers(blank, 1, bore.per_pitch))
+    around = np.arange(width) * (pitch / max(bore.per_pitch, 1))
+    inside = on_circle(bore.radius, bore.rotation[:, None] - pitch / 2 + around, bore.z)
+    return np.concatenate([outside, inside.reshape(-1, 3)])
 
-    def _bore_row(self, row: int, tooth: int) -> Int[np.ndarray, " columns"]:
-        """Return the indices of the bore points below `tooth` in row `row`, from space to space."""
-        along = tooth * self.per_pitch + np.arange(self.per_pitch + 1)
-        along = along % self.bore_width if self.blank.whole else along
-        return self._bore_start + (row % len(self.z)) * self.bore_width + along
 
-    def _bore_triangles(self) -> list[Triangles]:
-        triangles = []
-        for row in range(len(self.z) - 1 if self.per_pitch else 0):
-            increasing = self.rotation[row + 1] > self.rotation[row]
-            for tooth in range(self.blank.teeth):
-                low, high = self._bore_row(row, tooth), self._bore_row(row + 1, tooth)
-                a, b, c, d = low[:-1], low[1:], high[1:], high[:-1]
-                # With the shorter diagonal no triangle spans a larger arc than its longest side.
-                halves = ((a, d, b), (b, d, c)) if increasing else ((a, c, b), (a, d, c))
-                triangles += _stacked(*halves)
-        return triangles
+def _triangles(
+    grid: ToothGrid, points: np.ndarray, vertices: np.ndarray, bore: _Bore, blank: Blank
+) -> Triangles:
+    """Return the triangles of bore, teeth, end faces and cut faces, seen from outside.
+
+    `points` are those of one tooth, `vertices` all points as written, both in mm.
+    """
+    columns, around = grid.point_columns(), grid.counts.around
+    outer = _numbers(blank, len(grid.z), around)
+    inner = _numbers(blank, len(bore.z), bore.per_pitch, int(outer.max()) + 1)
+    pitches = [slice(k * bore.per_pitch, (k + 1) * bore.per_pitch + 1) for k in range(blank.teeth)]
+    triangles = []
+    for row in range(len(bore.z) - 1 if bore.per_pitch else 0):
+        increasing = bore.rotation[row + 1] > bore.rotation[row]
+        for pitch in pitches:
+            low, high = inner[row, pitch], inner[row + 1, pitch]
+            a, b, c, d = low[:-1], low[1:], high[1:], high[:-1]
+            # With the shorter diagonal no triangle spans a larger arc than its longest side.
+            halves = ((a, d, b), (b, d, c)) if increasing else ((a, c, b), (a, d, c))
+            triangles += _stacked(*halves)
+    for tooth, pitch in enumerate(pitches):
+        index = np.take_along_axis(outer, tooth * around + columns, axis=1)
+        a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+        triangles += _stacked((a, b, c), (a, c, d))
+        for row in (0, -1):
+            turn = float(bore.rotation[row])
+            face = _end_face(grid, points[row], index[row], inner[row, pitch], turn)
+            if tooth == 0:
+                _check_face(_nondegenerate(np.concatenate(face)), vertices)
+            triangles += [part if row else part[:, ::-1] for part in face]
+    if not blank.whole:
+        # A cut face reaches from the bottom of an outer space to the bore.
+        for column, order in ((0, 1), (-1, -1)):
+            cut = _strip(outer[:, column], inner[:, column], grid.z, bore.z)
+            triangles.append(cut[:, ::order])
+    return _nondegenerate(np.concatenate(triangles))
 
 
 def _stacked(*corners: tuple[np.ndarray, ...]) -> list[Triangles]:
     return [np.stack([one.ravel() for one in three], axis=-1) for three in corners]
 
 
-def _strip(
-    first: Int[np.ndarray, " n"],
-    second: Int[np.ndarray, " m"],
-    first_key: Float[np.ndarray, " n"],
-    second_key: Float[np.ndarray, " m"],
-) -> Triangles:
+def _strip(first: Line, second: Line, first_key: Keys, second_key: Keys) -> Triangles:
     """Return triangles between two lines of points, in the order of the edges of both lines.
 
     A triangle has a point of the first line, the next point and a point of the second line. It is
@@ -241,40 +226,31 @@ def _strip(
     return np.stack([first[a], np.where(on_first, first[next_a], second[next_b]), second[b]], -1)
 
 
-def _tooth_face(points: np.ndarray, index: np.ndarray, joints: np.ndarray) -> Triangles:
-    """Return the triangles of the end face of one tooth, above the line between its two feet.
+def _end_face(
+    grid: ToothGrid, points: np.ndarray, index: np.ndarray, inner: np.ndarray, rotation: float
+) -> list[Triangles]:
+    """Return the triangles of an end face of one pitch, counter-clockwise seen from +z.
 
-    They are counter-clockwise seen from +z and use only points of the outline: `points` of one
-    section, mm, the `index` of each in the mesh, and the `joints` of `Counts`.
+    The first are those of the tooth, above the line between its two feet, the others reach from
+    the feet to the bore. `points` are those of the section, mm, and `index` their numbers in the
+    mesh; `inner` are the numbers of the points on the bore, evenly from one space to the next,
+    turned counter-clockwise by `rotation`, rad.
     """
-    foot, corner, middle, other_corner, other_foot = joints[[1, 3, 4, 5, 7]]
+    foot, corner, middle, other_corner, other_foot, last = grid.counts.joints[[1, 3, 4, 5, 7, 8]]
     key = np.hypot(points[:, 0], points[:, 1])
     # The radius is constant along the tip, so the key increases there to its middle.
     top = max(key[corner], key[other_corner])
     key[corner : middle + 1] = top + np.linspace(0.0, 1.0, middle - corner + 1)
     key[middle : other_corner + 1] = top + np.linspace(1.0, 0.0, other_corner - middle + 1)
     right, left = np.arange(foot, middle + 1), np.arange(other_foot, middle - 1, -1)
-    return index[_strip(right, left, key[right], key[left])]
-
-
-def _rim_face(
-    points: np.ndarray,
-    index: np.ndarray,
-    joints: np.ndarray,
-    inner: np.ndarray,
-    pitch: float,
-    rotation: float,
-) -> Triangles:
-    """Return the triangles of the end face of one pitch between the tooth feet and the bore.
-
-    The first arguments are those of `_tooth_face`; `inner` are the indices of the points on the
-    bore, evenly from one space to the next, turned counter-clockwise by `rotation`, rad.
-    """
-    foot, other_foot, last = joints[[1, 7, 8]]
     outer = np.concatenate([np.arange(foot + 1), np.arange(other_foot, last + 1)])
     x, y, _ = rotated(points[outer], -rotation).T
-    inner_angle = np.linspace(-pitch / 2, pitch / 2, len(inner))
-    return _strip(index[outer], inner, np.arctan2(-x, y), inner_angle)
+    half = grid.profile.pitch / 2
+    bore_angles = np.linspace(-half, half, len(inner))
+    return [
+        index[_strip(right, left, key[right], key[left])],
+        _strip(index[outer], inner, np.arctan2(-x, y), bore_angles),
+    ]
 
 
 def _nondegenerate(triangles: Triangles) -> Triangles:
@@ -377,8 +353,17 @@ def chordal_error(
         end = min(row + batch, rows)
         true = grid.rows_at(heights[row * _FINER : end * _FINER + 1], _FINER)
         part = points[row : end + 1]
-        inside = max(inside, *_off_planes(part, true), *_off_edges(grid, part, true))
-        across = max(across, *_off_chords(part, true[::_FINER]))
+        # Edges along the face lie between two pieces, chords in the sections.
+        edges = (
+            _from_edges(part[:-1, column], part[1:, column], true[:, column * _FINER])
+            for column in grid.counts.joints
+        )
+        chords = (
+            _from_edges(line[:-1], line[1:], true_line)
+            for line, true_line in zip(part, true[::_FINER], strict=True)
+        )
+        inside = max(inside, *_off_planes(part, true), *edges)
+        across = max(across, *chords)
     return _BETWEEN * max(inside, across), _BETWEEN * across
 
 
@@ -392,19 +377,6 @@ def _off_planes(points: np.ndarray, true: np.ndarray) -> Iterator[float]:
         first, other = planes if along >= up else planes[::-1]
         normal = np.where(first[1][..., None], first[0], other[0])
         yield float(np.abs(((at - a) * normal).sum(axis=-1)).max())
-
-
-def _off_edges(grid: ToothGrid, points: np.ndarray, true: np.ndarray) -> Iterator[float]:
-    """Yield the largest distances from the edges along the face between two pieces, mm."""
-    for column in grid.counts.joints:
-        line = points[:, column]
-        yield _from_edges(line[:-1], line[1:], true[:, column * _FINER])
-
-
-def _off_chords(points: np.ndarray, true: np.ndarray) -> Iterator[float]:
-    """Yield the largest distance of each section from its chords, mm."""
-    for line, true_line in zip(points, true, strict=True):
-        yield _from_edges(line[:-1], line[1:], true_line)
 
 
 def _plane(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -541,15 +513,13 @@ def _around(
     area = np.abs(chord[..., 0] * middle[..., 1] - chord[..., 1] * middle[..., 0])
     sagitta = (area / np.maximum(length, 1e-12)).max(axis=0).reshape(-1, _PROBE).max(axis=1)
     total = length.max(axis=0).reshape(-1, _PROBE).sum(axis=1)
-    worst = dict.fromkeys(PARTS, 0.0)
-    for (_, part), size in zip(ORDER, sagitta, strict=True):
-        worst[part] = max(worst[part], float(size))
+    pieces = np.array([part for _, part in ORDER])
+    worst = {part: float(sagitta[pieces == part].max()) for part in PARTS}
     counts: dict[str, Any] = {
         part: max(1, math.ceil(_PROBE * math.sqrt(1.1 * size / tolerance)))
         for part, size in worst.items()
     }
-    pieces = zip(total, ORDER, strict=True)
-    step = max(length / counts[part] for length, (_, part) in pieces if part in CURVED)
+    step = max(total[k] / counts[part] for k, part in enumerate(pieces) if part in CURVED)
     return Counts(**counts), step
 
 

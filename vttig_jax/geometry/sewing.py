@@ -3,6 +3,7 @@
 # The bindings of Open CASCADE have no types and need the extra `cad`.
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -117,9 +118,7 @@ def _end_face(
 
 def _end_curve(patch: Patch, end: int) -> Geom_BSplineCurve:
     poles = patch.poles[end]
-    points = Array1_gp_Pnt(1, len(poles))
-    for k, pole in enumerate(poles):
-        points.SetValue(k + 1, gp_Pnt(*map(float, pole)))
+    points = _filled(Array1_gp_Pnt(1, len(poles)), (gp_Pnt(*map(float, pole)) for pole in poles))
     return Geom_BSplineCurve(points, *_knots(patch.knots[1]), patch.degree)
 
 
@@ -140,11 +139,15 @@ def _surface(patch: Patch) -> Geom_BSplineSurface:
 def _knots(repeated: np.ndarray) -> tuple[Array1_double, Array1_int]:
     """Return the distinct knots and their multiplicities."""
     values, multiplicities = np.unique(repeated, return_counts=True)
-    knots, counts = Array1_double(1, len(values)), Array1_int(1, len(values))
-    for k, (value, count) in enumerate(zip(values, multiplicities, strict=True)):
-        knots.SetValue(k + 1, float(value))
-        counts.SetValue(k + 1, int(count))
-    return knots, counts
+    knots = _filled(Array1_double(1, len(values)), map(float, values))
+    return knots, _filled(Array1_int(1, len(values)), map(int, multiplicities))
+
+
+def _filled(array: Any, values: Iterable[Any]) -> Any:
+    """Return an array of Open CASCADE, counted from 1, with these values."""
+    for k, value in enumerate(values):
+        array.SetValue(k + 1, value)
+    return array
 
 
 def volume(shape: Shape) -> float:

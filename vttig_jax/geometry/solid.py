@@ -70,25 +70,25 @@ def gear_solid(
 
     pitch, radius, sector = profile.pitch, blank.bore_mm / 2, None
     around = [_row(pieces, blank, pitch) for pieces in stretches]
-    cuts: list[list[Patch]] = [[] for _ in around]
+    cuts: list[list[Patch]] = [[] for _ in around] if blank.whole else []
     bores: list[Patch] = []
     if not blank.whole:
         first, sweep = math.pi / 2 - pitch / 2, blank.teeth * pitch
         sector = (first, first + sweep)
         rows = [row[0].points[:, 0, 2] for row in around]
-        turns = bore_rotation(profile, np.concatenate(rows))
+        rotation = bore_rotation(profile, np.concatenate(rows))
+        ends = np.cumsum([len(z) for z in rows])[:-1]
+        turns = np.split(rotation[:, None] - pitch / 2, ends)
         step = (20 * tolerance_mm / (2 * radius or math.inf)) ** 0.25  # a cubic is within r h⁴/80
         columns = np.linspace(0.0, sweep, max(4, math.ceil(sweep / step) if step else 4) + 1)
-        for index, row in enumerate(around):
-            start = sum(map(len, rows[:index]))
-            turn = turns[start : start + len(rows[index]), None] - pitch / 2
+        for row, z, turn in zip(around, rows, turns, strict=True):
             # Cut faces are ruled surfaces between the bottom of an outer space and the bore.
-            inner = on_circle(radius, turn + np.array([0.0, sweep]), rows[index])
+            inner = on_circle(radius, turn + np.array([0.0, sweep]), z)
             line, last = row[0].points[:, 0], row[-1].points[:, -1]
             sides = (inner[:, 0], line), (last, inner[:, 1])
-            cuts[index] = [Patch(np.stack(pair, axis=1), 1) for pair in sides]
-            if radius > 0 and turns.any():  # the cut faces wind around the axis, and so the bore
-                bores.append(Patch(on_circle(radius, turn + columns, rows[index])))
+            cuts.append([Patch(np.stack(pair, axis=1), 1) for pair in sides])
+            if radius > 0 and rotation.any():  # the cut faces wind around the axis, and so the bore
+                bores.append(Patch(on_circle(radius, turn + columns, z)))
     shape = closed_solid(around, cuts, limits, radius, sector, bores)
     if shape is None:
         raise PairError(

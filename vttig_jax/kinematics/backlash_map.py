@@ -10,8 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, Float
 
 from ..base.arrays import Number, Numbers, known, namespace
 from ..base.errors import PairError
@@ -20,7 +19,7 @@ from ..base.numerics.implicit import at_extreme, known_root
 from ..base.results import PlottedResult
 from ..base.units import DEG, REV
 from ..pair.gear_pair import Drive, GearPair
-from .flank_model import FlankModel, highest_order
+from .flank_model import Angles, AnglesLike, FlankModel, highest_order
 from .hunting_coverage import HuntingCoverage
 
 Scalar = Float[Number, ""] | float
@@ -112,7 +111,7 @@ class BacklashMap(PlottedResult):
     shift: tuple[float, float] | None = None
     unknown: str | None = None
 
-    def at(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
+    def at(self, driving_angle: AnglesLike) -> Angles:
         """Return the backlash, rad of the driven gear, at driving angles in rad.
 
         It can be jitted, batched and differentiated by the angle and by every number of the model,
@@ -264,11 +263,11 @@ class BacklashMap(PlottedResult):
 
 
 @eqx.filter_jit
-def _backlash(driving_angle: Float[Numbers, "*shape"], model: FlankModel) -> Float[Array, "*shape"]:
+def _backlash(driving_angle: Float[Numbers, "*shape"], model: FlankModel) -> Angles:
     return model.backlash(driving_angle)
 
 
-def _slope(driving_angle: Float[Array, "*shape"], model: FlankModel) -> Float[Array, "*shape"]:
+def _slope(driving_angle: Angles, model: FlankModel) -> Angles:
     ones = jnp.ones_like(driving_angle)
     return jax.jvp(lambda angle: _backlash(angle, model), (driving_angle,), (ones,))[1]
 

@@ -8,7 +8,7 @@ from ..base.arrays import Numbers
 from ..base.numerics.sincos import sincos
 from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .first_order import flank_offsets
-from .flank_model import FIRST_ORDERS, GridOrders, ImplicitModel, flank_index
+from .flank_model import FIRST_ORDERS, Angles, GridOrders, ImplicitModel, flank_index
 
 
 class ExactModel(ImplicitModel):
@@ -37,12 +37,7 @@ class ExactModel(ImplicitModel):
         """First orders of both shafts."""
         return FIRST_ORDERS
 
-    def at_both_angles(
-        self,
-        driving_angle: Float[Array, "*shape"],
-        driven_angle: Float[Array, "*shape"],
-        flank: Flank,
-    ) -> Float[Array, "*shape"]:
+    def at_both_angles(self, driving_angle: Angles, driven_angle: Angles, flank: Flank) -> Angles:
         """Return TE of `flank`, rad, for given angles of both shafts."""
         side = flank_index(flank)
         sense = 1.0 if side == 0 else -1.0
@@ -78,7 +73,7 @@ def exact_model(pair: GearPair, eccentricities: Eccentricities) -> ExactModel:
     )
 
 
-def turned_offset(offset: Complex[Array, ""], angle: Float[Array, "*shape"]):
+def turned_offset(offset: Complex[Array, ""], angle: Angles):
     """Return the real and imaginary part of offset · exp(j angle)."""
     sine, cosine = sincos(angle)
     real, imaginary = jnp.real(offset), jnp.imag(offset)

@@ -36,11 +36,8 @@ def closed_model(
             'Argument `pressure_angle` must be "working" or "reference", but is'
             f" {pressure_angle!r}."
         )
-    alpha = (
-        pair.working_pressure_angles
-        if pressure_angle == "working"
-        else pair.pressure_angles_deg * DEG
-    )
+    working = pressure_angle == "working"
+    alpha = pair.working_pressure_angles if working else pair.pressure_angles_deg * DEG
     driving, driven = eccentricities.cartesian
     turn = jnp.exp(1j * alpha * jnp.array([1.0, -1.0]))
     # Im[p exp(jφ)] = p_r sin φ + p_i cos φ

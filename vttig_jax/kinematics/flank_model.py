@@ -17,7 +17,13 @@ from jaxtyping import Array, Float, Real
 
 from ..base.arrays import Numbers
 from ..base.numerics.implicit import known_root
-from ..pair.gear_pair import Flank
+from ..pair.schema import FLANKS, Flank
+
+Angles = Float[Array, "*shape"]
+"""Angles of any shape, rad."""
+
+AnglesLike = Real[ArrayLike, "*shape"]
+"""Angles of any shape as a user may give them, rad."""
 
 GridOrders = Iterable[tuple[int | float, int | float]]
 """Orders (n₁, n₂) of phases n₁ φ₁ + n₂ φ₂."""
@@ -48,16 +54,13 @@ class FlankModel(eqx.Module):
         return highest_order(self, float(self.ratio))
 
     @abstractmethod
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
+    def transmission_error(self, driving_angle: AnglesLike, flank: Flank) -> Angles:
         """Return TE = φ₂ − i φ₁ (23) with `flank` in contact, rad of the driven gear."""
 
-    def backlash(self, driving_angle: Real[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
+    def backlash(self, driving_angle: AnglesLike) -> Angles:
         """Return the backlash j = TE_B − TE_A (22), rad of the driven gear."""
-        return self.transmission_error(driving_angle, "B") - self.transmission_error(
-            driving_angle, "A"
-        )
+        lower, upper = (self.transmission_error(driving_angle, flank) for flank in FLANKS)
+        return upper - lower
 
 
 def highest_order(model: FlankModel, ratio: float) -> float:
@@ -70,9 +73,9 @@ def highest_order(model: FlankModel, ratio: float) -> float:
 
 def flank_index(flank: Flank) -> int:
     """Return the index of `flank` in arrays with a flank axis: 0 for "A", 1 for "B"."""
-    if flank not in ("A", "B"):
+    if flank not in FLANKS:
         raise ValueError(f'Argument `flank` must be "A" or "B", but is {flank!r}.')
-    return 0 if flank == "A" else 1
+    return FLANKS.index(flank)
 
 
 _MOST_ITERATIONS = 60  # a chosen limit; about five are needed, see `fixed_point`
@@ -115,28 +118,18 @@ class ImplicitModel(FlankModel):
     """Flank model given by a relation TE = f(φ₁, φ₂) in contact, where φ₂ = i φ₁ + TE."""
 
     @abstractmethod
-    def at_both_angles(
-        self,
-        driving_angle: Float[Array, "*shape"],
-        driven_angle: Float[Array, "*shape"],
-        flank: Flank,
-    ) -> Float[Array, "*shape"]:
+    def at_both_angles(self, driving_angle: Angles, driven_angle: Angles, flank: Flank) -> Angles:
         """Return TE of `flank`, rad, for given angles of both shafts."""
 
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
+    def transmission_error(self, driving_angle: AnglesLike, flank: Flank) -> Angles:
         """Return TE of `flank`, rad: the solution of TE = f(φ₁, i φ₁ + TE)."""
         angle = jnp.asarray(driving_angle, float)
         return fixed_point(_STEPS[flank_index(flank)], (self, angle))
 
 
-def _step_on(flank: Flank):
-    def step(error, args):
-        model, angle = args
-        return model.at_both_angles(angle, model.ratio * angle + error, flank)
-
-    return step
+def _step(error, args, *, flank: Flank):
+    model, angle = args
+    return model.at_both_angles(angle, model.ratio * angle + error, flank)
 
 
-_STEPS = (_step_on("A"), _step_on("B"))
+_STEPS = [partial(_step, flank=flank) for flank in FLANKS]

@@ -14,7 +14,8 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, get_args
+from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,13 +23,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike
-from jaxtyping import Array, Float, Int, Real
+from jaxtyping import Array, Float, Int
 
 from ..base.arrays import Number, Numbers, float64
 from ..base.numerics.sincos import sincos
 from ..base.units import REV
-from ..pair.gear_pair import Flank
-from .flank_model import FIRST_ORDERS, FlankModel, GridOrders, flank_index
+from ..pair.schema import FLANKS, Flank
+from .flank_model import FIRST_ORDERS, Angles, AnglesLike, FlankModel, GridOrders, flank_index
 
 PER_CYCLE = 64
 """Nodes in one cycle of the highest order.
@@ -47,10 +48,10 @@ _NO_CLOSING = np.zeros(2)
 class Flanks(eqx.Module):
     """TE on flank A (`lower`) and flank B (`upper`), rad, and their slopes dTE/dφ₁."""
 
-    lower: Float[Array, "*shape"]
-    upper: Float[Array, "*shape"]
-    lower_slope: Float[Array, "*shape"]
-    upper_slope: Float[Array, "*shape"]
+    lower: Angles
+    upper: Angles
+    lower_slope: Angles
+    upper_slope: Angles
 
 
 class Bounds(FlankModel):
@@ -63,20 +64,18 @@ class Bounds(FlankModel):
     closing: eqx.AbstractVar[Float[Numbers, "2"]]
 
     @abstractmethod
-    def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
+    def at(self, driving_angle: Angles) -> Flanks:
         """Return both flanks at a driving angle (rad) for an axial displacement of zero."""
 
     @abstractmethod
-    def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    def gap(self, driving_angle: Angles) -> Angles:
         """Return the backlash j = TE_B − TE_A (rad) at a driving angle (rad) for s = 0."""
 
     @abstractmethod
     def turned(self, turns: Int[ArrayLike, ""]) -> "Bounds":
         """Return flanks whose values at φ₁ are those of these flanks at φ₁ + 2π · `turns`."""
 
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
+    def transmission_error(self, driving_angle: AnglesLike, flank: Flank) -> Angles:
         """Return TE of `flank`, rad."""
         flanks = self.at(jnp.asarray(driving_angle, float))
         return (flanks.lower, flanks.upper)[flank_index(flank)]
@@ -86,7 +85,7 @@ class Bounds(FlankModel):
         """Decrease of the backlash per axial displacement, rad/mm; see equation (16)."""
         return jnp.sum(jnp.asarray(self.closing))
 
-    def closed_at(self, gap: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    def closed_at(self, gap: Angles) -> Angles:
         """Return the axial displacement, mm, that closes a gap (rad); infinite without taper."""
         slope = self.closing_sum
         return jnp.where(slope > 0, gap * (1.0 / jnp.where(slope > 0, slope, 1.0)), jnp.inf)
@@ -113,7 +112,7 @@ class FirstOrderBounds(Bounds):
         """The first order of each shaft."""
         return FIRST_ORDERS
 
-    def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
+    def at(self, driving_angle: Angles) -> Flanks:
         """See `Bounds.at`."""
         speeds = (1.0, jnp.asarray(self.ratio))
         waves = [sincos(speed * driving_angle) for speed in speeds]
@@ -126,7 +125,7 @@ class FirstOrderBounds(Bounds):
                 slope[flank] = slope[flank] + speed * (b * c - a * s)
         return Flanks(value[0], value[1], slope[0], slope[1])
 
-    def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    def gap(self, driving_angle: Angles) -> Angles:
         """See `Bounds.gap`."""
         cosine, sine, gap = (
             jnp.asarray(c)[1] - jnp.asarray(c)[0] for c in (self.cosine, self.sine, self.offset)
@@ -175,7 +174,7 @@ class FlankTable(Bounds):
         """The order of the driving shaft with `PER_CYCLE` nodes in a cycle."""
         return ((REV / (float(self.step) * PER_CYCLE), 0),)
 
-    def at(self, driving_angle: Float[Array, "*shape"]) -> Flanks:
+    def at(self, driving_angle: Angles) -> Flanks:
         """See `Bounds.at`."""
         share, start, end = self._interval(driving_angle)
         rate = 1.0 / jnp.asarray(self.step)
@@ -183,7 +182,7 @@ class FlankTable(Bounds):
         upper, upper_slope = _hermite(share, *start[2:], *end[2:])
         return Flanks(lower, upper, lower_slope * rate, upper_slope * rate)
 
-    def gap(self, driving_angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    def gap(self, driving_angle: Angles) -> Angles:
         """See `Bounds.gap`."""
         share, start, end = self._interval(driving_angle)
         gaps = [node[i + 2] - node[i] for node in (start, end) for i in (0, 1)]
@@ -198,7 +197,7 @@ class FlankTable(Bounds):
         """Driving angle from the first to the last node, rad."""
         return self.step * self.intervals
 
-    def _interval(self, angle: Float[Array, "*shape"]):
+    def _interval(self, angle: Angles):
         """Return the share of the interval that holds an angle, and the numbers of its ends."""
         share, row = place_of(angle, self.start, self.step, self.intervals, self.periodic)
         row = row + jnp.asarray(self.first, jnp.int32)
@@ -207,7 +206,7 @@ class FlankTable(Bounds):
 
 
 def place_of(
-    angle: Float[Array, "*shape"], start: Any, step: Any, intervals: int, periodic: bool
+    angle: Angles, start: Any, step: Any, intervals: int, periodic: bool
 ) -> tuple[Float[Array, "*shape"], Int[Array, "*shape"]]:
     """Return the share of the interval that holds an angle, and the number of this interval.
 
@@ -283,12 +282,9 @@ def tabulate_flanks(
 
     def nodes(angle: Float[Array, " chunk"]) -> Float[Array, "chunk 4"]:
         columns: list[Array] = []
-        for flank in get_args(Flank):
-            value, slope = jax.jvp(
-                lambda angle, flank=flank: model.transmission_error(angle, flank),
-                (angle,),
-                (jnp.ones_like(angle),),
-            )
+        for flank in FLANKS:
+            error = partial(model.transmission_error, flank=flank)
+            value, slope = jax.jvp(error, (angle,), (jnp.ones_like(angle),))
             columns += [value, step * slope]
         return jnp.stack(columns, axis=1)
 
@@ -331,9 +327,7 @@ class FunctionModel(FlankModel):
         """Highest order, as the user gives it."""
         return ((self.order, 0),)
 
-    def transmission_error(
-        self, driving_angle: Real[ArrayLike, "*shape"], flank: Flank
-    ) -> Float[Array, "*shape"]:
+    def transmission_error(self, driving_angle: AnglesLike, flank: Flank) -> Angles:
         """Return TE of `flank`, rad."""
         return jnp.asarray(self.function(jnp.asarray(driving_angle, float), flank))
 

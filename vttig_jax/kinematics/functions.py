@@ -14,21 +14,21 @@ from ..base.arrays import compiled
 from ..pair.gear_pair import Eccentricities, Flank, GearPair
 from .exact import exact_model
 from .first_order import PressureAngle, closed_model
-from .flank_model import FlankModel
+from .flank_model import Angles, AnglesLike, FlankModel
 
 Reference = Literal["absolute", "start"]
 
 
 @compiled
 def transmission_error(
-    driving_angle: Real[ArrayLike, "*shape"],
+    driving_angle: AnglesLike,
     pair: GearPair,
     eccentricities: Eccentricities,
     flank: Flank = "A",
     *,
     reference: Reference = "absolute",
     pressure_angle: PressureAngle = "working",
-) -> Float[Array, "*shape"]:
+) -> Angles:
     """Return the first-order transmission error (19), (20).
 
         TE_A = K [e₁ sin(ψ₁ + α) + e₂ sin(χ₂ − α)] + s tan β_L / R₂
@@ -62,13 +62,13 @@ def transmission_error(
 
 @compiled
 def exact_transmission_error(
-    driving_angle: Real[ArrayLike, "*shape"],
+    driving_angle: AnglesLike,
     pair: GearPair,
     eccentricities: Eccentricities,
     flank: Flank = "A",
     *,
     reference: Reference = "absolute",
-) -> Float[Array, "*shape"]:
+) -> Angles:
     """Return the exact transmission error of two eccentric involutes; see `ExactModel`.
 
     Arguments and result are those of `transmission_error`. The relation is implicit in the driven
@@ -92,12 +92,12 @@ def exact_transmission_error(
 
 @compiled
 def backlash(
-    driving_angle: Real[ArrayLike, "*shape"],
+    driving_angle: AnglesLike,
     pair: GearPair,
     eccentricities: Eccentricities,
     *,
     pressure_angle: PressureAngle = "working",
-) -> Float[Array, "*shape"]:
+) -> Angles:
     """Return the first-order backlash (21), (22), j = TE_B − TE_A, rad of the driven gear.
 
         j = j_c + 2 K sin α [e₂ cos χ₂ − e₁ cos ψ₁] − s (tan β_L + tan β_R)/R₂
@@ -122,10 +122,8 @@ def backlash(
 
 @compiled
 def exact_backlash(
-    driving_angle: Real[ArrayLike, "*shape"],
-    pair: GearPair,
-    eccentricities: Eccentricities,
-) -> Float[Array, "*shape"]:
+    driving_angle: AnglesLike, pair: GearPair, eccentricities: Eccentricities
+) -> Angles:
     """Return the exact backlash of two eccentric involutes, rad of the driven gear.
 
     The arguments are those of `transmission_error`.
@@ -168,11 +166,8 @@ def axial_displacement(
 
 
 def _referenced(
-    model: FlankModel,
-    driving_angle: Real[ArrayLike, "*shape"],
-    flank: Flank,
-    reference: Reference,
-) -> Float[Array, "*shape"]:
+    model: FlankModel, driving_angle: AnglesLike, flank: Flank, reference: Reference
+) -> Angles:
     if reference not in ("absolute", "start"):
         raise ValueError(
             f'Argument `reference` must be "absolute" or "start", but is {reference!r}.'

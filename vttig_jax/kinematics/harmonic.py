@@ -12,7 +12,7 @@ from ..base.arrays import Numbers
 from ..base.numerics.sincos import sincos
 from ..pair.gear_pair import Flank
 from .exact import ExactModel
-from .flank_model import GridOrders, ImplicitModel, flank_index
+from .flank_model import Angles, GridOrders, ImplicitModel, flank_index
 
 Term = tuple[int, int]
 """Orders (n₁, n₂) of one harmonic with phase n₁ φ₁ + n₂ φ₂; (k z₁, 0) for tooth-mesh order k."""
@@ -46,12 +46,7 @@ class OrderModel(ImplicitModel):
         """Orders of the terms."""
         return self.terms
 
-    def at_both_angles(
-        self,
-        driving_angle: Float[Array, "*shape"],
-        driven_angle: Float[Array, "*shape"],
-        flank: Flank,
-    ) -> Float[Array, "*shape"]:
+    def at_both_angles(self, driving_angle: Angles, driven_angle: Angles, flank: Flank) -> Angles:
         """Return TE of `flank`, rad, for given angles of both shafts."""
         side = flank_index(flank)
         if not self.terms:
@@ -75,16 +70,11 @@ class CombinedModel(ImplicitModel):
         """Orders of both parts."""
         return *self.exact.grid_orders, *self.orders.grid_orders
 
-    def at_both_angles(
-        self,
-        driving_angle: Float[Array, "*shape"],
-        driven_angle: Float[Array, "*shape"],
-        flank: Flank,
-    ) -> Float[Array, "*shape"]:
+    def at_both_angles(self, driving_angle: Angles, driven_angle: Angles, flank: Flank) -> Angles:
         """Return TE of `flank`, rad, for given angles of both shafts."""
-        return self.exact.at_both_angles(
-            driving_angle, driven_angle, flank
-        ) + self.orders.at_both_angles(driving_angle, driven_angle, flank)
+        parts = self.exact, self.orders
+        exact, orders = (p.at_both_angles(driving_angle, driven_angle, flank) for p in parts)
+        return exact + orders
 
 
 def linearised_series(

@@ -10,7 +10,7 @@ encoder reading to the angle of its shaft.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
 from pathlib import Path
 
@@ -22,12 +22,7 @@ from jaxtyping import Array, Complex, Float
 from ..base.arrays import Number, Numbers, float64, namespace, written
 from ..base.files.text_tables import key_values
 from ..base.units import DEG, REV
-from .pair_file import (
-    depth_ratio,
-    load_pair_spec,
-    transverse_module_mm,
-    transverse_pressure_angles_deg,
-)
+from .pair_file import load_pair_spec, transverse
 from .schema import (
     DriveTable,
     Encoder,
@@ -122,39 +117,22 @@ class GearPair(eqx.Module):
 
     driving: Gear
     driven: Gear
-    module_mm: Scalar
-    pressure_angles_deg: Float[Numbers, "2"]
-    centre_distance_mm: Scalar
-    rack: Rack
-    name: str = eqx.field(static=True)
-    log: LogLayout = eqx.field(static=True)
-    unit: UnitTable = eqx.field(static=True)
-    fit: HarmonicOrders = eqx.field(static=True)
+    _: KW_ONLY
+    module_mm: Scalar = eqx.field(converter=float64)
+    pressure_angles_deg: Float[Numbers, "2"] = eqx.field(
+        converter=lambda angles: float64(angles) + np.zeros(2)
+    )
+    centre_distance_mm: Scalar = eqx.field(converter=float64, default=None)
+    rack: Rack = Rack()
+    name: str = eqx.field(static=True, default="")
+    log: LogLayout = eqx.field(static=True, default=LogLayout())
+    unit: UnitTable = eqx.field(static=True, default=UnitTable())
+    fit: HarmonicOrders = eqx.field(static=True, default=HarmonicOrders())
 
-    def __init__(
-        self,
-        driving: Gear,
-        driven: Gear,
-        *,
-        module_mm: float | Array,
-        pressure_angles_deg: float | tuple[float, float] | Array,
-        centre_distance_mm: float | Array | None = None,
-        rack: Rack = Rack(),
-        name: str = "",
-        log: LogLayout = LogLayout(),
-        unit: UnitTable = UnitTable(),
-        fit: HarmonicOrders = HarmonicOrders(),
-    ):
-        self.driving, self.driven = driving, driven
-        self.module_mm = float64(module_mm)
-        angles = float64(pressure_angles_deg)
-        self.pressure_angles_deg = angles + np.zeros(2)
-        reference = self.module_mm * (driving.teeth + driven.teeth) / 2
-        self.centre_distance_mm = (
-            reference if centre_distance_mm is None else float64(centre_distance_mm)
-        )
-        self.rack = rack
-        self.name, self.log, self.unit, self.fit = name, log, unit, fit
+    def __post_init__(self):
+        if self.centre_distance_mm is None:
+            teeth = self.driving.teeth + self.driven.teeth
+            self.centre_distance_mm = float64(self.module_mm) * teeth / 2
 
     @property
     def ratio(self) -> Fraction:
@@ -321,14 +299,14 @@ def pair_from_spec(spec: PairSpec) -> GearPair | Drive:
     if spec.drive is not None:
         return Drive(spec.ratio, spec.driving, spec.driven, **sections)
     assert spec.pair is not None
-    driving, driven = (_gear(table) for table in (spec.driving, spec.driven))
+    module, angles, depth_ratio = transverse(spec)
     return GearPair(
-        driving,
-        driven,
-        module_mm=transverse_module_mm(spec),
-        pressure_angles_deg=transverse_pressure_angles_deg(spec),
+        _gear(spec.driving),
+        _gear(spec.driven),
+        module_mm=module,
+        pressure_angles_deg=angles,
         centre_distance_mm=spec.pair.centre_distance_mm,
-        rack=Rack(spec.rack.addendum, spec.rack.clearance, spec.rack.tip_radius, depth_ratio(spec)),
+        rack=Rack(spec.rack.addendum, spec.rack.clearance, spec.rack.tip_radius, depth_ratio),
         **sections,
     )
 
@@ -378,16 +356,9 @@ def load_pair(path: str | Path) -> GearPair | Drive:
 
 def _gear(table: GearTable) -> Gear:
     assert table.teeth is not None
-    return Gear(
-        teeth=table.teeth,
-        helix_left_deg=table.helix_deg[0],
-        helix_right_deg=table.helix_deg[1],
-        face_width_mm=math.nan if table.face_width_mm is None else table.face_width_mm,
-        encoder=table.encoder,
-        profile_shift=table.profile_shift,
-        crowning_um=table.crowning_um,
-        tooth_thinning_mm=table.tooth_thinning_mm,
-    )
+    width = math.nan if table.face_width_mm is None else table.face_width_mm
+    shape = table.profile_shift, table.crowning_um, table.tooth_thinning_mm
+    return Gear(table.teeth, *table.helix_deg, width, table.encoder, *shape)
 
 
 def _gear_table(gear: Gear, rack: Rack) -> GearTable:

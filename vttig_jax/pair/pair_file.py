@@ -79,45 +79,36 @@ def check_geometry(spec: PairSpec) -> None:
         _check_centre_distance(spec, pair.centre_distance_mm)
 
 
-def transverse_module_mm(spec: PairSpec) -> float:
-    """Return the module in the transverse plane in mm, m = mₙ / cos β."""
+def transverse(spec: PairSpec) -> tuple[float, tuple[float, float], float]:
+    """Return module, mm, and pressure angles of both flanks, °, in the transverse plane, and mₙ/m.
+
+    m = mₙ / cos β and tan αₜ = tan αₙ / cos β. The last number is that of `Rack.depth_ratio`: cos β
+    if the normal module is given, else 1.
+    """
     assert spec.pair is not None
-    if spec.pair.module_mm is not None:
-        return spec.pair.module_mm
-    if spec.pair.diametral_pitch is not None:
-        return 25.4 / spec.pair.diametral_pitch
-    assert spec.pair.normal_module_mm is not None
-    return spec.pair.normal_module_mm / math.cos(spec.driving.helix_deg[0] * DEG)
-
-
-def transverse_pressure_angles_deg(spec: PairSpec) -> tuple[float, float]:
-    """Return the transverse pressure angles of both flanks in degrees, tan αₜ = tan αₙ / cos β."""
-    assert spec.pair is not None
-    if spec.pair.pressure_angle_deg is not None:
-        return spec.pair.pressure_angle_deg, spec.pair.pressure_angle_deg
-    assert spec.pair.normal_pressure_angle_deg is not None
-    tangent = math.tan(spec.pair.normal_pressure_angle_deg * DEG)
-    left, right = (math.atan(tangent / math.cos(b * DEG)) / DEG for b in spec.driving.helix_deg)
-    return left, right
-
-
-def depth_ratio(spec: PairSpec) -> float:
-    """Return mₙ/m = cos β if the normal module is given, else 1; see `Rack.depth_ratio`."""
-    assert spec.pair is not None
-    given_normal = spec.pair.normal_module_mm is not None
-    return math.cos(spec.driving.helix_deg[0] * DEG) if given_normal else 1.0
+    pair, cosines = spec.pair, [math.cos(beta * DEG) for beta in spec.driving.helix_deg]
+    depth_ratio = 1.0 if pair.normal_module_mm is None else cosines[0]
+    if pair.diametral_pitch is not None:
+        module = 25.4 / pair.diametral_pitch
+    else:
+        module = (pair.module_mm or pair.normal_module_mm or math.nan) / depth_ratio
+    left = right = pair.pressure_angle_deg
+    if left is None or right is None:
+        tangent = math.tan((pair.normal_pressure_angle_deg or math.nan) * DEG)
+        left, right = (math.atan(tangent / cosine) / DEG for cosine in cosines)
+    return module, (left, right), depth_ratio
 
 
 def _check_centre_distance(spec: PairSpec, distance: float) -> None:
     assert spec.driving.teeth and spec.driven.teeth
     where = "pair.centre_distance_mm"
-    module = transverse_module_mm(spec)
+    module, angles, depth_ratio = transverse(spec)
     reference = module * (spec.driving.teeth + spec.driven.teeth) / 2
-    base = reference * math.cos(min(transverse_pressure_angles_deg(spec)) * DEG)
-    depth = module * depth_ratio(spec)
+    base = reference * math.cos(min(angles) * DEG)
+    depth = module * depth_ratio
     shift = spec.driving.profile_shift + spec.driven.profile_shift
     shifted = reference + depth * shift
-    expected = _backlash_free_distance(spec, reference, depth * shift)
+    expected = _backlash_free_distance(sum(angles) / 2 * DEG, reference, depth * shift)
     contact = shifted - depth * spec.rack.clearance
     apart = shifted + depth * 2 * spec.rack.addendum
     expectation = f"these tooth counts and this module need about {expected:.6g} mm"
@@ -130,12 +121,12 @@ def _check_centre_distance(spec: PairSpec, distance: float) -> None:
             raise PairError(f"{distance:g} mm {said}; {expectation}.", where=where)
 
 
-def _backlash_free_distance(spec: PairSpec, reference: float, shift_mm: float) -> float:
+def _backlash_free_distance(alpha: float, reference: float, shift_mm: float) -> float:
     """Return the centre distance in mm without backlash, inv α_w = inv α + x m tan α/a₀.
 
-    `reference` is the sum a₀ of the reference radii in mm; `shift_mm` is x m = (x₁ + x₂) m.
+    `alpha` is the transverse pressure angle α, rad, `reference` the sum a₀ of the reference radii,
+    mm, and `shift_mm` is x m = (x₁ + x₂) m.
     """
-    alpha = sum(transverse_pressure_angles_deg(spec)) / 2 * DEG
     involute = math.tan(alpha) - alpha + shift_mm * math.tan(alpha) / reference
     if involute <= 0:
         return reference + shift_mm

@@ -7,7 +7,7 @@ keys, wrong types and impossible values raise a `PairError` whose `where` names 
 import math
 import re
 from fractions import Fraction
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 from msgspec import Meta
@@ -34,6 +34,7 @@ AngleUnit = Literal[
 TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d", "min", "h"]
 
 Flank = Literal["A", "B"]  # in contact: A in forward motion of the driving gear, B in backward
+FLANKS: tuple[Flank, Flank] = get_args(Flank)
 
 
 class Encoder(Table, frozen=True):

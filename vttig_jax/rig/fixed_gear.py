@@ -58,7 +58,10 @@ def fixed_gear_readings(
     # The noise of each position has half the variance of the difference.
     noise = np.random.default_rng(seed).standard_normal((2, len(readings)))
     noise *= std_deg * DEG / np.sqrt(2)
-    gap = _difference(rig, on_a + noise[0], on_b + noise[1])
+    low, high = map(rig.driven_encoder.reading, (on_a + noise[0], on_b + noise[1]))
+    gap, per_rev = high - low, rig.pair.driven.encoder.counts_per_rev
+    if per_rev is not None:
+        gap = (quantised(high, per_rev) - quantised(low, per_rev)) * (REV / per_rev)
     if np.any(gap < 0):
         worst = int(np.argmin(gap))
         raise ValueError(
@@ -79,17 +82,3 @@ def _true_angle(reading: Float[np.ndarray, " n"], encoder: EncoderError) -> Floa
     for _ in range(_ITERATIONS):
         angle = reading - (encoder.reading(angle) - zero - angle)
     return angle
-
-
-def _difference(
-    rig: SyntheticRig, on_a: Float[np.ndarray, " n"], on_b: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
-    """Return the driven reading on flank B minus the one on flank A, rad.
-
-    Both readings are rounded down to counts if the encoder has counts per revolution.
-    """
-    low, high = (rig.driven_encoder.reading(position) for position in (on_a, on_b))
-    per_rev = rig.pair.driven.encoder.counts_per_rev
-    if per_rev is None:
-        return high - low
-    return (quantised(high, per_rev) - quantised(low, per_rev)) * (REV / per_rev)

@@ -9,12 +9,11 @@ from jaxtyping import Float
 from scipy.signal import lfilter
 
 from ..base.units import ARCSEC, DEG, REV
-from ..pair.gear_pair import Flank
+from ..pair.schema import FLANKS, Flank
 
 Shaft = Literal["driving", "driven", "mesh"]
 
 _SHAFTS: tuple[Shaft, ...] = ("driving", "driven")
-_FLANKS: tuple[Flank, ...] = ("A", "B")
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ def random_orders(
     `mesh_amplitude_deg`.
     """
     errors: list[OrderError] = []
-    for flank in _FLANKS:
+    for flank in FLANKS:
         size = 2 * (highest - 1)
         amplitudes = generator.rayleigh(size=size)
         amplitudes *= pitch_rms_deg * np.sqrt(2 / np.sum(amplitudes**2))

@@ -15,11 +15,10 @@ from ..kinematics.flank_error import errors_at
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import CombinedModel, OrderModel
 from ..logs.encoder_log import EncoderLog
-from ..pair.gear_pair import Eccentricities, Flank, GearPair
+from ..pair.gear_pair import Eccentricities, GearPair
+from ..pair.schema import FLANKS
 from .imperfections import EncoderError, Noise, OrderError, quantised
 from .motion import PassMotion
-
-_FLANKS: tuple[Flank, Flank] = "A", "B"
 
 
 @jax.jit
@@ -110,7 +109,7 @@ class SyntheticRig:
         **Raises** `ValueError` if the gap is closed at an angle.
         """
         model, nominal = self.flank_model(), float(self.pair.ratio) * driving_angle
-        lower, upper = (nominal + errors_at(model, flank, driving_angle) for flank in _FLANKS)
+        lower, upper = (nominal + errors_at(model, flank, driving_angle) for flank in FLANKS)
         if np.any(upper < lower):
             worst = int(np.argmin(upper - lower))
             raise ValueError(

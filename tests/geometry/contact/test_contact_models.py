@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.geometry.contact.test_contact_exact import SOME, TABLE_2
 from tests.geometry.pairs import FLANKS
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.mounting import Misalignment
@@ -14,9 +15,6 @@ from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.flank_model import FlankModel
 from vttig_jax.kinematics.flank_table import tabulate_flanks
 from vttig_jax.pair.gear_pair import Eccentricities
-
-TABLE_2 = (0.0226, 49.5, 0.0273, 79.3)
-ANGLES = np.array([0.0, 1.0, 6.1, 33.3, 50.3, 77.7, 100.0, -7.0])
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +28,7 @@ def test_the_backlash_map_of_the_surfaces_is_the_exact_one(paper_pair, rig):
     assert isinstance(contact, FlankModel)
     found = BacklashMap(contact, None, paper_pair)
     exact = BacklashMap(exact_model(paper_pair, rig), None, paper_pair)
-    np.testing.assert_allclose(found.at(ANGLES), exact.at(ANGLES), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.at(SOME), exact.at(SOME), rtol=0, atol=1e-14)
     for one, other in ((found.smallest, exact.smallest), (found.largest, exact.largest)):
         assert one.backlash == pytest.approx(other.backlash, abs=1e-13)
         assert one.tooth_pair == other.tooth_pair
@@ -58,8 +56,8 @@ def test_the_period_of_contact_is_that_of_the_hunting_tooth(paper_pair, rig):
     period = paper_pair.hunting_turns * 2 * math.pi
     for flank in FLANKS:
         np.testing.assert_allclose(
-            model.transmission_error(ANGLES, flank),
-            model.transmission_error(ANGLES + period, flank),
+            model.transmission_error(SOME, flank),
+            model.transmission_error(SOME + period, flank),
             rtol=0,
             atol=1e-14,
         )

@@ -14,18 +14,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
+from tests.geometry.pairs import FLANKS, pair_of
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.geometry.deviations import Deviations, FlankMap
-from vttig_jax.pair.gear_pair import Flank, Gear, GearPair
+from vttig_jax.pair.gear_pair import Flank
 
 TEETH, DISTANCE, WIDTH = (45, 80), 125.12, 20.0
 BASE = tuple(count * math.cos(math.radians(20.0)) for count in TEETH)
-PAIR = GearPair(
-    *(Gear(count, face_width_mm=WIDTH) for count in TEETH),
-    module_mm=2.0,
-    pressure_angles_deg=20.0,
-    centre_distance_mm=DISTANCE,
-)
+PAIR = pair_of((0.0, 0.0), widths=(WIDTH, WIDTH), distance=DISTANCE)
 PITCH = 2 * math.pi / TEETH[0]
 MEASURED = {
     "whole": (33, 33, 10.0, ((3.0, 24.0), (12.0, 38.0))),
@@ -33,7 +29,6 @@ MEASURED = {
 }
 """Rows and columns of the maps, half their width, and their first and last rows, mm."""
 
-FLANKS: tuple[Flank, Flank] = ("A", "B")
 
 pytestmark = pytest.mark.slow  # the brute force takes half a minute a map
 

@@ -17,21 +17,23 @@ from vttig_jax.geometry.measures import measure_gear, over_balls
 def test_the_usual_ball_stands_above_the_tip_in_every_section():
     for section in (-8.0, 0.0, 4.0, 8.0):
         found = measure_gear(shop_gear(helix=(3.0, 3.0)), section_mm=section)
-        assert known(found.over_balls.value_mm) > found.tip_diameter_mm
+        assert known(found.over_balls_mm.value_mm) > found.tip_diameter_mm
 
 
 def test_the_thin_end_is_the_thin_one_whichever_way_the_gear_tapers():
     up, down = (measure_gear(shop_gear(helix=(b, b))) for b in (3.0, -3.0))
-    assert up.thickness == down.thickness
-    thin, here, thick = known(up.thickness.thin), known(up.thickness.section), up.thickness.thick
-    assert thin < here < known(thick)
+    ends = "tooth_thickness_thin_mm", "tooth_thickness_mm", "tooth_thickness_thick_mm"
+    thin, here, thick = (known(getattr(up, name)) for name in ends)
+    assert [getattr(down, name) for name in ends] == [thin, here, thick]
+    assert thin < here < thick
     helical = measure_gear(shop_gear(helix=(15.0, -15.0)))
-    assert helical.thickness.thin == pytest.approx(helical.thickness.thick, rel=1e-12)
+    thin, thick = helical.tooth_thickness_thin_mm, helical.tooth_thickness_thick_mm
+    assert thin == pytest.approx(thick, rel=1e-12)
 
 
 def test_an_end_of_a_crowned_gear_is_thinner_than_its_middle():
     found = measure_gear(shop_gear(crowning_um=20.0))
-    assert found.thickness.thick == pytest.approx(known(found.thickness.section) - 0.04)
+    assert found.tooth_thickness_thick_mm == pytest.approx(found.tooth_thickness_mm - 0.04)
 
 
 def test_thickness_at_radii_asked_for():
@@ -39,12 +41,12 @@ def test_thickness_at_radii_asked_for():
     found = measure_gear(tooth, radii_mm=(46.0, 43.0, 48.0))
     inside, below, above = found.thickness_at
     ends = tooth.thickness(np.full(3, 46.0), np.array([10.0, 0.0, -10.0]))
-    assert (inside.thin, inside.section, inside.thick) == pytest.approx(tuple(ends), rel=1e-14)
-    assert below.section is None and above.section is None
-    assert "no involute at a radius of 43 mm: it reaches from 43.3497 to 47.0000" in known(
-        below.reason
+    assert (inside.thin_mm, inside.section_mm, inside.thick_mm) == pytest.approx(
+        tuple(ends), rel=1e-14
     )
-    assert below.reason in found.notes and above.reason in found.notes
+    assert below.section_mm is None and above.section_mm is None
+    missing = "no involute at a radius of {} mm: it reaches from 43.3497 to 47.0000"
+    assert all(missing.format(r) in note for r, note in zip((43, 48), found.notes, strict=False))
 
 
 @settings(max_examples=10)
@@ -55,7 +57,7 @@ def test_lengths_scale_with_the_gear_and_angles_do_not(factor, ball, z):
     there = measure_gear(scaled(tooth, factor), section_mm=factor * z, ball_mm=factor * ball)
 
     def lengths(found):
-        balls, span = found.over_balls, found.span
+        balls, span = found.over_balls_mm, found.span_mm
         return np.array(
             [
                 found.chordal_thickness_mm,
@@ -69,7 +71,7 @@ def test_lengths_scale_with_the_gear_and_angles_do_not(factor, ball, z):
     np.testing.assert_allclose(lengths(there) / factor, lengths(here), rtol=1e-10, atol=1e-6)
     np.testing.assert_allclose(lengths(there)[:4] / factor, lengths(here)[:4], rtol=1e-10)
     np.testing.assert_allclose(there.base_helix_deg, here.base_helix_deg, atol=1e-9)
-    assert there.span.teeth == here.span.teeth
+    assert there.span_mm.teeth == here.span_mm.teeth
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,9 @@ def test_the_slope_of_the_measure_over_balls_is_its_derivative(helix, z, teeth, 
     found = measure_gear(tooth, section_mm=z, ball_mm=3.5)
     step = 1e-4
     ahead, behind = (known(over_balls(tooth, 3.5, z + sign * step).value_mm) for sign in (1, -1))
-    assert found.over_balls_slope == pytest.approx((ahead - behind) / (2 * step), abs=2e-6)
+    assert found.over_balls_mm.per_axial_mm == pytest.approx(
+        (ahead - behind) / (2 * step), abs=2e-6
+    )
 
 
 NOTES = {

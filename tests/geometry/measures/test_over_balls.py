@@ -23,7 +23,7 @@ def test_handbooks():
     """The helical gear, with m_n = 1 and x_n = +0.4, counts its shift in normal modules."""
     found = over_balls(shop_gear(20, module_mm=1.0), 1.7)
     assert found.value_mm == pytest.approx(22.2941, abs=6e-5) and found.reason is None
-    assert found.contact_diameters_mm == pytest.approx((19.9594, 19.9594), abs=5e-5)
+    assert found.contact_diameter_mm == pytest.approx((19.9594, 19.9594), abs=5e-5)
     over_one = known(found.centre_diameter_mm) / 2 + 1.7 / 2
     assert over_one == pytest.approx(11.1471, abs=6e-5)
     wires = over_balls(shop_gear(32, module_mm=1.0), 1.728)
@@ -131,7 +131,7 @@ def test_a_ball_there_touches_both_flanks_and_nothing_less(name):
     for side, (away, point) in enumerate(seat(tooth, centre, z, ball)):
         assert away == pytest.approx(ball / 2, abs=2e-9)
         contact = 2 * math.hypot(point[0], point[1])
-        assert contact == pytest.approx(known(found.contact_diameters_mm)[side], abs=2e-4)
+        assert contact == pytest.approx(known(found.contact_diameter_mm)[side], abs=2e-4)
         assert point[2] == pytest.approx(known(found.contact_z_mm)[side], abs=2e-4)
     # A centre 1 µm farther out or in is seen.
     for radius in (centre + 1e-3, centre - 1e-3):
@@ -166,7 +166,7 @@ def test_a_ball_that_cannot_seat_is_told():
         (shop_gear(1, rack={"addendum": 0.4}), 3.0, 0.0, "one tooth has no opposite space"),
     ):
         found = over_balls(tooth, ball, z)
-        assert found.value_mm is None and found.contact_diameters_mm is None
+        assert found.value_mm is None and found.contact_diameter_mm is None
         assert found.reason is not None and words in found.reason
         assert found.reason.endswith(".") and "\n" not in found.reason
 
@@ -191,7 +191,7 @@ def test_the_chosen_ball_is_on_sale_and_touches_near_the_v_circle():
         found = over_balls(tooth, ball)
         assert ball in SIZES_MM
         assert known(found.value_mm) > 2 * tooth.tip_radius
-        contact = np.mean(known(found.contact_diameters_mm)) / 2
+        contact = np.mean(known(found.contact_diameter_mm)) / 2
         circle = tooth.reference_radius + tooth.profile_shift_mm
         assert abs(contact - circle) < 0.75 * tooth.addendum_mm
 
