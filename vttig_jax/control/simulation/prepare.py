@@ -125,7 +125,9 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
         if gap is not None and known(gap) and not gap >= 0:
             place, named = "on the average", which
             if which == "plant_map":
-                place = f"at {_narrowest(bounds, s.pair) / DEG:.1f}° of the driving shaft"
+                angles, all_gaps = _gaps_of(bounds, s.pair)
+                narrowest = float(angles[jnp.argmin(all_gaps)]) / DEG
+                place = f"at {narrowest:.1f}° of the driving shaft"
                 named = which if s.plant_map is not None else "eccentricities"
             raise ScenarioError(
                 f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
@@ -269,7 +271,7 @@ def _table_of(
     if isinstance(model, FirstOrderBounds):
         first = replace(model, closing=closings_of(s.pair)).turned(turns)
         if which == "plant_map":
-            return first, jnp.min(first.gap(_angles_of(s.pair))), 0.0
+            return first, jnp.min(_gaps_of(first, s.pair)[1]), 0.0
         if given and s.map_backlash_deg is not None:
             offset = jnp.asarray(first.offset)
             first = replace(first, offset=offset.at[1].set(offset[0] + s.map_backlash_deg * DEG))
@@ -292,31 +294,24 @@ def _table_of(
         )
     bounds = replace(model, closing=closings_of(s.pair)).turned(turns)
     judged = jnp.min if which == "plant_map" else jnp.mean
-    gap = judged(_gaps_of(bounds)) if given or which == "plant_map" else None
+    gap = judged(_gaps_of(bounds, s.pair)[1]) if given or which == "plant_map" else None
     if which == "controller_map" and given and s.map_backlash_deg is not None:
         nodes = jnp.asarray(bounds.nodes)
-        shift = s.map_backlash_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
-        bounds = replace(bounds, nodes=nodes.at[:, 2].add(shift))
+        bounds = replace(bounds, nodes=nodes.at[:, 2].add(s.map_backlash_deg * DEG - gap))
     return bounds, gap, order
 
 
-def _angles_of(pair: Any) -> Float[Array, " n"]:
-    """Return driving angles over the hunting period, at most `_MOST_TURNS`, rad."""
-    turns = min(pair.hunting_turns, _MOST_TURNS)
-    return jnp.linspace(0.0, REV * turns, _PER_TURN * turns + 1)
+def _gaps_of(bounds: Bounds, pair: Any) -> tuple[Any, Any]:
+    """Return some driving angles and the gap at each, rad.
 
-
-def _narrowest(bounds: Bounds, pair: Any) -> float:
-    """Return the driving angle at which the known flanks are closest, rad."""
+    They are the nodes of a table, or angles over the hunting period, at most `_MOST_TURNS` turns.
+    """
     if isinstance(bounds, FlankTable):
-        return float(bounds.start + np.argmin(np.asarray(_gaps_of(bounds))) * bounds.step)
-    angle = _angles_of(pair)
-    return float(angle[jnp.argmin(bounds.gap(angle))])
-
-
-def _gaps_of(table: Any) -> Any:
-    """Return the gap at the nodes of a table, or of tables that share a first axis, rad."""
-    return table.nodes[..., 2] - table.nodes[..., 0]
+        angles = bounds.start + np.arange(len(bounds.nodes)) * bounds.step
+        return angles, bounds.nodes[:, 2] - bounds.nodes[:, 0]
+    turns = min(pair.hunting_turns, _MOST_TURNS)
+    angles = jnp.linspace(0.0, REV * turns, _PER_TURN * turns + 1)
+    return angles, bounds.gap(angles)
 
 
 @eqx.filter_jit
@@ -345,9 +340,9 @@ def drawn_tables(
         )
     tables = _tables(models, count, periodic, float64(first), per)
     one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), tables)
-    nodes = np.asarray(tables.nodes).reshape(-1, 4)
-    smallest = np.asarray(_gaps_of(tables).min(axis=-1))
-    return replace(one, nodes=nodes, closing=closings_of(pair)), smallest
+    nodes = np.asarray(tables.nodes)
+    smallest = (nodes[..., 2] - nodes[..., 0]).min(axis=-1)
+    return replace(one, nodes=nodes.reshape(-1, 4), closing=closings_of(pair)), smallest
 
 
 @eqx.filter_jit
