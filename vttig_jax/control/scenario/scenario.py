@@ -30,6 +30,9 @@ from ..plants.elastic import Elastic
 from ..plants.plant import Friction, Inertia, Load, Mesh, Plant, Play, Rigid
 from .axes import Gap, Sweep
 
+Kinematics = Literal["exact", "closed"]
+TurnSource = Literal["known", "located", "unknown"]
+
 
 class Sampling(Part):
     """Rates of the controller and of the plant."""
@@ -122,18 +125,16 @@ class Scenario(eqx.Module):
     seed: Int[Numbers, ""] = eqx.field(
         converter=lambda seed: seed if isinstance(seed, jax.Array) else np.asarray(seed), default=0
     )
-    flanks: Literal["exact", "closed"] = eqx.field(static=True, default="exact")
-    turn: Literal["known", "located", "unknown"] = eqx.field(static=True, default="known")
+    flanks: Kinematics = eqx.field(static=True, default="exact")
+    turn: TurnSource = eqx.field(static=True, default="known")
 
 
 PlantName = Literal["play", "rigid", "elastic"]
 ControllerName = Literal["none", "acceleration", "predictive", "feedforward"]
 ObserverName = Literal["alpha_beta_gamma", "difference"]
-Kinematics = Literal["exact", "closed"]
 MotionKind = Literal["trapezoid", "s_curve", "sine", "recorded"]
 Event = Literal["reversal", "slow_down", "aborted", "emergency_stop"]
 Motor = Literal["prescribed", "pi"]
-TurnSource = Literal["known", "located", "unknown"]
 
 
 def _named(names: Any, *kinds: type) -> dict[str, Any]:
@@ -175,27 +176,15 @@ def table_of(name: str, *contents: Any) -> Any:
 _ANGLE = {"unit": "deg", "ge": -1e6, "le": 1e6}
 _OFFSET = {"unit": "mm", "ge": 0, "le": 1e3}
 _FROM_CENTRES = "its angle from the line of centres at angle 0"
-_RIG: dict[str, tuple[str, dict[str, Any]]] = {
-    "driving_mm": ("eccentricity of the driving gear", _OFFSET | {"examples": [0.0226]}),
-    "driving_phase_deg": (_FROM_CENTRES, _ANGLE | {"examples": [49.5]}),
-    "driven_mm": ("eccentricity of the driven gear", _OFFSET | {"examples": [0.0273]}),
-    "driven_phase_deg": (_FROM_CENTRES, _ANGLE | {"examples": [79.3]}),
-    "constant_backlash_deg": (
-        "backlash without eccentricities, angle of the driven gear",
-        {"unit": "deg", "ge": 0, "le": 90, "examples": [0.038]},
-    ),
+_CONSTANT = "backlash without eccentricities, angle of the driven gear"
+_RIG: dict[str, Any] = {
+    "driving_mm": key("eccentricity of the driving gear", **_OFFSET, examples=[0.0226]),
+    "driving_phase_deg": key(_FROM_CENTRES, **_ANGLE, examples=[49.5]),
+    "driven_mm": key("eccentricity of the driven gear", **_OFFSET, examples=[0.0273]),
+    "driven_phase_deg": key(_FROM_CENTRES, **_ANGLE, examples=[79.3]),
+    "constant_backlash_deg": key(_CONSTANT, "deg", ge=0, le=90, examples=[0.038]),
 }
-
-
-def _rig(required: bool) -> dict[str, tuple[Any, Any]]:
-    """Return the keys of a rig, required or optional."""
-    kinds: dict[str, Any] = {
-        name: Annotated[float, key(text, **bounds)] for name, (text, bounds) in _RIG.items()
-    }
-    return {
-        name: (kind, NODEFAULT) if required else (kind | None, None) for name, kind in kinds.items()
-    }
-
+"""Keys of a rig, which [eccentricities] requires and [map] does not."""
 
 _FILE = "recorded: CSV with time_s and driving_deg, relative to the scenario"
 _MOTOR = "prescribed: exact motion with unlimited torque; pi: servo motor"
@@ -203,15 +192,19 @@ _TURN = "turn of the hunting period; located: from one reading of both shafts"
 _KIND = "shape of the speed; recorded: that of `file`"
 _EVENT = "reversal, or an event instead of it or before it"
 
-EccentricityTable = table_of("EccentricityTable", _rig(required=True))
-MapTable = table_of("MapTable", _rig(required=False))
+EccentricityTable = table_of(
+    "EccentricityTable", {name: (Annotated[float, one], NODEFAULT) for name, one in _RIG.items()}
+)
+MapTable = table_of(
+    "MapTable", {name: (Annotated[float, one] | None, None) for name, one in _RIG.items()}
+)
 MotionTable = table_of(
     "MotionTable",
     {
         "kind": choice(MotionKind, _KIND, "trapezoid"),
         "event": choice(Event, _EVENT, "reversal"),
     },
-    *(Reversal, SlowDown, EmergencyStop),
+    *(Reversal, AbortedStop, EmergencyStop),
     {"file": choice(str, _FILE)},
 )
 ServoTable = table_of("ServoTable", {"motor": choice(Motor, _MOTOR, "prescribed")}, Servo)
