@@ -212,9 +212,7 @@ def _text(table: SweepTable) -> str:
             group["name"],
             group["cases"],
             *_cells(group["residual_gap_deg"], ".5f"),
-            "–"
-            if group["interfering_share"] is None
-            else _share_text(group["interfering_share"], group["interfering_share_95"]),
+            _share_text(group["interfering_share"], group["interfering_share_95"]),
             *_cells(group["interference_mm"], ".4f")[2:],
             *_cells(group["largest_jump_deg"], ".5f")[2:],
             *_cells(group["wrong_flank_deg"], ".2f")[2:],
@@ -278,7 +276,9 @@ def _machines(table: SweepTable, group: dict[str, Any], mask: np.ndarray) -> str
     )
 
 
-def _share_text(share: float, interval: list[float] | None) -> str:
+def _share_text(share: float | None, interval: list[float] | None) -> str:
+    if share is None:
+        return "–"
     ends = f" ({100 * interval[0]:.1f} … {100 * interval[1]:.1f})" if interval else ""
     return f"{100 * share:.1f} %{ends}"
 
