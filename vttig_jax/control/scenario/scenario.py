@@ -147,9 +147,9 @@ OBSERVERS = _named(ObserverName, AlphaBetaGamma, FilteredDifference)
 EVENTS = _named(Event, Reversal, SlowDown, AbortedStop, EmergencyStop)
 
 
-def choice(kind: Any, meaning: str, default: Any = "") -> tuple[Any, Any]:
-    """Return type and default of a key that holds no number."""
-    return Annotated[kind, key(meaning)], default
+def choice(kind: Any, meaning: str, default: Any = NODEFAULT) -> tuple[Any, Any]:
+    """Return type and default of a key that holds no number; by default an empty text or table."""
+    return Annotated[kind, key(meaning)], kind() if default is NODEFAULT else default
 
 
 def table_of(name: str, *contents: Any) -> Any:
@@ -162,7 +162,7 @@ def table_of(name: str, *contents: Any) -> Any:
         new = content
         if isinstance(content, type):
             own = (one for one in number_fields(content) if one.name in content.__annotations__)
-            new = {one.name: (one.kind, one.default) for one in own}
+            new = {one.name: (one.metadata["kind"], one.default) for one in own}
         for field, entry in new.items():
             keys.pop(field, None)
             keys[field] = entry
@@ -254,11 +254,6 @@ ECCENTRICITIES = "eccentricities"
 """Value of `plant_map` and `controller_map` for the exact or closed map of [eccentricities]."""
 
 
-def _part(kind: Any, meaning: str, default: Any = NODEFAULT) -> tuple[Any, Any]:
-    """Return type and default of a key that holds a table."""
-    return choice(kind, meaning, kind() if default is NODEFAULT else default)
-
-
 _PAIR = key("pair file, relative to this file; a run folder has its own", examples=["pair.toml"])
 _SEED = key("seed of the encoder noise", "1", ge=0, le=2**32 - 1)
 _BELIEVED = key(
@@ -289,7 +284,7 @@ else:
             ),
             "flanks": choice(Kinematics, "kinematics of the eccentric pair", "exact"),
             "seed": (Annotated[int, _SEED], 0),
-            "eccentricities": _part(
+            "eccentricities": choice(
                 EccentricityTable | None,
                 "eccentricities of the gears, and the constant backlash",
                 None,
@@ -304,24 +299,24 @@ else:
                 Gap, "gap of that map: mean, or an edge of its band in map.csv", "mean"
             ),
             "constant_backlash_deg": (Annotated[float, _GAP] | None, None),
-            "map": _part(MapTable, "rig assumed by the controller; absent keys: true values"),
-            "motion": _part(MotionTable, "motion of the driving shaft"),
-            "servo": _part(ServoTable, "motor of the driving shaft"),
-            "inertia": _part(InertiaTable, "moments of inertia of both shafts"),
-            "friction": _part(FrictionTable, "friction of both shafts"),
-            "load": _part(LoadTable, "load of the driven shaft"),
-            "mesh": _part(MeshTable, "contact of the flanks"),
-            "driving_encoder": _part(
+            "map": choice(MapTable, "rig assumed by the controller; absent keys: true values"),
+            "motion": choice(MotionTable, "motion of the driving shaft"),
+            "servo": choice(ServoTable, "motor of the driving shaft"),
+            "inertia": choice(InertiaTable, "moments of inertia of both shafts"),
+            "friction": choice(FrictionTable, "friction of both shafts"),
+            "load": choice(LoadTable, "load of the driven shaft"),
+            "mesh": choice(MeshTable, "contact of the flanks"),
+            "driving_encoder": choice(
                 EncoderTable, "encoder of the driving shaft that the controller reads"
             ),
-            "driven_encoder": _part(
+            "driven_encoder": choice(
                 EncoderTable, "encoder of the driven shaft that the controller reads"
             ),
-            "actuator": _part(ActuatorTable, "axial shift of the driven gear"),
-            "judgement": _part(JudgementTable, "detection of a reversal"),
-            "sampling": _part(SamplingTable, "rates of controller and plant"),
-            "rig": _part(RigTable | None, "the rig of a run folder", None),
-            "sweep": _part(Sweep | None, "axes of a sweep", None),
+            "actuator": choice(ActuatorTable, "axial shift of the driven gear"),
+            "judgement": choice(JudgementTable, "detection of a reversal"),
+            "sampling": choice(SamplingTable, "rates of controller and plant"),
+            "rig": choice(RigTable | None, "the rig of a run folder", None),
+            "sweep": choice(Sweep | None, "axes of a sweep", None),
         },
     )
 
