@@ -83,7 +83,7 @@ def by_scipy(
     start: Any,
     rates: Callable[[Any, float], Any],
     limit: float = np.inf,
-    **precision: float,
+    **precision: Any,
 ) -> np.ndarray:
     """A state after every step by DOP853 between the samples of a servo: shape (steps, states).
 

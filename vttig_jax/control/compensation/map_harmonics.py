@@ -85,7 +85,7 @@ def compensation_of(
     angles = np.random.default_rng(0).uniform(0.0, pair.hunting_turns * REV, _CHECK_ANGLES)
     map_values = grid.over(angles)
 
-    def of_series(constant: float, terms: tuple[Term, ...], waves: np.ndarray) -> Compensation:
+    def of_series(constant: float, terms: tuple[Term, ...], waves: Any) -> Compensation:
         """Return the compensation with these harmonics, and its largest error at `angles`."""
         found = Compensation(
             pair.ratio,
@@ -177,8 +177,8 @@ def _highest(model: FlankModel, margin: int) -> tuple[int, int]:
 
 
 def _without_weak(
-    constant: float, terms: tuple[Term, ...], waves: np.ndarray, left_out_rad: float
-) -> tuple[float, tuple[Term, ...], np.ndarray]:
+    constant: float, terms: tuple[Term, ...], waves: Any, left_out_rad: float
+) -> tuple[float, tuple[Term, ...], Any]:
     """Return a series without its weakest harmonics; the others are sorted by order.
 
     `left_out_rad` is the largest sum of the omitted amplitudes, rad.

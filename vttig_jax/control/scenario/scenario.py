@@ -177,13 +177,14 @@ _ANGLE = {"unit": "deg", "ge": -1e6, "le": 1e6}
 _OFFSET = {"unit": "mm", "ge": 0, "le": 1e3}
 _FROM_CENTRES = "its angle from the line of centres at angle 0"
 _CONSTANT = "backlash without eccentricities, angle of the driven gear"
-_RIG: dict[str, Any] = {
+_RIG_KEYS = {
     "driving_mm": key("eccentricity of the driving gear", **_OFFSET, examples=[0.0226]),
     "driving_phase_deg": key(_FROM_CENTRES, **_ANGLE, examples=[49.5]),
     "driven_mm": key("eccentricity of the driven gear", **_OFFSET, examples=[0.0273]),
     "driven_phase_deg": key(_FROM_CENTRES, **_ANGLE, examples=[79.3]),
     "constant_backlash_deg": key(_CONSTANT, "deg", ge=0, le=90, examples=[0.038]),
 }
+_RIG: dict[str, Any] = {name: Annotated[float, one] for name, one in _RIG_KEYS.items()}
 """Keys of a rig, which [eccentricities] requires and [map] does not."""
 
 _FILE = "recorded: CSV with time_s and driving_deg, relative to the scenario"
@@ -193,11 +194,9 @@ _KIND = "shape of the speed; recorded: that of `file`"
 _EVENT = "reversal, or an event instead of it or before it"
 
 EccentricityTable = table_of(
-    "EccentricityTable", {name: (Annotated[float, one], NODEFAULT) for name, one in _RIG.items()}
+    "EccentricityTable", {name: (kind, NODEFAULT) for name, kind in _RIG.items()}
 )
-MapTable = table_of(
-    "MapTable", {name: (Annotated[float, one] | None, None) for name, one in _RIG.items()}
-)
+MapTable = table_of("MapTable", {name: (kind | None, None) for name, kind in _RIG.items()})
 MotionTable = table_of(
     "MotionTable",
     {

@@ -249,7 +249,8 @@ def _table_of(
     the motion, and for flanks that cross.
     """
     model, given = _model(s, which)
-    plant, order, gap = which == "plant_map", 0.0, None
+    plant, order = which == "plant_map", 0.0
+    gap: Any = None
     if isinstance(model, FlankTable):
         order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
         if travel is not None and not covers(model, *travel):
