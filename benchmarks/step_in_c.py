@@ -25,7 +25,6 @@ from vttig_jax.control.simulation.case import (
     Accumulators,
     Case,
     State,
-    empty_accumulators,
     initial_state,
     run_periods,
 )
@@ -130,7 +129,7 @@ class Prepared:
 def scanned(cases: Sequence[Case], periods: int) -> np.ndarray:
     """The same state by the simulator: one scan, vmapped over the cases."""
     state = jax.tree.map(np.asarray, _scan()(_stacked(cases), periods))
-    start = empty_accumulators(jnp.zeros(()))  # the start of the output is in `METRICS`
+    start = Accumulators(output_start=jnp.zeros(()))  # the start of the output is in `METRICS`
     for name in {field.name for field in dataclasses.fields(Accumulators)} - set(METRICS):
         there, at_first = getattr(state.accumulators, name), getattr(start, name)
         if there is at_first is None:  # only with a controller that moves the motor

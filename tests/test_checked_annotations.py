@@ -9,7 +9,7 @@ from beartype import beartype
 from jaxtyping import Float, TypeCheckError
 
 from tests.checked_annotations import CALLS, first_calls, next_test
-from vttig_jax.control.hardware.encoder import MotionEstimate
+from vttig_jax.control.motion.motion import MotionPoint
 from vttig_jax.kinematics.harmonic import OrderModel
 from vttig_jax.pair.gear_pair import involute
 
@@ -40,7 +40,7 @@ def test_a_wrong_kind_or_shape_is_refused_at_the_first_call():
     with pytest.raises(TypeCheckError):
         OrderModel(jnp.asarray(0.5), ((1, 0), (0, 1)), jnp.zeros(2), two, three)
     with pytest.raises(TypeCheckError):
-        MotionEstimate(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
+        MotionPoint(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
     with pytest.raises(ValueError, match="rank_promotion"):
         jnp.add(two, jnp.zeros(2))
 

@@ -1,11 +1,13 @@
 """Both shafts followed step by step: no controller, no actuator, no encoders."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from benchmarks.compiler import fast_to_compile
 from tests.control.parts import at
@@ -72,6 +74,41 @@ def told_of(angle: Any, speed: Any) -> MotionPoint:
     """What the motor is told, before the first step and after each: rad and rad/s."""
     angle, speed = jnp.broadcast_arrays(jnp.asarray(angle, float), jnp.asarray(speed, float))
     return MotionPoint(angle, speed, jnp.zeros_like(angle))
+
+
+def by_scipy(
+    gains: tuple[float, float, float],
+    told: MotionPoint,
+    step: float,
+    start: Any,
+    rates: Callable[[Any, float], Any],
+    limit: float = np.inf,
+    **precision: Any,
+) -> np.ndarray:
+    """A state after every step by DOP853 between the samples of a servo: shape (steps, states).
+
+    It begins with angle and speed of the driving shaft; `rates` is its derivative under a torque.
+    """
+    proportional, integral, position = gains
+    state, wound, found = np.array(start, float), 0.0, []
+    for angle, speed in zip(told.angle[:-1], told.speed[:-1], strict=True):
+        error = speed + position * (angle - state[0]) - state[1]
+        plain = proportional * error + integral * (wound + step * error)
+        torque = np.clip(plain, -limit, limit)
+        if torque == plain or error * plain < 0:
+            wound += step * error
+        law = lambda _, y, torque=torque: rates(y, torque)  # noqa: E731
+        state = solve_ivp(law, (0, step), state, "DOP853", **precision).y[:, -1]
+        found.append(state)
+    return np.array(found)
+
+
+def at_rest(
+    plant: Plant, bounds: Bounds, place: tuple[float, float, float], step: float, steps: int
+) -> tuple[Shafts, ContactEvent]:
+    """Shafts and touches while the driving shaft stands; `place`: x, its rate and the flank."""
+    start = shafts_of(bounds, 0.0, 0.0, *place)
+    return turned(None, plant, bounds, start, told_of(np.zeros(steps + 1), 0.0), step)
 
 
 def follow(

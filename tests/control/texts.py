@@ -1,5 +1,14 @@
-"""Scenarios to start from: the contract's example word for word, and the shortest."""
+"""Scenarios to start from, and how a bad one is refused.
 
+They are the contract's example word for word, and the shortest.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from vttig_jax.base.errors import ScenarioError
 from vttig_jax.control.scenario.spec import parse_scenario_spec
 
 CONTRACT = """
@@ -41,3 +50,13 @@ def put(table, name, value):
     inner = {**(table.get(above, {}) if above else table), last: value}
     inner = {key: value for key, value in inner.items() if value is not None}
     return {**table, above: inner} if above else inner
+
+
+@contextmanager
+def refused(where: str, words: str) -> Iterator[None]:
+    """Expect one sentence with these words, which names a key and perhaps its file."""
+    with pytest.raises(ScenarioError) as caught:
+        yield
+    assert caught.value.where == where
+    assert words in caught.value.message and "\n" not in str(caught.value)
+    assert caught.value.exit_code == 3

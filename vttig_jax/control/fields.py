@@ -5,9 +5,9 @@ The tables of a scenario file, its defaults and checks, the axes of a sweep and 
 """
 
 import re
-from dataclasses import fields
+from dataclasses import Field, fields
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import equinox as eqx
 import msgspec
@@ -21,15 +21,6 @@ if TYPE_CHECKING:  # users give floats, which the fields convert
     from typing import Any as Quantity
 else:
     Quantity = Float[Number, ""]
-
-
-class NumberField(NamedTuple):
-    """Name and default of a field, and its annotated type for `msgspec.convert`."""
-
-    name: str
-    kind: Any
-    default: Any
-    signed: bool
 
 
 def number(
@@ -60,13 +51,12 @@ positive = partial(number, gt=0, le=1e9)
 not_negative = partial(number, ge=0, le=1e9)
 
 
-def number_fields(part: Any) -> list[NumberField]:
-    """Return the fields of a part, or of its class, that `number` made, in their order."""
-    return [
-        NumberField(field.name, field.metadata["kind"], field.default, field.metadata["signed"])
-        for field in fields(part)
-        if "kind" in field.metadata
-    ]
+def number_fields(part: Any) -> list[Field[Any]]:
+    """Return the fields of a part, or of its class, that `number` made, in their order.
+
+    The entry `kind` of their metadata is the annotated type for `msgspec.convert`.
+    """
+    return [field for field in fields(part) if "kind" in field.metadata]
 
 
 class Part(eqx.Module):
@@ -77,8 +67,8 @@ class Part(eqx.Module):
     """
 
     def __check_init__(self) -> None:
-        for name, kind, _, signed in number_fields(self):
-            value = getattr(self, name)
+        for field in number_fields(self):
+            name, value = field.name, getattr(self, field.name)
             if value is None or not known(value):
                 continue
             if np.ndim(value):
@@ -87,7 +77,8 @@ class Part(eqx.Module):
                     " use `jax.vmap` for a batch."
                 )
             try:
-                msgspec.convert(abs(float(value)) if signed else float(value), kind, strict=False)
+                size = abs(float(value)) if field.metadata["signed"] else float(value)
+                msgspec.convert(size, field.metadata["kind"], strict=False)
             except msgspec.ValidationError as error:
                 bounds = re.sub(r"Expected `\w+( \| null)?`(, got `float`)?", "must be", str(error))
                 raise ValueError(f"Argument `{name}` {bounds}, but is {float(value):g}.") from None

@@ -89,11 +89,8 @@ def why_not() -> str | None:
     if os.geteuid() != 0:
         return "needs root to isolate LinuxCNC"
     probe = ["unshare", "-m", "-n", "-i", "-p", "-f", "--mount-proc", "true"]
-    return (
-        None
-        if subprocess.run(probe, capture_output=True).returncode == 0
-        else "unshare is not permitted"
-    )
+    done = subprocess.run(probe, capture_output=True)
+    return None if done.returncode == 0 else "unshare is not permitted"
 
 
 HOME_HERE = "HOME_OFFSET = 0\nHOME = 0\n"
@@ -146,11 +143,7 @@ def moved(
     drive.chmod(0o755)
     (source / "axis.nml").write_text(_nml())
     (source / "axis.ini").write_text(_ini(axes, homing))
-    joined = {
-        "pos-cmd": "command",
-        "motor-pos-cmd": "motor",
-        "vel-cmd": "speed",
-    }
+    joined = {"pos-cmd": "command", "motor-pos-cmd": "motor", "vel-cmd": "speed"}
     hal = [
         f"loadrt trivkins coordinates={axes}",
         f"loadrt motmod servo_period_nsec={round(1e9 * SERVO_S)} num_joints={len(tables)}",
@@ -193,19 +186,7 @@ code=$?
 umount /tmp && cp out.txt samples.txt messages.txt {result}/
 exit $code
 """
-    isolated = [
-        "timeout",
-        "-k",
-        "5",
-        "80",
-        "unshare",
-        "-m",
-        "-n",
-        "-i",
-        "-p",
-        "-f",
-        "--mount-proc",
-    ]
+    isolated = ["timeout", "-k", "5", "80", "unshare", "-m", "-n", "-i", "-p", "-f", "--mount-proc"]
     done = subprocess.run([*isolated, "bash", "-c", script], capture_output=True, text=True)
     if done.returncode in (124, 137):
         pytest.skip("LinuxCNC did not end in time: its clock does not run on so slow a machine")

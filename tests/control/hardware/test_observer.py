@@ -10,12 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vttig_jax.control.hardware.encoder import (
-    AlphaBetaGamma,
-    FilteredDifference,
-    MotionEstimate,
-    Observer,
-)
+from vttig_jax.control.hardware.encoder import AlphaBetaGamma, FilteredDifference, Observer
+from vttig_jax.control.motion.motion import MotionPoint
 
 PERIOD = 1e-3
 READINGS = 1024
@@ -36,7 +32,7 @@ def _observed(observer, readings, period):
         return after, jnp.stack(jax.tree.leaves(after))
 
     still = jnp.zeros(())
-    return jax.lax.scan(one, MotionEstimate(readings[0], still, still), readings)[1].T
+    return jax.lax.scan(one, MotionPoint(readings[0], still, still), readings)[1].T
 
 
 def tracked(readings: np.ndarray, bandwidth: float, period: float) -> np.ndarray:

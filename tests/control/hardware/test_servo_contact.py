@@ -1,17 +1,15 @@
 """Two shafts that move each other: scipy's solution, momentum, and friction that holds."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from tests.control.followed import (
     RATIO,
     Still,
     advanced,
+    by_scipy,
     drive_of,
     shafts_of,
     told_of,
@@ -37,13 +35,6 @@ def ramp(steps: int, step: float) -> MotionPoint:
     return told_of(10.0 * time**2 + time, 20.0 * time + 1.5)
 
 
-def torques(told: MotionPoint, number: int, angle: Any, speed: Any, wound: Any, step: float):
-    """Of the servo below its limit, and the integral after."""
-    kp, ki, kv = GAINS
-    error = told.speed[number] + kv * (told.angle[number] - angle) - speed
-    return kp * error + ki * (wound + step * error), wound + step * error
-
-
 def te(angle, bounds: FirstOrderBounds = GEARS, flank: int = 0) -> tuple[float, float, float]:
     """TE of a flank and its first two derivatives, from the coefficients."""
     cycles = np.array([1.0, float(bounds.ratio)])
@@ -59,20 +50,15 @@ def te(angle, bounds: FirstOrderBounds = GEARS, flank: int = 0) -> tuple[float, 
 def one_body(told: MotionPoint, step: float) -> np.ndarray:
     """φ₁ and ω₁ with the driven shaft on flank A, by Lagrange's equation of one coordinate."""
     inertia, heavy = float(DRIVEN.inertia), float(DRIVING.inertia)
-    place, wound, found = np.array([0.0, 1.0]), 0.0, []
-    for number in range(len(told.angle) - 1):
-        torque, wound = torques(told, number, place[0], place[1], wound, step)
 
-        def rates(_, y, torque=torque):
-            _, slope, bend = te(y[0])
-            k = RATIO + slope
-            drag = 0.1 + 0.02 * k * y[1]
-            force = torque - 0.05 - k * drag - k * bend * inertia * y[1] ** 2
-            return [y[1], force / (heavy + k**2 * inertia)]
+    def rates(y, torque):
+        _, slope, bend = te(y[0])
+        k = RATIO + slope
+        drag = 0.1 + 0.02 * k * y[1]
+        force = torque - 0.05 - k * drag - k * bend * inertia * y[1] ** 2
+        return [y[1], force / (heavy + k**2 * inertia)]
 
-        place = solve_ivp(rates, (0, step), place, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
-        found.append(place)
-    return np.array(found)
+    return by_scipy(GAINS, told, step, [0.0, 1.0], rates, rtol=1e-11, atol=1e-13)
 
 
 def on_a() -> Shafts:
@@ -96,26 +82,21 @@ def test_rigid_teeth_on_one_flank_are_the_one_body_that_scipy_moves(step):
 def two_bodies(told: MotionPoint, step: float) -> np.ndarray:
     """φ₁, ω₁, φ₂, ω₂ with a spring and a damper on flank A between them."""
     inertia, heavy = float(DRIVEN.inertia), float(DRIVING.inertia)
+
+    def rates(y, torque):
+        offset, slope, _ = te(y[0])
+        k = RATIO + slope
+        depth, rate = RATIO * y[0] + offset - y[2], k * y[1] - y[3]
+        m = heavy * inertia / (heavy + k**2 * inertia)
+        spring = STIFFNESS * max(depth, 0.0)
+        damper = 2 * DAMPING * np.sqrt(STIFFNESS * m) * rate
+        force = spring + np.clip(damper, -spring, spring)
+        driving = (torque - 0.05 - k * force) / heavy
+        return [y[1], driving, y[3], (force - 0.1 - 0.02 * y[3]) / inertia]
+
     offset, slope, _ = te(0.0)
-    place, wound, found = np.array([0.0, 1.0, offset, RATIO + slope]), 0.0, []
-    for number in range(len(told.angle) - 1):
-        torque, wound = torques(told, number, place[0], place[1], wound, step)
-
-        def rates(_, y, torque=torque):
-            offset, slope, _ = te(y[0])
-            k = RATIO + slope
-            depth, rate = RATIO * y[0] + offset - y[2], k * y[1] - y[3]
-            m = heavy * inertia / (heavy + k**2 * inertia)
-            spring = STIFFNESS * max(depth, 0.0)
-            damper = 2 * DAMPING * np.sqrt(STIFFNESS * m) * rate
-            force = spring + np.clip(damper, -spring, spring)
-            driving = (torque - 0.05 - k * force) / heavy
-            return [y[1], driving, y[3], (force - 0.1 - 0.02 * y[3]) / inertia]
-
-        ends = solve_ivp(rates, (0, step), place, "DOP853", rtol=1e-10, atol=1e-13, max_step=1e-4)
-        place = ends.y[:, -1]
-        found.append(place)
-    return np.array(found)
+    start = [0.0, 1.0, offset, RATIO + slope]
+    return by_scipy(GAINS, told, step, start, rates, rtol=1e-10, atol=1e-13, max_step=1e-4)
 
 
 def test_elastic_teeth_on_one_flank_move_both_bodies_as_scipy_does():

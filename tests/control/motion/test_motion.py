@@ -12,7 +12,6 @@ from tests.control.parts import at, motion_of, trapezoid
 from vttig_jax.base.units import DEG, REV
 from vttig_jax.control.motion.motion import Sine
 
-EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
 TURNS = 3.0
 NUMBERS: dict[str, Any] = {
     "speed_rpm": 60.0,
@@ -51,7 +50,7 @@ LANDMARKS = {
 }
 """`braking_s` and `turn_s`."""
 
-each_event = pytest.mark.parametrize("event", EVENTS)
+each_event = pytest.mark.parametrize("event", CORNERS)
 each_kind = pytest.mark.parametrize("kind", ["trapezoid", "s_curve"])
 
 
@@ -121,7 +120,7 @@ positive = st.floats(0.02, 50.0)
 
 @given(
     kind=st.sampled_from(["trapezoid", "s_curve"]),
-    event=st.sampled_from(EVENTS),
+    event=st.sampled_from(list(CORNERS)),
     speed_rpm=st.floats(0.1, 3000.0),
     times=st.tuples(positive, positive, positive | st.just(0.0), positive | st.just(0.0)),
     share=st.floats(0.01, 0.99),

@@ -8,12 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.control.parts import motion_of
+from tests.control.parts import EVENTS, motion_of
 from tests.laws import checks
 from vttig_jax.control.motion.motion import PieceMotion, Sine
 from vttig_jax.control.motion.recorded import recorded
 
-EVENTS: tuple[Any, ...] = ("reversal", "slow_down", "aborted", "emergency_stop")
 CASES: list[Any] = [
     *[("s_curve", event) for event in EVENTS],
     ("trapezoid", "reversal"),  # the other events are laid out as those of the S-curve

@@ -7,13 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from tests.control.parts import at, motion_of
+from tests.control.parts import EVENTS, at, motion_of
 from vttig_jax.base.errors import InputError
 from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.control.motion.recorded import read_motion, recorded
 
 NUMBERS = (60.0, 1080.0, 0.75, 0.5, 0.25, 0.1)
-EVENTS = ("reversal", "slow_down", "aborted", "emergency_stop")
 
 
 def rows_of(kind, event, *, rate_hz=1000.0, count=0.0, numbers=NUMBERS):

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.control.followed import Still, follow, shafts_at
+from tests.control.followed import Still, at_rest, follow, shafts_at, shafts_of, told_of
 from tests.control.parts import elastic, rigid, trapezoid
 from tests.oracles.elastic_contact import Contact, Path, integrate
 from tests.oracles.flank_formulas import PAPER, closed
@@ -131,9 +131,6 @@ def test_rigid_teeth_are_the_limit_of_growing_stiffness(bounds):
     assert found[3] < 1.0
 
 
-REST = 2.02
-
-
 @given(
     damping_ratio=st.sampled_from([0.0, 0.02, 0.3, 1.0, 3.0]) | st.floats(0.0, 100.0),
     stiffness=st.sampled_from([1e3, 1e5, 2.3e6, 1e9]),
@@ -144,11 +141,10 @@ REST = 2.02
 )
 def test_a_mesh_without_drive_gains_no_energy(damping_ratio, stiffness, step, width, place, speed):
     """The driving shaft stands still: kinetic energy and that of both springs never grow."""
-    walls, motion = Still(0.0, width).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
     plant = elastic(Drag(INERTIA), stiffness, damping_ratio)
     offset = width * place + 1e-6 * (place - 0.5)
-    start = shafts_at(motion, walls, REST, offset, speed, FREE)
-    shafts, _ = follow(plant, motion, walls, start, REST, step, 256)
+    walls = Still(0.0, width).bounds()
+    shafts, _ = at_rest(plant, walls, (offset, speed, FREE), step, 256)
     energy = 0.5 * INERTIA * np.append(speed, shafts.drift) ** 2
     for inside in (lambda x: -x, lambda x: x - width):
         depth = np.maximum(inside(np.append(offset, shafts.offset)), 0.0)
@@ -172,12 +168,11 @@ def test_stiffness_of_the_paper_and_the_longest_step():
 
 def test_friction_holds_a_shaft_that_a_flank_presses():
     """Less than its torque does not move it, more does."""
-    walls, motion = Still(0.0, 1e-3).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
-    plant = elastic(Drag(INERTIA, 0.05), STIFFNESS, RATIO)
+    plant, walls = elastic(Drag(INERTIA, 0.05), STIFFNESS, RATIO), Still(0.0, 1e-3).bounds()
     for torque, stays in ((0.049, True), (0.06, False)):
-        start = shafts_at(motion, walls, REST, -torque / STIFFNESS, 0.0, ON_A)
-        shafts, touches = follow(plant, motion, walls, start, REST, SAMPLE, 256)
-        moved = np.abs(shafts.offset - start.offset).max()
+        pressed = -torque / STIFFNESS
+        shafts, touches = at_rest(plant, walls, (pressed, 0.0, ON_A), SAMPLE, 256)
+        moved = np.abs(shafts.offset - pressed).max()
         assert (moved < 1e-12) == stays
         assert not np.any(touches.side)
 
@@ -185,16 +180,13 @@ def test_friction_holds_a_shaft_that_a_flank_presses():
 @pytest.mark.parametrize("sense", [-1, 1])
 def test_the_wedge_takes_a_flank_away_or_presses_the_shaft_on(sense):
     """s moves flank A at 0.01 rad/s, away from the shaft that it presses, or with it."""
-    walls, motion = Still(0.0, 1.0).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
-    plant = elastic(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
+    walls, plant = Still(0.0, 1.0).bounds(), elastic(Drag(INERTIA, COULOMB), STIFFNESS, RATIO)
     pressed = 0.04 / STIFFNESS if sense < 0 else 0.0
-    shafts = shafts_at(motion, walls, REST, -pressed, 0.0, ON_A)
-    step = eqx.filter_jit(lambda a, b, c: plant.step(a, b, c, walls, jnp.asarray(SAMPLE)))
+    shafts, still = shafts_of(walls, offset=-pressed, side=ON_A), told_of(0.0, 0.0)
+    step = eqx.filter_jit(lambda a, b: plant.step(a, still, b, walls, jnp.asarray(SAMPLE)))
     for number in range(1, 60):
         ends = np.array([1e-5 * (number - 1), 1e-5 * number, 0.01, 0.01])
-        shafts, _ = step(
-            shafts, motion.at(REST + SAMPLE * number), Slide(*jnp.asarray(sense * ends))
-        )
+        shafts, _ = step(shafts, Slide(*jnp.asarray(sense * ends)))
     if sense < 0:  # friction that held it does not turn it: it stays but for the spring's way back
         assert float(shafts.side) == FREE and abs(float(shafts.drift)) < 1e-12
         assert abs(float(shafts.offset) + pressed) < 1e-12
@@ -206,15 +198,14 @@ def test_the_wedge_takes_a_flank_away_or_presses_the_shaft_on(sense):
 def test_a_gap_forced_shut_holds_the_shaft_between_both_springs():
     """A load tips the balance, by as much as both springs give way together."""
     overlap, load = 2e-6, 0.5
-    walls, motion = Still(0.0, -overlap).bounds(), trapezoid(60.0, 540.0, 9.0, 0.5)
-    start = shafts_at(motion, walls, REST, 0.0, 0.0, ON_A)
+    walls, start = Still(0.0, -overlap).bounds(), (0.0, 0.0, ON_A)
     for torque in (0.0, load, -load):
         plant = elastic(Drag(INERTIA, load=torque), STIFFNESS, RATIO)
-        shafts, touches = follow(plant, motion, walls, start, REST, SAMPLE, 256)
+        shafts, touches = at_rest(plant, walls, start, SAMPLE, 256)
         expected = -0.5 * overlap - torque / (2 * STIFFNESS)
         np.testing.assert_allclose(shafts.offset, expected, rtol=0, atol=1e-15)
         assert np.all(shafts.side == ON_A) and np.all(touches.side == ON_B)
     pulled = elastic(Drag(INERTIA, load=10.0), STIFFNESS, RATIO)
-    shafts, _ = follow(pulled, motion, walls, start, REST, SAMPLE, 256)
+    shafts, _ = at_rest(pulled, walls, start, SAMPLE, 256)
     # On flank A alone: the other one has come free.
     np.testing.assert_allclose(shafts.offset, -10.0 / STIFFNESS, rtol=1e-12)

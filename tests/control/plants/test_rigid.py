@@ -10,8 +10,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tests.control.followed import OPEN, Still, follow, shafts_at
-from tests.control.parts import rigid, trapezoid
+from tests.control.followed import OPEN, Still, at_rest, follow, shafts_at
+from tests.control.parts import rigid
 from tests.oracles.flank_formulas import PAPER, closed
 from tests.oracles.rigid_bouncing import Flown, Rig, fly
 from tests.oracles.trapezoid_corners import Corners
@@ -63,10 +63,6 @@ def test_one_reversal_is_that_of_the_event_driven_oracle(rig, restitution, bound
         assert np.all(shafts.side[met[0] :] == ON_B)
 
 
-REST = 2.05
-"""s: the driving shaft stands still."""
-
-
 def ball(speed: float, restitution: float, width: float, time: float) -> tuple[float, float]:
     """Place and speed of a ball that leaves the lower of two walls at rest `width` apart."""
     place, sense = 0.0, 1.0
@@ -84,10 +80,8 @@ def ball(speed: float, restitution: float, width: float, time: float) -> tuple[f
 @example(restitution=0.3, speed=2.0, place=5)  # the impact falls on the end of a step
 @example(restitution=0.9, speed=1.0, place=12)
 def test_between_walls_at_rest_it_is_a_ball(restitution, speed, place):
-    walls, motion = Still(0.0, 0.01).bounds(), trapezoid(60.0, 540.0, 0.5, 0.5)
-    start = shafts_at(motion, walls, REST, 0.0, speed, FREE)
-    plant = rigid(Drag(INERTIA), restitution)
-    shafts, _ = follow(plant, motion, walls, start, REST, SAMPLE, 100)
+    walls, plant = Still(0.0, 0.01).bounds(), rigid(Drag(INERTIA), restitution)
+    shafts, _ = at_rest(plant, walls, (0.0, speed, FREE), SAMPLE, 100)
     expected, rate = ball(speed, restitution, 0.01, (place + 1) * SAMPLE)
     assert shafts.offset[place] == pytest.approx(expected, abs=1e-12)
     assert shafts.drift[place] == pytest.approx(rate, abs=1e-12)

@@ -73,8 +73,9 @@ def test_every_row_is_what_simulate_says_and_the_first_axis_is_the_slowest(table
 def test_zipped_axes_advance_together():
     axes = {"motion.ramp_s": [0.1, 0.2], "controller": ["none", "predictive"], "seed": [0, 1]}
     cases = SweepCases(sweep_spec(axes | {"zip": [["motion.ramp_s", "seed"]]}), PAIR)
-    seen = [tuple(cases.values(number).values()) for number in range(len(cases))]
-    assert seen == [
+    columns = cases.columns(range(len(cases)))
+    seen = zip(*(columns[name].tolist() for name in cases.axes), strict=True)
+    assert list(seen) == [
         (0.1, "none", 0),
         (0.1, "predictive", 0),
         (0.2, "none", 1),

@@ -7,7 +7,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from ...base.errors import NoAnswerError, PairError
 from ...base.units import ARCSEC, REV
@@ -84,50 +84,34 @@ def compensation_of(
     low, high = _range(contact or grid.model, pair)
     angles = np.random.default_rng(0).uniform(0.0, pair.hunting_turns * REV, _CHECK_ANGLES)
     map_values = grid.over(angles)
-    constant = Compensation(
-        pair.ratio,
-        constant_rad=float(map_values.mean()),
-        terms=(),
-        cosine_rad=np.empty(0),
-        sine_rad=np.empty(0),
-        closing_rad_per_mm=closing_of(pair),
-        offset_rad=(low + high) / 2,
-        tolerance_rad=(high - low) / 2 + allowed_rad,
-        error_rad=math.inf,
-    )
-    full = _with_harmonics(constant, grid.model, angles, map_values)
-    return _with_error(_without_weak(full, left_out_rad), angles, map_values)
 
-
-def _with_harmonics(
-    constant: Compensation,
-    model: FlankModel,
-    angles: Float[np.ndarray, " n"],
-    map_values: Float[np.ndarray, " n"],
-) -> Compensation:
-    """Return the compensation with all harmonics, up to orders for which the error is small enough.
-
-    `constant` has no harmonics. `angles` (driving angles, rad) and `map_values` (backlash, rad) are
-    for comparison.
-    """
-    result = _with_error(constant, angles, map_values)
-    if result.error_rad <= _LEAST:
-        return result  # a constant gap, which has no harmonics
-    for margin in _MARGINS:
-        offset, terms, coefficients = gap_series(model, _highest(model, margin))
-        result = replace(
-            constant,
-            constant_rad=offset,
+    def of_series(constant: float, terms: tuple[Term, ...], waves: Any) -> Compensation:
+        """Return the compensation with these harmonics, and its largest error at `angles`."""
+        found = Compensation(
+            pair.ratio,
+            constant_rad=constant,
             terms=terms,
-            cosine_rad=coefficients.real,
-            sine_rad=-coefficients.imag,
+            cosine_rad=waves.real,
+            sine_rad=-waves.imag,
+            closing_rad_per_mm=closing_of(pair),
+            offset_rad=(low + high) / 2,
+            tolerance_rad=(high - low) / 2 + allowed_rad,
+            error_rad=math.inf,
         )
-        result = _with_error(result, angles, map_values)
-        if result.error_rad <= _TOLERANCE:
-            return result
+        value = found.at_both_angles(angles, float(pair.ratio) * angles)
+        return replace(found, error_rad=float(np.abs(value - map_values).max()))
+
+    found = of_series(float(map_values.mean()), (), np.empty(0, complex))
+    if found.error_rad <= _LEAST:
+        return found  # a constant gap, which has no harmonics
+    for margin in _MARGINS:
+        series = gap_series(grid.model, _highest(grid.model, margin))
+        found = of_series(*series)
+        if found.error_rad <= _TOLERANCE:
+            return of_series(*_without_weak(*series, left_out_rad))
     raise NoAnswerError(
-        f"{len(result.terms)} harmonics of both shafts miss the backlash map by"
-        f" {result.error_rad / ARCSEC:.2g}″; fit with lower orders in [fit]."
+        f"{len(found.terms)} harmonics of both shafts miss the backlash map by"
+        f" {found.error_rad / ARCSEC:.2g}″; fit with lower orders in [fit]."
     )
 
 
@@ -192,29 +176,18 @@ def _highest(model: FlankModel, margin: int) -> tuple[int, int]:
     return driving, driven
 
 
-def _without_weak(full: Compensation, left_out_rad: float) -> Compensation:
-    """Return the compensation without its weakest harmonics; the others are sorted by order.
+def _without_weak(
+    constant: float, terms: tuple[Term, ...], waves: Any, left_out_rad: float
+) -> tuple[float, tuple[Term, ...], Any]:
+    """Return a series without its weakest harmonics; the others are sorted by order.
 
     `left_out_rad` is the largest sum of the omitted amplitudes, rad.
     """
-    amplitude = np.hypot(full.cosine_rad, full.sine_rad)
+    amplitude = np.hypot(waves.real, waves.imag)
     order = np.argsort(amplitude, kind="stable")
     weak = (np.cumsum(amplitude[order]) <= left_out_rad) | (amplitude[order] <= _LEAST)
-    kept = sorted(order[~weak].tolist(), key=lambda index: full.terms[index])
-    return replace(
-        full,
-        terms=tuple(full.terms[index] for index in kept),
-        cosine_rad=full.cosine_rad[kept],
-        sine_rad=full.sine_rad[kept],
-    )
-
-
-def _with_error(
-    result: Compensation, angles: Float[np.ndarray, " n"], map_values: Float[np.ndarray, " n"]
-) -> Compensation:
-    """Return the compensation with `error_rad`, its largest difference from the map at `angles`."""
-    value = result.at_both_angles(angles, float(result.ratio) * angles)
-    return replace(result, error_rad=float(np.abs(value - map_values).max()))
+    kept = sorted(order[~weak].tolist(), key=lambda index: terms[index])
+    return constant, tuple(terms[index] for index in kept), waves[kept]
 
 
 def _range(contact: FlankModel, pair: GearPair | Drive) -> tuple[float, float]:

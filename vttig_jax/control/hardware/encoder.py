@@ -16,6 +16,7 @@ from ...base.numerics.sincos import sincos
 from ...base.numerics.straight_through import straight_through
 from ...base.units import ARCSEC, DEG, REV
 from ..fields import Part, Quantity, number, positive
+from ..motion.motion import MotionPoint
 
 
 class Encoder(Part):
@@ -85,14 +86,6 @@ def noise_draws(key: PRNGKeyArray, period: Array) -> Float[Array, "2"]:
     return jax.random.normal(jax.random.fold_in(key, period), (2,))
 
 
-class MotionEstimate(eqx.Module):
-    """Estimated angle (rad), speed (rad/s) and acceleration (rad/s²)."""
-
-    angle: Float[Array, ""]
-    speed: Float[Array, ""]
-    acceleration: Float[Array, ""]
-
-
 class Observer(Part):
     """Estimator of angle, speed and acceleration that takes one reading per controller period."""
 
@@ -100,8 +93,8 @@ class Observer(Part):
 
     @abstractmethod
     def step(
-        self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
-    ) -> MotionEstimate:
+        self, before: MotionPoint, reading: Float[Array, ""], period: Float[Array, ""]
+    ) -> MotionPoint:
         """Return the estimate after the next reading (rad), one `period` (s) after the last.
 
         `before` is the estimate after the last reading.
@@ -124,8 +117,8 @@ class AlphaBetaGamma(Observer):
     bandwidth_hz: Quantity = _BANDWIDTH()
 
     def step(
-        self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
-    ) -> MotionEstimate:
+        self, before: MotionPoint, reading: Float[Array, ""], period: Float[Array, ""]
+    ) -> MotionPoint:
         """Return the estimate after the next reading (rad), one `period` (s) after the last.
 
         The last estimate is extrapolated at constant acceleration and corrected by the innovation.
@@ -135,7 +128,7 @@ class AlphaBetaGamma(Observer):
         speed = before.speed + period * before.acceleration
         innovation = reading - angle
         decay = 1 - pole
-        return MotionEstimate(
+        return MotionPoint(
             angle + (1 - pole**3) * innovation,
             speed + 1.5 * decay**2 * (1 + pole) / period * innovation,
             before.acceleration + decay**3 / period**2 * innovation,
@@ -152,8 +145,8 @@ class FilteredDifference(Observer):
     bandwidth_hz: Quantity = _BANDWIDTH()
 
     def step(
-        self, before: MotionEstimate, reading: Float[Array, ""], period: Float[Array, ""]
-    ) -> MotionEstimate:
+        self, before: MotionPoint, reading: Float[Array, ""], period: Float[Array, ""]
+    ) -> MotionPoint:
         """Return the estimate after the next reading (rad), one `period` (s) after the last.
 
         The angle is the reading itself; the speed and the acceleration are filtered differences.
@@ -161,6 +154,6 @@ class FilteredDifference(Observer):
         weight = 1 - jnp.exp(-REV * self.bandwidth_hz * period)
         speed = before.speed + weight * ((reading - before.angle) / period - before.speed)
         change = (speed - before.speed) / period
-        return MotionEstimate(
+        return MotionPoint(
             reading, speed, before.acceleration + weight * (change - before.acceleration)
         )

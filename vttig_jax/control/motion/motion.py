@@ -155,9 +155,6 @@ REVERSAL_DEG = partial(
     gt=0,
     le=1e9,
 )
-SLOW_SHARE = partial(
-    number, 0.3, "slow_down, aborted: slow speed over steady speed", "1", gt=0, lt=1
-)
 
 
 _ROUNDING = 1e-12
@@ -170,7 +167,7 @@ class Section(NamedTuple):
     """Section of a run: a ramp to another speed, or a steady speed or standstill; rad/s and s.
 
     `mark` is "braking" or "turn" if `Motion.braking_s` or `Motion.turn_s` is the start of the
-    section.
+    section; of several sections with the same mark, the last one counts.
     """
 
     duration: Any
@@ -288,7 +285,39 @@ class Reversal(Part):
         return time if not known(time) or time >= 0 else 0.0 * time
 
 
-class SlowDown(Reversal):
+class AbortedStop(Reversal):
+    """The reversal with a slow-down half way, after which the shaft accelerates again at once.
+
+    The speed falls to the share `slow_share`. `braking_s` is the start of the stop.
+    """
+
+    event: ClassVar[str] = "aborted"
+
+    slow_share: Quantity = number(
+        0.3, "slow_down, aborted: slow speed over steady speed", "1", gt=0, lt=1
+    )
+
+    @property
+    def ramps_s(self) -> Any:
+        """See `Reversal.ramps_s`; the ramps between both speeds count too."""
+        return self.ramp_s + self.ramp_s * (1.0 - self.slow_share) * (1.0 + self.slow_share)
+
+    def _forward(self) -> list[Section]:
+        speed, ramp = self._speed, self.ramp_s
+        slow, slowing = self.slow_share * speed, ramp * (1.0 - self.slow_share)
+        half = Section(0.5 * self._steady(self.ramps_s), speed)
+        return [
+            Section(ramp, 0.0, speed),
+            half,
+            Section(slowing, speed, slow, "braking"),
+            Section(slowing, slow, speed),
+            half,
+            Section(ramp, speed, 0.0, "braking"),
+            Section(self.dwell_s),
+        ]
+
+
+class SlowDown(AbortedStop):
     """Command: to `reversal_deg` with a slow-down half way, and a stop that never turns back.
 
     The speed falls to the share `slow_share`, stays there for `dwell_s` and rises again; the run
@@ -297,31 +326,15 @@ class SlowDown(Reversal):
 
     event: ClassVar[str] = "slow_down"
 
-    slow_share: Quantity = SLOW_SHARE()
-
-    def _sections(self) -> list[Section]:
-        return _slow_pass(self, self.slow_share, self.dwell_s)
-
     @property
     def ramps_s(self) -> Any:
         """See `Reversal.ramps_s`; the time at the slow speed is included."""
-        return _slow_ramps(self.ramp_s, self.slow_share) + self.slow_share * self.dwell_s
+        return super().ramps_s + self.slow_share * self.dwell_s
 
-
-class AbortedStop(Reversal):
-    """The slow-down of `SlowDown` without time at the slow speed, then the reversal."""
-
-    event: ClassVar[str] = "aborted"
-
-    slow_share: Quantity = SLOW_SHARE()
-
-    def _forward(self) -> list[Section]:
-        return _slow_pass(self, self.slow_share, None)
-
-    @property
-    def ramps_s(self) -> Any:
-        """See `Reversal.ramps_s`."""
-        return _slow_ramps(self.ramp_s, self.slow_share)
+    def _sections(self) -> list[Section]:
+        *falls, rises, half, stops, stands = self._forward()
+        slow, stops = Section(self.dwell_s, falls[-1].end_speed), stops._replace(mark="")
+        return [*falls, slow, rises, half, stops, stands]
 
 
 class EmergencyStop(Reversal):
@@ -339,33 +352,6 @@ class EmergencyStop(Reversal):
         """See `Reversal.ramps_s`; the longer pass counts."""
         stop = self.stop_s
         return namespace(self.ramp_s, stop).maximum(self.ramp_s, 0.5 * (self.ramp_s + stop))
-
-
-def _slow_ramps(ramp: Any, share: Any) -> Any:
-    """Return the angle of two ramps, and of those between both speeds, over the steady speed."""
-    return ramp + ramp * (1.0 - share) * (1.0 + share)
-
-
-def _slow_pass(motion: Reversal, share: Any, slow_time: Any) -> list[Section]:
-    """Return the sections of the forward pass with a slow-down half way.
-
-    `share` is slow speed over steady speed, and `slow_time` the time at slow speed (s). If
-    `slow_time` is None, the shaft accelerates again at once, and the stop counts as the braking.
-    """
-    speed, ramp = motion._speed, motion.ramp_s
-    slow, slowing = share * speed, ramp * (1.0 - share)
-    half = Section(0.5 * motion._steady(motion.ramps_s), speed)
-    marks = ("", "braking") if slow_time is None else ("braking", "")
-    return [
-        Section(ramp, 0.0, speed),
-        half,
-        Section(slowing, speed, slow, marks[0]),
-        *([] if slow_time is None else [Section(slow_time, slow)]),
-        Section(slowing, slow, speed),
-        half,
-        Section(ramp, speed, 0.0, marks[1]),
-        Section(motion.dwell_s),
-    ]
 
 
 def _joined(sections: list[Section], *, jerky: bool) -> PieceMotion:

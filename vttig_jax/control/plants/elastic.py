@@ -136,13 +136,6 @@ def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> I
     return Impact(Press(depth, rate), jnp.where(met, entry, time), met)
 
 
-def longest_contact(damping_ratio: Any) -> Float[Array, "*shape"]:
-    """Return the time (1/ω) for which `impact` follows a contact without rebound."""
-    dampers = [damper for _, damper, *_ in jnp.asarray(_PIECES) if damper > 0]
-    times = [_series_time(damper, jnp.asarray(damping_ratio)) for damper in dampers]
-    return jnp.sum(jnp.stack(times), 0)
-
-
 def _advance(
     state: _Progress, piece: Float[Array, "5"], pull: Scalar, damping_ratio: Scalar
 ) -> _Progress:
@@ -469,7 +462,9 @@ def largest_step(stiffness: Any, damping_ratio: Any, inertia: Any) -> Float[Arra
 
     ```
     """
-    return longest_contact(damping_ratio) * jnp.sqrt(jnp.asarray(inertia / stiffness))
+    dampers = [damper for _, damper, *_ in jnp.asarray(_PIECES) if damper > 0]
+    times = [_series_time(damper, jnp.asarray(damping_ratio)) for damper in dampers]
+    return jnp.sum(jnp.stack(times), 0) * jnp.sqrt(jnp.asarray(inertia / stiffness))
 
 
 def _depths(bounds: Walls, offset: Scalar, drift: Scalar) -> tuple[Press, Press]:

@@ -259,14 +259,7 @@ class Play(Plant):
         rate = jnp.where(
             below, then.lower_rate, jnp.where(above, then.upper_rate, -ratio * driving.speed)
         )
-        return Shafts(
-            angle=driving.angle,
-            speed=driving.speed,
-            offset=offset,
-            drift=rate,
-            side=side,
-            flanks=flanks,
-        ), touch
+        return Shafts(driving.angle, driving.speed, offset, rate, side, flanks), touch
 
 
 class Rigid(Plant):
@@ -325,15 +318,7 @@ class Rigid(Plant):
         way = cubic(shafts.angle, driving.angle, shafts.speed, driving.speed, step)
         touch = ContactEvent(met, way.at(share), high.at(share) - low.at(share))
         offset = jnp.where(stays, end, jnp.where(hit, offset, free))
+        offset = jnp.clip(offset, then.lower, then.upper)
         drift = jnp.where(stays, end_rate, jnp.where(hit, rebound + rest * pull, drift))
-        return (
-            Shafts(
-                angle=driving.angle,
-                speed=driving.speed,
-                offset=jnp.clip(offset, then.lower, then.upper),
-                drift=drift,
-                side=jnp.where(stays, side, FREE),
-                flanks=flanks,
-            ),
-            touch,
-        )
+        side = jnp.where(stays, side, FREE)
+        return Shafts(driving.angle, driving.speed, offset, drift, side, flanks), touch

@@ -30,6 +30,9 @@ from ..plants.elastic import Elastic
 from ..plants.plant import Friction, Inertia, Load, Mesh, Plant, Play, Rigid
 from .axes import Gap, Sweep
 
+Kinematics = Literal["exact", "closed"]
+TurnSource = Literal["known", "located", "unknown"]
+
 
 class Sampling(Part):
     """Rates of the controller and of the plant."""
@@ -122,18 +125,16 @@ class Scenario(eqx.Module):
     seed: Int[Numbers, ""] = eqx.field(
         converter=lambda seed: seed if isinstance(seed, jax.Array) else np.asarray(seed), default=0
     )
-    flanks: Literal["exact", "closed"] = eqx.field(static=True, default="exact")
-    turn: Literal["known", "located", "unknown"] = eqx.field(static=True, default="known")
+    flanks: Kinematics = eqx.field(static=True, default="exact")
+    turn: TurnSource = eqx.field(static=True, default="known")
 
 
 PlantName = Literal["play", "rigid", "elastic"]
 ControllerName = Literal["none", "acceleration", "predictive", "feedforward"]
 ObserverName = Literal["alpha_beta_gamma", "difference"]
-Kinematics = Literal["exact", "closed"]
 MotionKind = Literal["trapezoid", "s_curve", "sine", "recorded"]
 Event = Literal["reversal", "slow_down", "aborted", "emergency_stop"]
 Motor = Literal["prescribed", "pi"]
-TurnSource = Literal["known", "located", "unknown"]
 
 
 def _named(names: Any, *kinds: type) -> dict[str, Any]:
@@ -146,9 +147,9 @@ OBSERVERS = _named(ObserverName, AlphaBetaGamma, FilteredDifference)
 EVENTS = _named(Event, Reversal, SlowDown, AbortedStop, EmergencyStop)
 
 
-def choice(kind: Any, meaning: str, default: Any = "") -> tuple[Any, Any]:
-    """Return type and default of a key that holds no number."""
-    return Annotated[kind, key(meaning)], default
+def choice(kind: Any, meaning: str, default: Any = NODEFAULT) -> tuple[Any, Any]:
+    """Return type and default of a key that holds no number; by default an empty text or table."""
+    return Annotated[kind, key(meaning)], kind() if default is NODEFAULT else default
 
 
 def table_of(name: str, *contents: Any) -> Any:
@@ -161,7 +162,7 @@ def table_of(name: str, *contents: Any) -> Any:
         new = content
         if isinstance(content, type):
             own = (one for one in number_fields(content) if one.name in content.__annotations__)
-            new = {one.name: (one.kind, one.default) for one in own}
+            new = {one.name: (one.metadata["kind"], one.default) for one in own}
         for field, entry in new.items():
             keys.pop(field, None)
             keys[field] = entry
@@ -175,27 +176,16 @@ def table_of(name: str, *contents: Any) -> Any:
 _ANGLE = {"unit": "deg", "ge": -1e6, "le": 1e6}
 _OFFSET = {"unit": "mm", "ge": 0, "le": 1e3}
 _FROM_CENTRES = "its angle from the line of centres at angle 0"
-_RIG: dict[str, tuple[str, dict[str, Any]]] = {
-    "driving_mm": ("eccentricity of the driving gear", _OFFSET | {"examples": [0.0226]}),
-    "driving_phase_deg": (_FROM_CENTRES, _ANGLE | {"examples": [49.5]}),
-    "driven_mm": ("eccentricity of the driven gear", _OFFSET | {"examples": [0.0273]}),
-    "driven_phase_deg": (_FROM_CENTRES, _ANGLE | {"examples": [79.3]}),
-    "constant_backlash_deg": (
-        "backlash without eccentricities, angle of the driven gear",
-        {"unit": "deg", "ge": 0, "le": 90, "examples": [0.038]},
-    ),
+_CONSTANT = "backlash without eccentricities, angle of the driven gear"
+_RIG_KEYS = {
+    "driving_mm": key("eccentricity of the driving gear", **_OFFSET, examples=[0.0226]),
+    "driving_phase_deg": key(_FROM_CENTRES, **_ANGLE, examples=[49.5]),
+    "driven_mm": key("eccentricity of the driven gear", **_OFFSET, examples=[0.0273]),
+    "driven_phase_deg": key(_FROM_CENTRES, **_ANGLE, examples=[79.3]),
+    "constant_backlash_deg": key(_CONSTANT, "deg", ge=0, le=90, examples=[0.038]),
 }
-
-
-def _rig(required: bool) -> dict[str, tuple[Any, Any]]:
-    """Return the keys of a rig, required or optional."""
-    kinds: dict[str, Any] = {
-        name: Annotated[float, key(text, **bounds)] for name, (text, bounds) in _RIG.items()
-    }
-    return {
-        name: (kind, NODEFAULT) if required else (kind | None, None) for name, kind in kinds.items()
-    }
-
+_RIG: dict[str, Any] = {name: Annotated[float, one] for name, one in _RIG_KEYS.items()}
+"""Keys of a rig, which [eccentricities] requires and [map] does not."""
 
 _FILE = "recorded: CSV with time_s and driving_deg, relative to the scenario"
 _MOTOR = "prescribed: exact motion with unlimited torque; pi: servo motor"
@@ -203,15 +193,17 @@ _TURN = "turn of the hunting period; located: from one reading of both shafts"
 _KIND = "shape of the speed; recorded: that of `file`"
 _EVENT = "reversal, or an event instead of it or before it"
 
-EccentricityTable = table_of("EccentricityTable", _rig(required=True))
-MapTable = table_of("MapTable", _rig(required=False))
+EccentricityTable = table_of(
+    "EccentricityTable", {name: (kind, NODEFAULT) for name, kind in _RIG.items()}
+)
+MapTable = table_of("MapTable", {name: (kind | None, None) for name, kind in _RIG.items()})
 MotionTable = table_of(
     "MotionTable",
     {
         "kind": choice(MotionKind, _KIND, "trapezoid"),
         "event": choice(Event, _EVENT, "reversal"),
     },
-    *(Reversal, SlowDown, EmergencyStop),
+    *(Reversal, AbortedStop, EmergencyStop),
     {"file": choice(str, _FILE)},
 )
 ServoTable = table_of("ServoTable", {"motor": choice(Motor, _MOTOR, "prescribed")}, Servo)
@@ -261,11 +253,6 @@ ECCENTRICITIES = "eccentricities"
 """Value of `plant_map` and `controller_map` for the exact or closed map of [eccentricities]."""
 
 
-def _part(kind: Any, meaning: str, default: Any = NODEFAULT) -> tuple[Any, Any]:
-    """Return type and default of a key that holds a table."""
-    return choice(kind, meaning, kind() if default is NODEFAULT else default)
-
-
 _PAIR = key("pair file, relative to this file; a run folder has its own", examples=["pair.toml"])
 _SEED = key("seed of the encoder noise", "1", ge=0, le=2**32 - 1)
 _BELIEVED = key(
@@ -296,7 +283,7 @@ else:
             ),
             "flanks": choice(Kinematics, "kinematics of the eccentric pair", "exact"),
             "seed": (Annotated[int, _SEED], 0),
-            "eccentricities": _part(
+            "eccentricities": choice(
                 EccentricityTable | None,
                 "eccentricities of the gears, and the constant backlash",
                 None,
@@ -311,24 +298,24 @@ else:
                 Gap, "gap of that map: mean, or an edge of its band in map.csv", "mean"
             ),
             "constant_backlash_deg": (Annotated[float, _GAP] | None, None),
-            "map": _part(MapTable, "rig assumed by the controller; absent keys: true values"),
-            "motion": _part(MotionTable, "motion of the driving shaft"),
-            "servo": _part(ServoTable, "motor of the driving shaft"),
-            "inertia": _part(InertiaTable, "moments of inertia of both shafts"),
-            "friction": _part(FrictionTable, "friction of both shafts"),
-            "load": _part(LoadTable, "load of the driven shaft"),
-            "mesh": _part(MeshTable, "contact of the flanks"),
-            "driving_encoder": _part(
+            "map": choice(MapTable, "rig assumed by the controller; absent keys: true values"),
+            "motion": choice(MotionTable, "motion of the driving shaft"),
+            "servo": choice(ServoTable, "motor of the driving shaft"),
+            "inertia": choice(InertiaTable, "moments of inertia of both shafts"),
+            "friction": choice(FrictionTable, "friction of both shafts"),
+            "load": choice(LoadTable, "load of the driven shaft"),
+            "mesh": choice(MeshTable, "contact of the flanks"),
+            "driving_encoder": choice(
                 EncoderTable, "encoder of the driving shaft that the controller reads"
             ),
-            "driven_encoder": _part(
+            "driven_encoder": choice(
                 EncoderTable, "encoder of the driven shaft that the controller reads"
             ),
-            "actuator": _part(ActuatorTable, "axial shift of the driven gear"),
-            "judgement": _part(JudgementTable, "detection of a reversal"),
-            "sampling": _part(SamplingTable, "rates of controller and plant"),
-            "rig": _part(RigTable | None, "the rig of a run folder", None),
-            "sweep": _part(Sweep | None, "axes of a sweep", None),
+            "actuator": choice(ActuatorTable, "axial shift of the driven gear"),
+            "judgement": choice(JudgementTable, "detection of a reversal"),
+            "sampling": choice(SamplingTable, "rates of controller and plant"),
+            "rig": choice(RigTable | None, "the rig of a run folder", None),
+            "sweep": choice(Sweep | None, "axes of a sweep", None),
         },
     )
 

@@ -5,7 +5,7 @@ classes of its parts, and decide which program is compiled.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import equinox as eqx
@@ -20,7 +20,7 @@ from ..controllers.controller import Controller, Measurement
 from ..controllers.retreat import Retreat
 from ..controllers.turn_location import LostController
 from ..hardware.actuator import Actuator, Carriage
-from ..hardware.encoder import Encoder, MotionEstimate, Observer, noise_draws
+from ..hardware.encoder import Encoder, Observer, noise_draws
 from ..hardware.servo import Motor, ServoDrive
 from ..hermite import cubic
 from ..motion.motion import Motion, MotionPoint
@@ -81,6 +81,15 @@ class Case(eqx.Module):
         return self.controller.advances or self.drive is not None
 
 
+Tally = Float[Numbers, "*shape"]
+Truth = Bool[Numbers, "*shape"]
+
+
+def _begins(value: float | bool) -> Any:
+    """Return the field of an accumulator that has this value before the first sample."""
+    return eqx.field(default_factory=lambda: jnp.full((), value, type(value)))
+
+
 class Accumulators(eqx.Module):
     """Running metrics in rad, mm and s; NaN for events that have not happened.
 
@@ -119,43 +128,43 @@ class Accumulators(eqx.Module):
       blocked by contact on both flanks.
     """
 
-    samples: Float[Numbers, "*shape"]
-    total: Float[Numbers, "*shape"]
-    highest: Float[Numbers, "*shape"]
-    lowest: Float[Numbers, "*shape"]
-    first: Float[Numbers, "*shape"]
-    before: Float[Numbers, "*shape"]
-    after: Float[Numbers, "*shape"]
-    gap: Float[Numbers, "*shape"]
-    crossing: Float[Numbers, "*shape"]
-    crossing_s: Float[Numbers, "*shape"]
-    detection: Float[Numbers, "*shape"]
-    detection_s: Float[Numbers, "*shape"]
-    false_closings: Float[Numbers, "*shape"]
-    residual_gap: Float[Numbers, "*shape"]
-    shortfall: Float[Numbers, "*shape"]
-    opened: Bool[Numbers, "*shape"]
-    retracted: Bool[Numbers, "*shape"]
-    largest_command: Float[Numbers, "*shape"]
-    interference: Float[Numbers, "*shape"]
-    travel: Float[Numbers, "*shape"]
-    farthest: Float[Numbers, "*shape"]
-    following_error: Float[Numbers, "*shape"]
-    limited_s: Float[Numbers, "*shape"]
-    forced: Bool[Numbers, "*shape"]
-    carrier: Float[Numbers, "*shape"]
-    largest_jump: Float[Numbers, "*shape"]
-    early_jump: Float[Numbers, "*shape"]
-    wrong_travel: Float[Numbers, "*shape"]
-    output_start: Float[Numbers, "*shape"]
-    output_error: Float[Numbers, "*shape"]
-    output_squares: Float[Numbers, "*shape"]
-    lost: Float[Numbers, "*shape"]
-    commanded: Float[Numbers, "*shape"]
-    blocked: Bool[Numbers, "*shape"]
-    blocked_s: Float[Numbers, "*shape"]
-    beyond: Float[Numbers, "*shape"] | None = None
-    rebound: Float[Numbers, "*shape"] | None = None
+    samples: Tally = _begins(0.0)
+    total: Tally = _begins(0.0)
+    highest: Tally = _begins(jnp.nan)
+    lowest: Tally = _begins(jnp.nan)
+    first: Tally = _begins(jnp.nan)
+    before: Tally = _begins(jnp.nan)
+    after: Tally = _begins(jnp.nan)
+    gap: Tally = _begins(jnp.nan)
+    crossing: Tally = _begins(jnp.nan)
+    crossing_s: Tally = _begins(jnp.nan)
+    detection: Tally = _begins(jnp.nan)
+    detection_s: Tally = _begins(jnp.nan)
+    false_closings: Tally = _begins(0.0)
+    residual_gap: Tally = _begins(jnp.nan)
+    shortfall: Tally = _begins(jnp.nan)
+    opened: Truth = _begins(False)
+    retracted: Truth = _begins(False)
+    largest_command: Tally = _begins(0.0)
+    interference: Tally = _begins(0.0)
+    travel: Tally = _begins(0.0)
+    farthest: Tally = _begins(0.0)
+    following_error: Tally = _begins(0.0)
+    limited_s: Tally = _begins(0.0)
+    forced: Truth = _begins(False)
+    carrier: Tally = _begins(0.0)
+    largest_jump: Tally = _begins(0.0)
+    early_jump: Tally = _begins(0.0)
+    wrong_travel: Tally = _begins(0.0)
+    output_start: Tally = eqx.field(kw_only=True)
+    output_error: Tally = _begins(0.0)
+    output_squares: Tally = _begins(0.0)
+    lost: Tally = _begins(0.0)
+    commanded: Tally = _begins(0.0)
+    blocked: Truth = _begins(False)
+    blocked_s: Tally = _begins(jnp.nan)
+    beyond: Tally | None = None
+    rebound: Tally | None = None
 
 
 class Sample(eqx.Module):
@@ -169,17 +178,17 @@ class Sample(eqx.Module):
     - `output`: φ₂ − i φ₁ with φ₁ of the reference, the error of the driven shaft.
     """
 
-    time: Float[Numbers, "*shape"]
-    driving: Float[Numbers, "*shape"]
-    error: Float[Numbers, "*shape"]
-    shown: Float[Numbers, "*shape"]
-    speed: Float[Numbers, "*shape"]
-    acceleration: Float[Numbers, "*shape"]
-    lower: Float[Numbers, "*shape"]
-    upper: Float[Numbers, "*shape"]
-    command: Float[Numbers, "*shape"]
-    reached: Float[Numbers, "*shape"]
-    output: Float[Numbers, "*shape"]
+    time: Tally
+    driving: Tally
+    error: Tally
+    shown: Tally
+    speed: Tally
+    acceleration: Tally
+    lower: Tally
+    upper: Tally
+    command: Tally
+    reached: Tally
+    output: Tally
 
 
 class Lead(eqx.Module):
@@ -203,7 +212,7 @@ class State(eqx.Module):
 
     shafts: Shafts
     carriage: Carriage
-    estimate: MotionEstimate
+    estimate: MotionPoint
     controller: Any
     accumulators: Accumulators
     lead: Lead | None
@@ -219,36 +228,17 @@ def initial_state(case: Case) -> State:
     shafts = Shafts(point.angle, point.speed, flanks.lower, still, on_a, flanks)
     driving, _ = _read(case, shafts, jnp.zeros((), int))
     advances = case.controller.advances
+    signed = {"beyond": still, "rebound": still} if advances else {}
     return State(
         shafts=shafts,
         carriage=case.actuator.at_rest(),
-        estimate=MotionEstimate(driving, still, still),
+        estimate=MotionPoint(driving, still, still),
         controller=case.controller.start(),
-        accumulators=empty_accumulators(flanks.lower, advances),
+        accumulators=Accumulators(output_start=flanks.lower, **signed),
         lead=Lead(still, still) if advances else None,
         target=point if case.deviates else None,
         motor=None if case.drive is None else case.drive.start(point),
     )
-
-
-def empty_accumulators(output: Float[Array, ""], advances: bool = False) -> Accumulators:
-    """Return the accumulators before the first sample, in which φ₂ − i φ₁ is `output`, rad.
-
-    `advances`: whether the controller moves the motor.
-    """
-    zero, never = jnp.zeros(()), jnp.full((), jnp.nan, float)
-    values: dict[str, Any] = {field.name: zero for field in fields(Accumulators)}
-    values |= dict.fromkeys(_NEVER, never)
-    values |= dict.fromkeys(("opened", "retracted", "forced", "blocked"), jnp.zeros((), bool))
-    values |= dict.fromkeys(("beyond", "rebound"), zero if advances else None)
-    return Accumulators(**values | {"output_start": output})
-
-
-_NEVER = (
-    *("highest", "lowest", "first", "before", "after", "gap", "crossing", "crossing_s"),
-    *("detection", "detection_s", "residual_gap", "shortfall", "blocked_s"),
-)
-"""Accumulators of events that have not happened at the start."""
 
 
 def run_periods(
@@ -480,7 +470,7 @@ def _read(
     return sensors[0](shafts.angle, noise[0]), sensors[1](driven, noise[1])
 
 
-Metrics = tuple[dict[str, Float[Numbers, "*shape"]], Int[Numbers, "*shape"]]
+Metrics = tuple[dict[str, Tally], Int[Numbers, "*shape"]]
 """Name → value, in the unit at the end of the name, and the outcome, an index in `OUTCOMES`."""
 
 Outcome = Literal["ok", "unlocated", "bound", "missed", "stroke", "force", "slow"]

@@ -118,30 +118,11 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
         low, high, sense = ends_of(motion)
         if travel is None and known(low, high):
             travel = float(low) / REV, float(high) / REV
-    gaps: list[Any] = []
-
-    def flanks(which: str, turns: Any = 0) -> tuple[Bounds, float]:
-        bounds, gap, order = _table_of(s, which, travel, turns)
-        if gap is not None and known(gap) and not gap >= 0:
-            place, named = "on the average", which
-            if which == "plant_map":
-                place = f"at {_narrowest(bounds, s.pair) / DEG:.1f}° of the driving shaft"
-                named = which if s.plant_map is not None else "eccentricities"
-            raise ScenarioError(
-                f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
-                " left; take a larger backlash (constant_backlash_deg), or a map with its flanks"
-                " in order.",
-                where=named,
-            )
-        gaps.extend([] if gap is None else [gap])
-        return bounds, order
-
-    order = 0.0
     if fixed.drawn is None:
-        bounds, order = flanks("plant_map")
+        bounds, gap, order = _table_of(s, "plant_map", travel, 0)
     else:
-        bounds, gap = fixed.drawn
-        gaps.append(gap)
+        bounds, gap, order = *fixed.drawn, 0.0
+    gaps = [gap]
     controller = _chosen(s)
     blind = isinstance(controller, NoController)
     if turns is None and s.turn == "located" and not blind:
@@ -152,7 +133,8 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
     retreat, machine = None, _machine(s, fixed)
     same = turns is None and fixed.drawn is None and _believes_plant(s)
     if not blind and not same:
-        believed, order = flanks("controller_map", 0 if turns is None else turns)
+        believed, gap, order = _table_of(s, "controller_map", travel, 0 if turns is None else turns)
+        gaps.append(gap)
     teeth = s.pair.driving.teeth if isinstance(s.pair, GearPair) else None
     if not blind and controller.closes and teeth is not None and order * _LONG_WAVES >= teeth:
         if not known(believed.step):
@@ -172,7 +154,7 @@ def prepared(s: Scenario, fixed: Fixed = Fixed()) -> tuple[Case, list[Any]]:
         **machine,
         **_encoders(s),
     )
-    return case, gaps
+    return case, [gap for gap in gaps if gap is not None]
 
 
 def ends_of(motion: Motion) -> tuple[Any, Any, Any]:
@@ -260,63 +242,68 @@ def _table_of(
 ) -> tuple[Bounds, Any, float]:
     """Return the flanks, `turns` driving turns on, the gap that is checked, and the highest order.
 
-    The highest order of a map that is a table already is taken as that of the teeth.
+    The gap is the smallest of the plant, or the mean of a map that the controller believes. The
+    highest order of a map that is a table already is taken as that of the teeth.
 
     A map that is a table already is used as it is; **raises** `ScenarioError` if it is shorter than
-    the motion.
+    the motion, and for flanks that cross.
     """
     model, given = _model(s, which)
-    if isinstance(model, FirstOrderBounds):
-        first = replace(model, closing=closings_of(s.pair)).turned(turns)
-        if which == "plant_map":
-            return first, jnp.min(first.gap(_angles_of(s.pair))), 0.0
-        if given and s.map_backlash_deg is not None:
-            offset = jnp.asarray(first.offset)
-            first = replace(first, offset=offset.at[1].set(offset[0] + s.map_backlash_deg * DEG))
-        return first, None, 0.0
-    order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
-    if not isinstance(model, FlankTable):
+    plant, order = which == "plant_map", 0.0
+    gap: Any = None
+    if isinstance(model, FlankTable):
+        order = float(s.pair.driving.teeth) if isinstance(s.pair, GearPair) else 0.0
+        if travel is not None and not covers(model, *travel):
+            ends = float(model.start) / DEG, float(model.start + model.length) / DEG
+            asked = 360 * travel[0], 360 * travel[1]
+            of_map, of_motion = (f"{low:z.2f}° … {high:z.2f}°" for low, high in (ends, asked))
+            raise ScenarioError(
+                f"the map covers {of_map} of the driving angle, but the motion {of_motion};"
+                " take a longer map (`vttig map --span-rev`) or a shorter motion.",
+                where=which,
+            )
+    elif not isinstance(model, FirstOrderBounds):
         order, per_turn = model.highest_order, nodes_per_turn(model)
         first, count, periodic = _span_of(s.pair, model, travel)
         start = float64(first if periodic else first + turns)
         model = _tabulated(model, count, periodic, start, per_turn)
         model = replace(model, step=REV / per_turn)  # known, also where JAX traces the model
-    elif travel is not None and not covers(model, *travel):
-        ends = float(model.start) / DEG, float(model.start + model.length) / DEG
-        asked = 360 * travel[0], 360 * travel[1]
-        of_map, of_motion = (f"{low:z.2f}° … {high:z.2f}°" for low, high in (ends, asked))
-        raise ScenarioError(
-            f"the map covers {of_map} of the driving angle, but the motion {of_motion};"
-            " take a longer map (`vttig map --span-rev`) or a shorter motion.",
-            where=which,
-        )
     bounds = replace(model, closing=closings_of(s.pair)).turned(turns)
-    judged = jnp.min if which == "plant_map" else jnp.mean
-    gap = judged(_gaps_of(bounds)) if given or which == "plant_map" else None
-    if which == "controller_map" and given and s.map_backlash_deg is not None:
-        nodes = jnp.asarray(bounds.nodes)
-        shift = s.map_backlash_deg * DEG - jnp.mean(nodes[:, 2] - nodes[:, 0])
-        bounds = replace(bounds, nodes=nodes.at[:, 2].add(shift))
+    if plant or (given and isinstance(bounds, FlankTable)):
+        angles, gaps = _gaps_of(bounds, s.pair)
+        gap = jnp.min(gaps) if plant else jnp.mean(gaps)
+        if known(gap) and not gap >= 0:
+            place = "on the average"
+            if plant:
+                place = f"at {float(angles[jnp.argmin(gaps)]) / DEG:.1f}° of the driving shaft"
+            raise ScenarioError(
+                f"flank B lies {-gap / DEG:.5f}° before flank A {place}, where no gap is"
+                " left; take a larger backlash (constant_backlash_deg), or a map with its flanks"
+                " in order.",
+                where="eccentricities" if plant and s.plant_map is None else which,
+            )
+    if not plant and given and s.map_backlash_deg is not None:
+        if isinstance(bounds, FlankTable):
+            nodes = jnp.asarray(bounds.nodes)
+            bounds = replace(bounds, nodes=nodes.at[:, 2].add(s.map_backlash_deg * DEG - gap))
+        else:
+            offset = jnp.asarray(bounds.offset)
+            widened = offset.at[1].set(offset[0] + s.map_backlash_deg * DEG)
+            bounds = replace(bounds, offset=widened)
     return bounds, gap, order
 
 
-def _angles_of(pair: Any) -> Float[Array, " n"]:
-    """Return driving angles over the hunting period, at most `_MOST_TURNS`, rad."""
-    turns = min(pair.hunting_turns, _MOST_TURNS)
-    return jnp.linspace(0.0, REV * turns, _PER_TURN * turns + 1)
+def _gaps_of(bounds: Bounds, pair: Any) -> tuple[Any, Any]:
+    """Return some driving angles and the gap at each, rad.
 
-
-def _narrowest(bounds: Bounds, pair: Any) -> float:
-    """Return the driving angle at which the known flanks are closest, rad."""
+    They are the nodes of a table, or angles over the hunting period, at most `_MOST_TURNS` turns.
+    """
     if isinstance(bounds, FlankTable):
-        return float(bounds.start + np.argmin(np.asarray(_gaps_of(bounds))) * bounds.step)
-    angle = _angles_of(pair)
-    return float(angle[jnp.argmin(bounds.gap(angle))])
-
-
-def _gaps_of(table: Any) -> Any:
-    """Return the gap at the nodes of a table, or of tables that share a first axis, rad."""
-    return table.nodes[..., 2] - table.nodes[..., 0]
+        angles = bounds.start + np.arange(len(bounds.nodes)) * bounds.step
+        return angles, bounds.nodes[:, 2] - bounds.nodes[:, 0]
+    turns = min(pair.hunting_turns, _MOST_TURNS)
+    angles = jnp.linspace(0.0, REV * turns, _PER_TURN * turns + 1)
+    return angles, bounds.gap(angles)
 
 
 @eqx.filter_jit
@@ -345,9 +332,9 @@ def drawn_tables(
         )
     tables = _tables(models, count, periodic, float64(first), per)
     one = jax.tree.map(lambda leaf: np.asarray(leaf[0]), tables)
-    nodes = np.asarray(tables.nodes).reshape(-1, 4)
-    smallest = np.asarray(_gaps_of(tables).min(axis=-1))
-    return replace(one, nodes=nodes, closing=closings_of(pair)), smallest
+    nodes = np.asarray(tables.nodes)
+    smallest = (nodes[..., 2] - nodes[..., 0]).min(axis=-1)
+    return replace(one, nodes=nodes.reshape(-1, 4), closing=closings_of(pair)), smallest
 
 
 @eqx.filter_jit

@@ -23,7 +23,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
-from msgspec import structs
 
 from ...base.errors import InputError, ScenarioError
 from ...base.files.limits import free_bytes
@@ -33,7 +32,6 @@ from ...kinematics.flank_table import FlankTable
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
 from ..motion.motion import Reversal
-from ..scenario.axes import Value
 from ..scenario.scenario import Scenario
 from ..scenario.spec import (
     KEYS,
@@ -73,7 +71,7 @@ from ..simulation.prepare import (
     shafted,
 )
 from ..simulation.simulate import CHUNK
-from .table import DRAW, REFUSED, Rows, SweepTable
+from .table import DRAW, REFUSED, Rows, SweepTable, grouped
 
 _REASONS, _EXAMINED = 5, 500
 """Largest number of reported reasons for refusal, and of refused cases examined to find them."""
@@ -163,30 +161,27 @@ class SweepCases:
         found = {name: values[i] for group, i in rows for name, values in group.items()}
         return {"case": np.array(numbers, np.int64)} | {name: found[name] for name in self.axes}
 
-    def values(self, number: int) -> dict[str, Value]:
-        """Return the value of every axis in the case with this number."""
-        columns = self.columns([number])
-        return {name: columns[name].item() for name in self.axes}
-
     def spec_of(self, number: int) -> ScenarioSpec:
         """Return the scenario of a case.
 
         **Raises** `ScenarioError` for values that contradict each other.
         """
-        values: dict[str, Any] = self.values(number)
-        values.pop(DRAW, None)
+        columns = self.columns([number])
+        values = {name: columns[name].item() for name in self.axes if name != DRAW}
         return with_values(self.spec, values)
+
+    def draw_of(self, number: int) -> int:
+        """Return the number of the draw in a case, 0 without draws."""
+        return number * self.maps.number // len(self)  # the draws vary slowest
 
     def scenario(self, number: int) -> Scenario:
         """Return the objects of a case."""
-        draw: Any = self.values(number).get(DRAW, 0)
-        return scenario_of(self.spec_of(number), *self.inputs, draw=draw)
+        return scenario_of(self.spec_of(number), *self.inputs, draw=self.draw_of(number))
 
     def refusal(self, number: int) -> InputError | None:
         """Return the error that prevents a case; None if it can run."""
         try:
-            draw: Any = self.values(number).get(DRAW, 0)
-            prepared_case(self.spec_of(number), *self.inputs, draw=draw)
+            prepared_case(self.spec_of(number), *self.inputs, draw=self.draw_of(number))
         except InputError as error:
             return error
         return None
@@ -301,21 +296,6 @@ def _on_lanes(function: Any, mesh: Mesh, mapped: Any, shared: Any, state: Any, *
     return sharded(mapped, shared, state, all_)
 
 
-class _Program(NamedTuple):
-    """Cases that share a program.
-
-    - `spec`: scenario with their texts. - `indices`: their places in the block.
-    - `columns`: their numbers: the values of the axes, and what `_courses` finds.
-    - `substeps`, `queue`: plant steps in a period, and length of the queue of commands.
-    """
-
-    spec: ScenarioSpec
-    indices: np.ndarray
-    columns: Rows
-    substeps: int
-    queue: int
-
-
 class SweepWork:
     """Blocks of a sweep, ready to run on some devices, by default all of JAX.
 
@@ -332,12 +312,12 @@ class SweepWork:
         sampled = sorted({count * place // _SAMPLED for place in range(_SAMPLED)})
         columns = cases.columns(sampled)
         programs = list(self._programs(columns))
-        possible = [sampled[index] for one in programs for index in one.indices]
+        possible = [number for *_, one in programs for number in one["case"].tolist()]
         if not possible or all(map(cases.refusal, possible)):
             refused = cases.refusal(0)
             assert refused is not None
             raise refused
-        steps = sum(one.substeps * float(one.columns["periods"].sum()) for one in programs)
+        steps = sum(float((one["substeps"] * one["periods"]).sum()) for *_, one in programs)
         self.expected_steps = count * steps / len(sampled)
         """Lane-steps of all cases, from the lengths of some of them."""
         texts = min(len(set(_texts_of(columns))), _MOST_TEXTS)
@@ -372,61 +352,55 @@ class SweepWork:
         rows: Rows = {name: np.full(len(numbers), np.nan) for name in METRICS}
         outcome = np.full(len(numbers), REFUSED, dtype="<U9")
         for program in self._programs(columns | dict(settings)):
-            for indices, (values, codes) in self._ran(program, progress):
+            for places, (values, codes) in self._ran(*program, progress):
                 for name, column in values.items():
-                    rows[name][indices] = column
-                outcome[indices] = np.asarray(OUTCOMES)[codes]
+                    rows[name][places] = column
+                outcome[places] = np.asarray(OUTCOMES)[codes]
         return columns | rows | {"outcome": outcome}
 
-    def _programs(self, columns: Rows) -> Iterator[_Program]:
-        """Yield the cases that can run, those that share a program together."""
-        texts = _texts_of(columns)
-        for text in dict.fromkeys(texts):
-            indices = np.array([index for index, one in enumerate(texts) if one == text])
-            numbers = {
-                name: values[indices]
-                for name, values in columns.items()
-                if values.dtype.kind != "U"
-            }
+    def _programs(self, columns: Rows) -> Iterator[tuple[ScenarioSpec, Fixed, Rows]]:
+        """Yield the cases that can run, those that share a program together.
+
+        **Yields** the scenario with their texts, their static choices, and their numbers: values of
+        the axes, what `_courses` finds, and their places among the given cases.
+        """
+        numbers = {name: values for name, values in columns.items() if values.dtype.kind != "U"}
+        numbers["place"] = np.arange(len(columns["case"]))
+        for texts, with_texts in grouped(_texts_of(columns)):
             try:
-                spec = with_keys(self.cases.spec, dict(text))
+                spec = with_keys(self.cases.spec, dict(texts))
                 check_choices(spec)
-                yield from self._alike(spec, indices, numbers)
+                able = self._able(spec, _rows_of(numbers, with_texts))
             except InputError:  # the same for all of these cases
                 continue
+            kinds = zip(
+                *(able[name].tolist() for name in ("substeps", "queue", "lost")), strict=True
+            )
+            for (substeps, queue, lost), alike in grouped(list(kinds)):
+                own = with_numbers(spec, {"judgement.turn": "unknown"}) if lost else spec
+                some = _rows_of(able, alike)
+                travel = float(some["low"].min()), float(some["high"].max())
+                yield own, Fixed(int(substeps), queue, travel=travel), some
 
-    def _alike(self, spec: ScenarioSpec, indices: np.ndarray, columns: Rows) -> Iterator[_Program]:
-        """Yield the programs of cases with the same texts."""
+    def _able(self, spec: ScenarioSpec, columns: Rows) -> Rows:
+        """Return those of the cases with the same texts that can run, with their courses.
+
+        `turns` is the error of a located turn, and `lost` whether the turn is not found.
+        """
         columns = columns | self._courses(spec, columns)
-        scenario = self._scenario(spec)
-        for one in (scenario.plant_map, scenario.controller_map):
-            if isinstance(one, FlankTable):
-                columns["fit"] &= covers(one, columns["low"], columns["high"])
-        indices, columns = indices[columns["fit"]], _rows_of(columns, columns["fit"])
-        unknown = np.zeros(len(indices), bool)
+        columns = _rows_of(columns, columns["fit"])
+        columns["queue"] = np.array([queue_of(delay) for delay in columns["delay"]], int)
+        columns["lost"] = np.zeros(len(columns["case"]), bool)
         if spec.judgement.turn == "located" and spec.controller != "none":
             found = [located_turns(self.cases.scenario(n)) for n in columns["case"].tolist()]
-            unknown = np.array([turns is None for turns in found])
-            columns["turns"] = np.array([turns or 0 for turns in found])
-        queues = [queue_of(delay) for delay in columns["delay"]]
-        kinds = list(zip(columns["substeps"].astype(int), queues, unknown, strict=True))
-        for kind in dict.fromkeys(kinds):
-            alike = np.array([one == kind for one in kinds])
-            substeps, queue, lost = kind
-            own = spec
-            if lost:
-                own = structs.replace(
-                    spec, judgement=structs.replace(spec.judgement, turn="unknown")
-                )
-            yield _Program(own, indices[alike], _rows_of(columns, alike), int(substeps), queue)
+            columns["lost"] = np.array([turns is None for turns in found], bool)
+            columns["turns"] = np.array([turns or 0 for turns in found], int)
+        return columns
 
     def _ran(
-        self, program: _Program, progress: Callable[[int], None]
+        self, spec: ScenarioSpec, fixed: Fixed, columns: Rows, progress: Callable[[int], None]
     ) -> Iterator[tuple[np.ndarray, Metrics]]:
-        """Yield indices and results of the cases of a program, those of similar length together."""
-        spec, indices, columns, substeps, queue = program
-        travel = float(columns["low"].min()), float(columns["high"].max())
-        fixed = Fixed(substeps, queue, None, travel)
+        """Yield places and results of the cases of a program, those of similar length together."""
         order = np.argsort(columns["periods"], kind="stable")
         # A power of two on each device, so that few programs are compiled.
         each = 1 << max(math.ceil(len(order) / len(self.devices)) - 1, 0).bit_length()
@@ -436,9 +410,11 @@ class SweepWork:
             row = _rows_of(columns, np.pad(chosen, (0, lanes - len(chosen)), "edge"))
             side, fits = self._lanes(spec, row, fixed)
             found, _ = side.run(columns["periods"][chosen], self._mesh, progress)
-            fits = fits[: len(chosen)]
-            found = jax.tree.map(lambda values, fits=fits: values[: len(fits)][fits], found)
-            yield indices[chosen][fits], found
+            kept = np.flatnonzero(fits[: len(chosen)])
+            yield (
+                columns["place"][chosen[kept]],
+                jax.tree.map(lambda values, kept=kept: values[kept], found),
+            )
 
     def _lanes(self, spec: ScenarioSpec, columns: Rows, fixed: Fixed) -> tuple[Lanes, np.ndarray]:
         """Return cases side by side, and whether the flanks of each do not cross."""
@@ -472,7 +448,12 @@ class SweepWork:
             found = {"low": low / REV, "high": high / REV, "sense": sense, "periods": periods}
             found |= {"delay": delay_of(s.actuator.delay_s, hertz), "substeps": steps.asked}
             fit = steps.fit & s.sampling.fits
-            return found | {"fit": fit & s.motion.fits if isinstance(s.motion, Reversal) else fit}
+            if isinstance(s.motion, Reversal):
+                fit &= s.motion.fits
+            for one in (s.plant_map, s.controller_map):
+                if isinstance(one, FlankTable):
+                    fit &= covers(one, found["low"], found["high"])
+            return found | {"fit": fit}
 
         found = jax.vmap(course)(jax.tree.map(jnp.asarray, columns))
         return jax.tree.map(np.array, found)
@@ -549,8 +530,21 @@ def sweep(
     require_x64("sweep")
     cases = cases_of(spec, pair, folder, controller, maps)
     began, before = time.perf_counter(), compiled_s()
-    work = SweepWork(cases, _devices(devices))
-    _require_memory(len(cases), 2 + len(METRICS) + len(cases.axes))
+    available = jax.devices()
+    if devices is not None and not 1 <= devices <= len(available):
+        raise ValueError(
+            f"Argument `devices` must be 1 … {len(available)}, the devices of JAX, but is"
+            f" {devices}; for more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX starts."
+        )
+    work = SweepWork(cases, available[:devices])
+    # The table, and a copy of it.
+    needed = 16e-9 * len(cases) * (2 + len(METRICS) + len(cases.axes))
+    if needed > (free := 1e-9 * free_bytes()):
+        raise InputError(
+            f"{len(cases)} cases need {needed:.3g} GB of memory, but {free:.3g} GB are free; split"
+            " an axis into several sweeps.",
+            where="sweep",
+        )
     finished = 0
     with (store or Memory)(cases.header | {"block": work.block_size}) as kept:
         todo = [number for number in range(work.blocks) if number not in kept.done]
@@ -585,31 +579,6 @@ def sweep(
         refusals=_refusals(work, columns),
         closing=cases.closing,
     )
-
-
-def _devices(count: int | None) -> list[Any]:
-    """Return the first `count` JAX devices, or all of them for None.
-
-    **Raises** `ValueError` for a number of devices that JAX does not have.
-    """
-    available = jax.devices()
-    if count is not None and not 1 <= count <= len(available):
-        raise ValueError(
-            f"Argument `devices` must be 1 … {len(available)}, the devices of JAX, but is"
-            f" {count}; for more cores call `vttig_jax.prepare_cpu(devices=…)` before JAX starts."
-        )
-    return available[:count]
-
-
-def _require_memory(count: int, columns: int) -> None:
-    """Raise `InputError` for a table that is, with a copy of it, larger than the free memory."""
-    needed, free = 16e-9 * count * columns, 1e-9 * free_bytes()
-    if needed > free:
-        raise InputError(
-            f"{count} cases need {needed:.3g} GB of memory, but {free:.3g} GB are free; split an"
-            " axis into several sweeps.",
-            where="sweep",
-        )
 
 
 class Memory(AbstractContextManager["Memory"]):

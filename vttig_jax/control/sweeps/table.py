@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,12 @@ _REMARKS = {
     " choose a longer judgement.jump_s.",
 }
 """Share of the cases of a group → end of its remark."""
+
+
+def grouped(keys: Sequence[Any]) -> Iterator[tuple[Any, np.ndarray]]:
+    """Yield each different key of some rows, in the order of the rows, and the mask of its rows."""
+    for key in dict.fromkeys(keys):
+        yield key, np.array([one == key for one in keys])
 
 
 @dataclass(frozen=True)
@@ -97,10 +104,7 @@ class SweepTable(PlottedResult):
         for axis in numbers:
             name = axis.rpartition(".")[2]
             shown.append([f"{name} {value:g}" for value in self.columns[axis]])
-        names = [", ".join(key) for key in zip(*shown, strict=True)]
-        return [
-            (group, np.array([name == group for name in names])) for group in dict.fromkeys(names)
-        ]
+        return list(grouped([", ".join(key) for key in zip(*shown, strict=True)]))
 
     def to_json(self) -> dict[str, Any]:
         """Return the object of schema `vttig.sweep/1`."""
@@ -208,9 +212,7 @@ def _text(table: SweepTable) -> str:
             group["name"],
             group["cases"],
             *_cells(group["residual_gap_deg"], ".5f"),
-            "–"
-            if group["interfering_share"] is None
-            else _share_text(group["interfering_share"], group["interfering_share_95"]),
+            _share_text(group["interfering_share"], group["interfering_share_95"]),
             *_cells(group["interference_mm"], ".4f")[2:],
             *_cells(group["largest_jump_deg"], ".5f")[2:],
             *_cells(group["wrong_flank_deg"], ".2f")[2:],
@@ -274,7 +276,9 @@ def _machines(table: SweepTable, group: dict[str, Any], mask: np.ndarray) -> str
     )
 
 
-def _share_text(share: float, interval: list[float] | None) -> str:
+def _share_text(share: float | None, interval: list[float] | None) -> str:
+    if share is None:
+        return "–"
     ends = f" ({100 * interval[0]:.1f} … {100 * interval[1]:.1f})" if interval else ""
     return f"{100 * share:.1f} %{ends}"
 

@@ -161,45 +161,41 @@ def _text(tuned: Tuned) -> str:
         ("objective", f"{kind} of {of}"),
         ("result", verdict),
     ]
-    settings = [
-        ((key.name, key.unit), f"{key.start:.6g}", f"{tuned.values[key.name]:.4g}")
+    rows = [
+        (f"{key.name} [{key.unit}]", f"{key.start:.6g}", f"{tuned.values[key.name]:.4g}")
         for key in tuned.keys
     ]
-    rows = [(_named(*name), before, after) for name, before, after in [*settings, *_scores(tuned)]]
+    rows += _scores(tuned)
     lines = [key_values(head, title=tuned.pair), "", text_table(rows, ["", "before", "after"])]
     if tuned.notes:
         lines += ["", "notes:", *(f"  {note}" for note in tuned.notes)]
     return "\n".join(lines)
 
 
-def _named(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
-
-
 def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
     scores = tuned.before, tuned.after
     rows = [
-        (("objective", "deg"), "cost_deg", ".5f", 1.0),
-        (("gap left: mean", "deg"), "gap_mean_deg", ".5f", 1.0),
-        (("  95 % below", "deg"), "gap_high95_deg", ".5f", 1.0),
-        (("  most", "deg"), "gap_max_deg", ".5f", 1.0),
-        (("interfere", "%"), "interfering_share", ".1f", 100.0),
-        (("  by at most", "mm"), "interference_max_mm", ".4f", 1.0),
-        (("actuator travel: mean", "mm"), "travel_mean_mm", ".3f", 1.0),
+        ("objective [deg]", "cost_deg", ".5f", 1.0),
+        ("gap left: mean [deg]", "gap_mean_deg", ".5f", 1.0),
+        ("  95 % below [deg]", "gap_high95_deg", ".5f", 1.0),
+        ("  most [deg]", "gap_max_deg", ".5f", 1.0),
+        ("interfere [%]", "interfering_share", ".1f", 100.0),
+        ("  by at most [mm]", "interference_max_mm", ".4f", 1.0),
+        ("actuator travel: mean [mm]", "travel_mean_mm", ".3f", 1.0),
     ]
     if tuned.spec.controller == "feedforward":
         rows = [
             rows[0],
-            (("lost motion: mean", "deg"), "lost_mean_deg", ".5f", 1.0),
-            (("  most", "deg"), "lost_max_deg", ".5f", 1.0),
-            (("thrown back: most", "deg"), "thrown_max_deg", ".5f", 1.0),
+            ("lost motion: mean [deg]", "lost_mean_deg", ".5f", 1.0),
+            ("  most [deg]", "lost_max_deg", ".5f", 1.0),
+            ("thrown back: most [deg]", "thrown_max_deg", ".5f", 1.0),
         ]
     table = [
         (name, *[_number(factor * getattr(score, field), form) for score in scores])
         for name, field, form, factor in rows
     ]
     counts = [", ".join(f"{n} {name}" for name, n in one.outcomes.items()) for one in scores]
-    return [*table, (("outcomes", ""), *counts)]
+    return [*table, ("outcomes", *counts)]
 
 
 def _number(value: float, form: str) -> str:

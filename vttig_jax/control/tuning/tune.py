@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -144,14 +145,45 @@ def tune(
             f"Argument `interference_weight` must be at least 0, but is {interference_weight!r}."
         )
     cases = cases_of(spec, pair, folder, maps=maps)
-    _check_controller(spec)
     keys = free_keys(spec, free, limits)
-    return _tuned(_Judge(SweepWork(cases), keys, objective, interference_weight), progress)
+    numbers = np.arange(len(cases))
+    judge = _Judge(SweepWork(cases), keys, objective, interference_weight, numbers)
+    best, searched = judge.start, judge.sampled(SEARCHED)
+    if len(keys) > 1:  # the search may begin far away, where several settings fit each other
+        best = searched.better(best, _far(judge.sampled(DRAWN), best))
+    for finished, step in enumerate(STEPS, 1):
+        best = _stage(searched, best, step)
+        if progress is not None:
+            progress(finished, len(STEPS))
+    best = judge.better(judge.start, _without_small_gains(judge, best))
+    before, after = judge.score(judge.start), judge.score(best)
+    values = {key.name: value for key, value in zip(keys, best, strict=True)}
+    return Tuned(
+        spec=with_numbers(spec, values),
+        pair=cases.pair.name,
+        keys=keys,
+        values=values,
+        before=before,
+        after=after,
+        objective=objective,
+        interference_weight=interference_weight,
+        cases=len(numbers),
+        searched=len(searched.numbers),
+        notes=tuple(_notes(before, after, keys, values)),
+    )
 
 
-def _check_controller(spec: ScenarioSpec) -> None:
-    """Refuse a controller without settings, and several controllers at once."""
-    if spec.sweep is not None and "controller" in spec.sweep.axes:
+def free_keys(
+    spec: ScenarioSpec, free: Sequence[str] | None = None, limits: Limits | None = None
+) -> tuple[FreeKey, ...]:
+    """Return the keys to tune, by default all numeric settings of the controller.
+
+    **Raises** `ScenarioError` for a controller without settings and for several controllers;
+    `ValueError` for no key, for a key that appears twice, is unknown, takes no number, is no
+    setting of this controller or an axis of the sweep, and for limits without its value.
+    """
+    axes = () if spec.sweep is None else tuple(spec.sweep.axes)
+    if "controller" in axes:
         raise ScenarioError(
             "is an axis, but settings are tuned for one controller; write it at the top of the file"
             " instead.",
@@ -162,18 +194,7 @@ def _check_controller(spec: ScenarioSpec) -> None:
             f'"{spec.controller}" has nothing to tune; choose one of {", ".join(SETTINGS)}.',
             where="controller",
         )
-
-
-def free_keys(
-    spec: ScenarioSpec, free: Sequence[str] | None = None, limits: Limits | None = None
-) -> tuple[FreeKey, ...]:
-    """Return the keys to tune, by default all numeric settings of the controller.
-
-    **Raises** `ValueError` for no key, for a key that appears twice, is unknown, takes no number,
-    is no setting of this controller or an axis of the sweep, and for limits without its value.
-    """
     settings = SETTINGS[spec.controller]
-    axes = () if spec.sweep is None else tuple(spec.sweep.axes)
     if isinstance(free, str):
         raise ValueError(f"Argument `free` must be a list of keys, but is one text: {free!r}.")
     default = settings[:1] if spec.controller == "feedforward" else settings
@@ -245,46 +266,14 @@ def _free(key: Key, start: float, limits: tuple[float, float] | None) -> FreeKey
     return FreeKey(name=key.name, unit=key.unit, start=start, low=low, high=high, positive=positive)
 
 
-def _tuned(judge: "_Judge", progress: Callable[[int, int], None] | None) -> Tuned:
-    best, searched = judge.start, judge.sampled(SEARCHED)
-    if len(judge.keys) > 1:  # the search may begin far away, where several settings fit each other
-        best = searched.better(best, _far(judge.sampled(DRAWN), best))
-    for finished, step in enumerate(STEPS, 1):
-        best = _stage(searched, best, step)
-        if progress is not None:
-            progress(finished, len(STEPS))
-    best = judge.better(judge.start, _without_small_gains(judge, best))
-    before, after = judge.score(judge.start), judge.score(best)
-    values = {key.name: value for key, value in zip(judge.keys, best, strict=True)}
-    return Tuned(
-        spec=with_numbers(judge.cases.spec, values),
-        pair=judge.cases.pair.name,
-        keys=judge.keys,
-        values=values,
-        before=before,
-        after=after,
-        objective=judge.objective,
-        interference_weight=judge.weight,
-        cases=len(judge.numbers),
-        searched=len(searched.numbers),
-        notes=tuple(_notes(before, after, judge.keys, values)),
-    )
-
-
 def _far(judge: "_Judge", best: Values) -> Values:
     """Return the best values of a differential evolution (R. Storn, K. Price, 1997).
 
     All places of a generation are simulated side by side.
     """
-    most, size = judge.score(best).bound, len(best)
-
-    def costs(steps: Any) -> Any:
-        scores = judge.scores([judge.moved(best, place) for place in steps.T])
-        return [score.cost_deg if score.bound <= most else math.inf for score in scores]
-
-    draw = np.random.default_rng(0)
+    size, draw = len(best), np.random.default_rng(0)
     found: Any = differential_evolution(
-        costs,
+        lambda steps: judge.costs_around(best, steps.T),
         [(-math.log(REACH), math.log(REACH))] * size,
         init=2 * STEPS[0] * draw.normal(size=(PLACES * size, size)),  # type: ignore[arg-type]
         maxiter=GENERATIONS,
@@ -300,20 +289,20 @@ def _far(judge: "_Judge", best: Values) -> Values:
 
 def _stage(judge: "_Judge", best: Values, step: float) -> Values:
     """Search with a simplex of this size around the best values (J. Nelder, R. Mead, 1965)."""
-    before, size = judge.score(best), len(best)
-
-    def cost(steps: Any) -> float:
-        score = judge.score(judge.moved(best, steps))
-        return score.cost_deg if score.bound <= before.bound else math.inf
-
+    size = len(best)
     simplex = step * np.vstack([np.zeros(size), np.eye(size)])
     options = {
         "initial_simplex": simplex,
         "maxfev": MOST * size,
         "xatol": 0.1 * abs(step),
-        "fatol": _LEAST_GAIN * before.cost_deg,
+        "fatol": _LEAST_GAIN * judge.score(best).cost_deg,
     }
-    found = minimize(cost, simplex[0], method="Nelder-Mead", options=options)
+    found = minimize(
+        lambda steps: judge.costs_around(best, [steps])[0],
+        simplex[0],
+        method="Nelder-Mead",
+        options=options,
+    )
     return judge.better(best, judge.moved(best, found.x))
 
 
@@ -337,22 +326,18 @@ def _without_small_gains(judge: "_Judge", best: Values) -> Values:
             return best
 
 
+@dataclass(eq=False)
 class _Judge:
     """Scores of values of the keys, by the simulation of some cases of a sweep; each is kept."""
 
-    def __init__(
-        self,
-        work: SweepWork,
-        keys: tuple[FreeKey, ...],
-        objective: Objective,
-        weight: float,
-        numbers: np.ndarray | None = None,
-    ) -> None:
-        self.work, self.keys, self.weight = work, keys, weight
-        self.cases = work.cases
-        self.objective: Objective = objective
-        self.numbers = np.arange(len(work.cases)) if numbers is None else numbers
-        self.start = tuple(key.start for key in keys)
+    work: SweepWork
+    keys: tuple[FreeKey, ...]
+    objective: Objective
+    weight: float
+    numbers: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.cases, self.start = self.work.cases, tuple(key.start for key in self.keys)
         self._scores: dict[Values, Score] = {}
         self._first = self._rows([self.start])
 
@@ -368,6 +353,12 @@ class _Judge:
             part = slice(index * count, (index + 1) * count)
             self._scores[values] = self._score({name: x[part] for name, x in rows.items()})
         return [self._scores[values] for values in places]
+
+    def costs_around(self, values: Values, steps: Any) -> list[float]:
+        """Return the cost of the values so many steps on; ∞ where more drives block than there."""
+        most = self.score(values).bound
+        scores = self.scores([self.moved(values, one) for one in steps])
+        return [score.cost_deg if score.bound <= most else math.inf for score in scores]
 
     def better(self, *places: Values) -> Values:
         """Return the best of some values, the first of equals."""
@@ -401,7 +392,7 @@ class _Judge:
         others = np.setdiff1d(numbers, first)
         drawn = np.random.default_rng(0).choice(others, most - len(first), replace=False)
         numbers = np.sort(np.concatenate([first, drawn]))
-        return _Judge(self.work, self.keys, self.objective, self.weight, numbers)
+        return replace(self, numbers=numbers)
 
     def _rows(self, places: Sequence[Values]) -> Rows:
         """Return the rows of all cases at the first place, then at the second …"""
