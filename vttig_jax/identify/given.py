@@ -36,8 +36,8 @@ from ..kinematics.backlash_map import chunked
 from ..kinematics.flank_error import FlankError
 from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel
 from ..kinematics.harmonic import OrderModel
-from ..model.columns import Assumptions, ColumnName, embedding
-from ..model.mixed_fit import MixedFit, design_of
+from ..model.columns import Assumptions, ColumnName, design_of, embedding
+from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter
 from ..model.parameters import Quantities
 from ..model.rows import Extra, RowName, Rows, S, Shafts
@@ -321,7 +321,7 @@ def searched(
     columns = [c for c in design.columns if c.prior not in ("delay_parts", "gap_by_speed")]
     angles: dict[Flank, list[np.ndarray]] = {flank: [] for flank in S}
     readings, others = [], []
-    tables = design.rows(shafts, 0.0)
+    tables = design.rows(shafts)
     for flank in S:
         for log, rows in enumerate(tables):
             own = rows.flank == flank

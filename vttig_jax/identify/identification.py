@@ -17,9 +17,9 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.columns import DELAY, RATIO, Assumptions
+from ..model.columns import DELAY, RATIO, Assumptions, waves_of
 from ..model.lines import found_lines, refined, short_lines
-from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
+from ..model.mixed_fit import MixedFit, mixed_fit
 from ..model.parameter import Parameter
 from ..model.parameters import LEFT_OUT, SIGNIFICANT, TOLD, Quantities, parameters_of, quantities_of
 from ..model.rows import Run, Shafts
