@@ -191,8 +191,7 @@ def _at_nodes(
 
     def at(theta: Float[Array, " p"]) -> tuple[Array, Array, Array]:
         one = normal(theta, logs)
-        half = jax.scipy.linalg.solve_triangular(one.factor, jnp.diag(one.scale), lower=True)
-        return log_density(theta, logs, one), one.solved(one.half), half.T @ half
+        return log_density(theta, logs, one), one.solved(one.half), one.spread
 
     nodes = jnp.asarray(_NODES)[None, :, None] * jnp.asarray(axes)[:, None]
     return jax.vmap(jax.vmap(at))(jnp.asarray(theta)[None, None] + nodes)
