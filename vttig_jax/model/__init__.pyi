@@ -19,6 +19,7 @@ from .functionals import Posterior as Posterior
 from .functionals import Readings as Readings
 from .gears import ENCODERS as ENCODERS
 from .gears import GEARS as GEARS
+from .gears import KINDS as KINDS
 from .gears import Relation as Relation
 from .gears import fitted_gears as fitted_gears
 from .lines import found_lines as found_lines

@@ -14,7 +14,7 @@ from ..identify.orders import flank_rows
 from ..identify.result import Fit
 from ..model.columns import GAP
 from ..model.density import Compressed, normal
-from ..model.gears import GEARS, Relation
+from ..model.gears import GEARS, KINDS, Relation
 from ..model.parameters import Quantities, quantities_of
 from ..pair.gear_pair import Drive, GearPair
 from .target import FitTarget, Tie, padded
@@ -28,12 +28,11 @@ def quantities(fit: Fit) -> Quantities:
 
     The parameters of a flank model of the user have columns of their own.
     """
-    posterior = fit.core.posterior
+    posterior, perfect = fit.core.posterior, ("perfect_gears", "perfect_encoders")
     told = quantities_of(
         fit.core,
         fit.pair if fit.given is None else Drive(fit.pair.ratio),
-        encoders="perfect_encoders" not in fit.conditional_on,
-        gears="perfect_gears" not in fit.conditional_on,
+        [kind for kind, name in zip(KINDS, perfect, strict=True) if name not in fit.conditional_on],
     )
     index = posterior.problem.index
     if not (names := tuple(n for n in fit.covariance_names if given_column(n) in index)):

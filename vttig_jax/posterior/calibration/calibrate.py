@@ -219,12 +219,7 @@ def calibrate(
     def read(core) -> dict[str, Parameter]:
         return told_by(core, fit.pair, settings, fit.source)[1]
 
-    like = LikeRigs(
-        fit.core,
-        fit.pair,
-        encoders=not settings.perfect_encoders,
-        gears=not settings.perfect_gears,
-    )
+    like = LikeRigs(fit.core, fit.pair, settings.kinds)
     seen: dict[str, list[Judgement]] = {}
     units: dict[str, str] = {}
     for number in range(rigs):

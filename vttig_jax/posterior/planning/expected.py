@@ -135,9 +135,7 @@ def expected_fit(
     delay_s = values.get("delay_s", 0.0) if settings.delay == "auto" else known_delay(settings)
     design = design_of([shafts], pair, orders, assumed=assumed)
     flank: Flank = "A" if any(run.flank == "A" for run in shafts.runs) else "B"
-    coefficients = _coefficients(
-        design, pair, values, flank=flank, encoders=not settings.perfect_encoders
-    )
+    coefficients = _coefficients(design, pair, values, flank, settings.kinds)
     (rows,) = design.rows([shafts])
     if not len(rows.table):
         raise NoAnswerError(
@@ -242,9 +240,8 @@ def _coefficients(
     design: Design,
     pair: GearPair | Drive,
     values: Mapping[str, float],
-    *,
     flank: Flank,
-    encoders: bool,
+    kinds: tuple[str, ...],
 ) -> np.ndarray:
     """Return the coefficients of the columns that the assumed values give; others are 0."""
     index, found = index_of(design.columns), np.zeros(len(design.columns))
@@ -255,7 +252,7 @@ def _coefficients(
             part = "sin" if axis == "x" else "cos"
             found[index[ColumnName(RowName(shaft, 1, part), 0)]] = value
         return found
-    relation = relation_of(pair, design.waves, both=design.both, flank=flank, encoders=encoders)
+    relation = relation_of(pair, design.waves, both=design.both, flank=flank, kinds=kinds)
     if relation is not None:
         tied = relation.coefficients(jnp.asarray(cartesian(relation.names, values)))
         places = relation.tied_columns(index)
