@@ -447,14 +447,14 @@ def given_quantities(core: MixedFit, told: Quantities, given: GivenModel) -> Qua
     names = [name for name in given.names if given_column(name) in index]
     rows = [core.posterior.row(given_column(name)) for name in names]
     values = dict(zip(given.names, given.values, strict=True))
-    rows = np.concatenate([told.rows, np.stack(rows)]) if rows else told.rows
-    shift = np.append(told.shift, [values[name] for name in names])
+    told = told.joined(names, rows, [values[name] for name in names])
+    shift = told.shift.copy()
     if (angles := core.scope.covered).size and len(core.scope.flanks) == 2:
         error = [given.on(angles, flank)[:, 0].mean() for flank in S]
         for name in ("gap_over_angles_covered", "backlash_plus_delay"):
             if name in told.names:
                 shift[told.at(name)] += error[1] - error[0]
-    return Quantities.of(core.posterior, (*told.names, *names), rows, shift, told.gears)
+    return replace(told, shift=shift)
 
 
 def given_parameters(

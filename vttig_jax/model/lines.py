@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -142,9 +142,7 @@ def refined(
     phase = np.array([line.phase_deg for line in lines]) * DEG
     size = np.array([line.amplitude_arcsec for line in lines]) * ARCSEC
     waves = np.stack([size * np.cos(phase), size * np.sin(phase)], axis=1)
-    number = 0
-    while True:
-        number += 1
+    for _ in range(_MOST_FITS):
         shifts = Shifts(tuple(map(float, cycles)), waves, tuple(map(bool, alone)))
         core = fit(shifts.cycles, shifts)
         posterior, index = core.posterior, core.posterior.problem.index
@@ -152,16 +150,13 @@ def refined(
             place: posterior.one(posterior.row(ColumnName(RowName("given", f"line {place}"))))
             for place in np.flatnonzero(alone).tolist()
         }
-        moved = cycles.copy()
         for place, step in steps.items():
-            moved[place] += step.value
+            cycles[place] = float(f"{cycles[place] + step.value:.7g}")
         rows = [RowName("line", cycle, part) for cycle in shifts.cycles for part in ("sin", "cos")]
         own = [index[ColumnName(row, 0)] for row in rows]
         waves = posterior.moved[own].reshape(-1, 2)
-        settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
-        if settled or number == _MOST_FITS:
+        if all(abs(step.value) < _SETTLED * step.std for step in steps.values()):
             break
-        cycles = np.array([float(f"{one:.7g}") for one in moved])
     spread = posterior.told(np.eye(len(posterior.problem.columns))[own], moved=True)[1]
     found = []
     for place, line in enumerate(lines):
@@ -172,13 +167,13 @@ def refined(
         step = steps.get(place)
         cycles_std = line.cycles_std if step is None else math.hypot(step.std, step.value)
         found.append(
-            Line(
+            replace(
+                line,
                 cycles_per_rev=shifts.cycles[place],
                 cycles_std=cycles_std,
                 amplitude_arcsec=amplitude,
                 amplitude_std_arcsec=std,
                 phase_deg=phase_deg,
-                false_alarm=line.false_alarm,
             )
         )
     return core, found

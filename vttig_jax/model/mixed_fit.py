@@ -11,13 +11,13 @@ from jaxtyping import Bool, Float
 from ..base.errors import NoAnswerError
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
-from .columns import DELAY, GAP, GROUPS, KNOWN, Assumptions, Column, Design, design_of, embedding
+from .columns import DELAY, GAP, GROUPS, Assumptions, Column, Design, design_of, embedding
 from .density import LAGS, Compressed
 from .functionals import Posterior
 from .newton import first_theta, maximise
 from .outliers import is_heavy, spread, weights_of
 from .problem import cleared, problem_of, products_of, sides_of, with_known
-from .rows import LATE, SHAFTS, Extra, RowName, Rows, S, Shafts, Wave, merged
+from .rows import LATE, Extra, RowName, Rows, S, Shafts, Wave, merged
 from .scope import Scope, scope_of
 
 _MOST_PASSES = 7
@@ -60,6 +60,7 @@ class MixedFit:
     weights: list[np.ndarray] | None
     scope: Scope
     orders: HarmonicOrders
+    clear: frozenset[RowName] = frozenset()
     settled: bool = True
 
     @property
@@ -105,7 +106,7 @@ def mixed_fit(
     weights = None
     if after is not None:
         delay_s, weights = after.delay_s, after.weights
-        design = replace(design, clear=clear_in(after.posterior.problem.columns))
+        design = replace(design, clear=after.clear)
     free = assumed.delay == "fitted"
     theta, searched, share, noise, steps = None, False, 0.0, 0.0, 0
     number, value, last = 0, 0.0, 0.0
@@ -187,6 +188,7 @@ def mixed_fit(
         weights=weights,
         scope=scope_of(shafts, rows, design.waves),
         orders=orders,
+        clear=design.clear,
         settled=settled and bool(found.result == optx.RESULTS.successful),
     )
 
@@ -201,15 +203,6 @@ def clear_orders(posterior: Posterior) -> frozenset[RowName]:
     square = (mean**2 / np.diag(covariance)).reshape(-1, 2).mean(axis=1)
     return frozenset(
         c.row for c, size in zip(own, np.repeat(square, 2), strict=True) if size > 0.5 * CLEAR**2
-    )
-
-
-def clear_in(columns: Sequence[Column]) -> frozenset[RowName]:
-    """Return the higher orders that have a width of their own."""
-    return frozenset(
-        c.row
-        for c in columns
-        if c.prior == KNOWN and c.row.kind in SHAFTS and c.row.which != 1 and not c.differs
     )
 
 

@@ -7,7 +7,8 @@ do not tell one.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -39,30 +40,40 @@ class Quantities:
     **Arguments**
     - `names`: such as "driving_x", "driving_encoder_y", "constant_backlash", "delay", "offset",
       "gap_over_angles_covered"; mm for eccentricities of gears, s for the delay, else rad.
-    - `mean`, `covariance`, `freedom`: mean, covariance and Student degrees of freedom.
     - `gears`: eccentricities that the first orders follow from; None for a drive.
     """
 
+    posterior: Posterior
     names: tuple[str, ...]
     rows: Float[np.ndarray, "n columns"]
     shift: Float[np.ndarray, " n"]
-    mean: Float[np.ndarray, " n"]
-    covariance: Float[np.ndarray, "n n"]
-    freedom: Float[np.ndarray, " n"]
     gears: Gears | None
 
-    @classmethod
-    def of(
-        cls,
-        posterior: Posterior,
-        names: Sequence[str],
-        rows: Float[np.ndarray, "n columns"],
-        shift: Float[np.ndarray, " n"],
-        gears: Gears | None,
+    @cached_property
+    def _told(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.posterior.told(self.rows, moved=True)
+
+    @property
+    def mean(self) -> Float[np.ndarray, " n"]:
+        """Means of the numbers."""
+        return self._told[0] + self.shift
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance of the numbers."""
+        return self._told[1]
+
+    @property
+    def freedom(self) -> Float[np.ndarray, " n"]:
+        """Student degrees of freedom of the numbers."""
+        return self._told[2]
+
+    def joined(
+        self, names: Sequence[str], rows: Sequence[Row], shift: Sequence[float] | np.ndarray
     ) -> "Quantities":
-        """Return the numbers of these rows of a posterior."""
-        mean, covariance, freedom = posterior.told(rows, moved=True)
-        return cls(tuple(names), rows, shift, mean + shift, covariance, freedom, gears)
+        """Return the numbers with further ones."""
+        names, rows = (*self.names, *names), np.stack([*self.rows, *rows])
+        return replace(self, names=names, rows=rows, shift=np.append(self.shift, shift))
 
     def at(self, *names: str) -> list[int]:
         """Return the places of names."""
@@ -151,7 +162,7 @@ def quantities_of(
     for name, by in ((TORQUE, 0.0), (RATIO, scope.ratio)):
         if name in index:
             add(str(name), posterior.row(name), by)
-    return Quantities.of(posterior, names, np.stack(rows), np.array(shift), found)
+    return Quantities(posterior, tuple(names), np.stack(rows), np.array(shift), found)
 
 
 def polar(

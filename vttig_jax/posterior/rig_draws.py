@@ -39,9 +39,7 @@ def quantities(fit: Fit) -> Quantities:
         return told
     rows = np.stack([posterior.row(given_column(name)) for name in names])
     values = fit.values[[fit.covariance_names.index(name) for name in names]]
-    shift = np.append(told.shift, values - rows @ posterior.moved)
-    rows = np.concatenate([told.rows, rows])
-    return Quantities.of(posterior, (*told.names, *names), rows, shift, told.gears)
+    return told.joined(names, rows, values - rows @ posterior.moved)
 
 
 def unit_of(fit: Fit, name: str) -> str:
