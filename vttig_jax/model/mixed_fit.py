@@ -53,7 +53,6 @@ class MixedFit:
     posterior: Posterior
     delay_s: float
     bends: Float[np.ndarray, " bends"]
-    outliers: float
     passes: int
     steps: int
     usual: float
@@ -108,7 +107,7 @@ def mixed_fit(
         delay_s, weights = after.delay_s, after.weights
         design = replace(design, clear=after.clear)
     free = assumed.delay == "fitted"
-    theta, searched, share, noise, steps = None, False, 0.0, 0.0, 0
+    theta, searched, noise, steps = None, False, 0.0, 0
     number, value, last = 0, 0.0, 0.0
     while True:
         number += 1
@@ -124,7 +123,7 @@ def mixed_fit(
         design = replace(design, usual=usual_error(rows))
         if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
-            weights, share, noise = outlying(rows, design.columns, certain=not first)
+            weights, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
                 shafts = tuple(
                     one.without(own.samples[weight < 0.5].ravel())
@@ -181,7 +180,6 @@ def mixed_fit(
         posterior=posterior,
         delay_s=delay_s,
         bends=design.bends,
-        outliers=share,
         passes=number,
         steps=steps,
         usual=design.usual,
@@ -284,8 +282,8 @@ def usual_error(rows: Sequence[Rows]) -> float:
 
 def outlying(
     rows: Sequence[Rows], columns: Sequence[Column], *, certain: bool
-) -> tuple[list[Float[np.ndarray, " n"]] | None, float, float]:
-    """Return weights of the rows (None: no outliers), share of outliers, and the noise, rad.
+) -> tuple[list[Float[np.ndarray, " n"]] | None, float]:
+    """Return weights of the rows (None: no outliers), and the noise, rad.
 
     `certain`: whether it is known already that there are outliers. A delay that is still in the
     readings follows every change of the speed, also those that do not tell it.
@@ -302,16 +300,15 @@ def outlying(
     residual = np.concatenate(residuals(steady, rows, away))
     clean = spread(residual) < _CLEAN * float(np.std(y))  # the rest is that of the ridge
     if clean or not (certain or is_heavy(residual)):
-        return None, 0.0, spread(residual)
+        return None, spread(residual)
     x = np.concatenate(combined(steady, rows, np.eye(len(norm) + 1)[:, :-1] / norm))
     weight, share = weights_of(x, y)
     heavy = x * weight[:, None]
     residual = y - x @ np.linalg.solve(heavy.T @ x + hold, heavy.T @ y)
     if share > _MOST_OUTLIERS or np.all(weight > 0.5):
-        return None, 0.0, spread(residual)
-    residual = residual[weight > 0.5]
+        return None, spread(residual)
     ends = np.cumsum([len(one.table) for one in rows])[:-1]
-    return np.split(weight, ends), share, spread(residual)
+    return np.split(weight, ends), spread(residual[weight > 0.5])
 
 
 def residuals(

@@ -171,7 +171,6 @@ def expected_fit(
         posterior=Posterior(problem, theta, at),
         delay_s=delay_s,
         bends=design.bends,
-        outliers=0.0,
         passes=1,
         steps=int(found.stats["num_steps"]),
         usual=usual,
