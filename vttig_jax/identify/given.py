@@ -425,12 +425,8 @@ def fitted_given(
         }
         if all(abs(one.value) <= _SETTLED * one.std for one in moved.values()):
             return core, given
-        given = given.at(
-            [
-                value + (moved[name].value if name in moved else 0.0)
-                for name, value in zip(given.names, given.values, strict=True)
-            ]
-        )
+        steps = [moved[name].value if name in moved else 0.0 for name in given.names]
+        given = given.at(given.values + steps)
         shafts, after = core.shafts, core
     worst = max(moved, key=lambda name: abs(moved[name].value) / moved[name].std)
     raise NoAnswerError(

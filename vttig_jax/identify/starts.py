@@ -43,6 +43,7 @@ def with_starts(
         starts[log] = _start(core, log)
     if all(start in (OWN, Start()) for start in starts):
         return core, None
+    turns = None
     for _ in range(_MOST_FITS):
         turns = Turns.of(core)
         shafts = zip(core.shafts, starts, strict=True)

@@ -142,7 +142,9 @@ def refined(
     phase = np.array([line.phase_deg for line in lines]) * DEG
     size = np.array([line.amplitude_arcsec for line in lines]) * ARCSEC
     waves = np.stack([size * np.cos(phase), size * np.sin(phase)], axis=1)
-    for _ in range(_MOST_FITS):
+    number = 0
+    while True:
+        number += 1
         shifts = Shifts(tuple(map(float, cycles)), waves, tuple(map(bool, alone)))
         core = fit(shifts.cycles, shifts)
         posterior, index = core.posterior, core.posterior.problem.index
@@ -155,7 +157,8 @@ def refined(
         rows = [RowName("line", cycle, part) for cycle in shifts.cycles for part in ("sin", "cos")]
         own = [index[ColumnName(row, 0)] for row in rows]
         waves = posterior.moved[own].reshape(-1, 2)
-        if all(abs(step.value) < _SETTLED * step.std for step in steps.values()):
+        settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
+        if settled or number == _MOST_FITS:
             break
     spread = posterior.told(np.eye(len(posterior.problem.columns))[own], moved=True)[1]
     found = []

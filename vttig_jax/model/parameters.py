@@ -6,7 +6,7 @@ do not tell one.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -69,11 +69,11 @@ class Quantities:
         return self._told[2]
 
     def joined(
-        self, names: Sequence[str], rows: Sequence[Row], shift: Sequence[float] | np.ndarray
+        self, names: Sequence[str], rows: Iterable[Row], shift: Sequence[float] | np.ndarray
     ) -> "Quantities":
         """Return the numbers with further ones."""
-        names, rows = (*self.names, *names), np.stack([*self.rows, *rows])
-        return replace(self, names=names, rows=rows, shift=np.append(self.shift, shift))
+        shift, whole = np.append(self.shift, shift), np.stack([*self.rows, *rows])
+        return replace(self, names=(*self.names, *names), rows=whole, shift=shift)
 
     def at(self, *names: str) -> list[int]:
         """Return the places of names."""
