@@ -22,7 +22,7 @@ from vttig_jax.pair.gear_pair import pair_from_spec, spec_of
 from vttig_jax.posterior import band_map
 from vttig_jax.rig import PassMotion
 
-GRID = np.linspace(0, 16 * REV, 1001)
+ANGLES = np.linspace(0.0, 16 * REV, 500)
 
 
 def test_two_flanks_give_the_map_which_another_constant_backlash_shifts(
@@ -30,19 +30,19 @@ def test_two_flanks_give_the_map_which_another_constant_backlash_shifts(
 ):
     found = backlash_map(noisy_fit)
     assert found.model is noisy_fit.model
-    true = BacklashMap(noisy_rig.flank_model(), None, noisy_rig.pair).over(GRID)
-    assert np.std(found.over(GRID) - true) / DEG < 0.0012
+    true = BacklashMap(noisy_rig.flank_model(), None, noisy_rig.pair).over(ANGLES)
+    assert np.std(found.over(ANGLES) - true) / DEG < 0.0012
     # The first-order map beside it misses the pitch orders.
-    assert np.std(found.first_order_over(GRID) - true) / DEG > 0.0015
+    assert np.std(found.first_order_over(ANGLES) - true) / DEG > 0.0015
     plain = backlash_map(noisy_fit)
     moved = backlash_map(noisy_fit, constant_backlash_deg=0.05)
     shift = (0.05 - noisy_fit.value("constant_backlash_deg")) * DEG
     # The extra angle of gear 2 on flank B moves its orders by 1e-7 rad.
-    np.testing.assert_allclose(moved.over(GRID) - plain.over(GRID), shift, atol=3e-7)
-    first = moved.first_order_over(GRID) - plain.first_order_over(GRID)
+    np.testing.assert_allclose(moved.over(ANGLES) - plain.over(ANGLES), shift, atol=3e-7)
+    first = moved.first_order_over(ANGLES) - plain.first_order_over(ANGLES)
     np.testing.assert_allclose(first, shift, atol=1e-12)
-    true = BacklashMap(clean_rig.flank_model(), None, clean_rig.pair).over(GRID)
-    np.testing.assert_allclose(backlash_map(clean_fit).over(GRID), true, atol=2e-4 * DEG)
+    true = BacklashMap(clean_rig.flank_model(), None, clean_rig.pair).over(ANGLES)
+    np.testing.assert_allclose(backlash_map(clean_fit).over(ANGLES), true, atol=2e-4 * DEG)
 
 
 def test_one_flank_needs_the_constant_backlash(noisy_log, noisy_rig):
@@ -51,9 +51,9 @@ def test_one_flank_needs_the_constant_backlash(noisy_log, noisy_rig):
         backlash_map(one_flank)
     assert caught.value.exit_code == 4
     found = backlash_map(one_flank, constant_backlash_deg=0.05)
-    expected = vttig_jax.exact_backlash(GRID, noisy_rig.pair, one_flank.eccentricities(0.05))
+    expected = vttig_jax.exact_backlash(ANGLES, noisy_rig.pair, one_flank.eccentricities(0.05))
     # The driven gear stands the TE of the start beside i φ₁: see test_mounting.
-    np.testing.assert_allclose(found.over(GRID), np.asarray(expected), atol=2e-5 * DEG)
+    np.testing.assert_allclose(found.over(ANGLES), np.asarray(expected), atol=2e-5 * DEG)
 
 
 def test_a_drive_maps_from_two_flanks_only(noisy_rig):
@@ -64,8 +64,8 @@ def test_a_drive_maps_from_two_flanks_only(noisy_rig):
     assert found.first_order is None
     # A drive has no tooth mesh.
     options = HarmonicOrders(mesh_orders=0)
-    pair_map = backlash_map(fit(log, noisy_rig.pair, orders=options)).over(GRID)
-    assert np.std(found.over(GRID) - pair_map) / DEG < 5e-4
+    pair_map = backlash_map(fit(log, noisy_rig.pair, orders=options)).over(ANGLES)
+    assert np.std(found.over(ANGLES) - pair_map) / DEG < 5e-4
     assert np.std(pair_map) / DEG > 5e-3
     for constant in (None, 0.05):
         with pytest.raises(NoAnswerError):
@@ -88,7 +88,6 @@ def test_a_part_of_a_turn_has_the_map_of_the_angles_it_covers(noisy_rig):
     assert np.mean(grid.over(angles)) / DEG == pytest.approx(gap.value, abs=gap.std)
 
 
-ANGLES = np.linspace(0.0, 16 * REV, 500)
 GAP_DEG = 0.038
 
 
@@ -167,12 +166,12 @@ def start_at(turns: float, **std) -> LogStart:
 
 
 def test_one_log_lies_at_its_own_zero_and_maps_know_it():
-    found = quick_fit().coverage
+    fit, banded = quick_fit(), band_map(quick_posterior(), 10.0)
+    found = fit.coverage
     assert found.share == pytest.approx(ALONE, abs=0.1 / 16)
     assert found.unplaced == 0 and found.both[0, 0] > 0 and found.both[-1, 1] < 5 * 2 * np.pi
-    fit, banded = quick_fit(), band_map(quick_posterior(), 10.0)
     for grid in (banded.map, backlash_map(fit)):
-        assert grid.coverage is not None and grid.coverage.share == fit.coverage.share
+        assert grid.coverage is not None and grid.coverage.share == found.share
     assert "of the 16 driving turns of the hunting period on both flanks" in str(banded)
     assert grid.is_extrapolated(grid.smallest) is not None
     assert str(grid.coverage) in str(grid)

@@ -10,7 +10,7 @@ import pytest
 from tests.model.rigs import PAIRS, exact_log, fitted, gear_pair, gears_of
 from vttig_jax.base import ARCSEC
 from vttig_jax.kinematics import exact_model
-from vttig_jax.model import ENCODERS, GEARS, Relation, fitted_gears, parameters_of
+from vttig_jax.model import ENCODERS, GEARS, KINDS, Relation, fitted_gears, parameters_of
 from vttig_jax.pair.schema import Flank
 
 TRUTH = {
@@ -162,7 +162,7 @@ def test_constants_are_what_the_gears_add():
     gears = fitted_gears(pair, fit)
     assert gears is not None and gears.relation.names == (*GEARS, *ENCODERS)
     np.testing.assert_allclose(gears.constants, _projected(pair, TRUTH)[-2:], atol=2e-6)
-    for perfect, names in (("gears", ENCODERS), ("encoders", GEARS)):
-        found = fitted_gears(pair, fit, **{perfect: False})
+    for kind, names in zip(KINDS, (GEARS, ENCODERS), strict=True):
+        found = fitted_gears(pair, fit, [kind])
         assert found is not None and found.relation.names == names
     assert fitted_gears(pair, replace(fit, waves=())) is None

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.posterior.densities import Gaussian, plain
+from tests.posterior.densities import Gaussian, plain, same
 from vttig_jax.base.files import atomic_write as atomic
 from vttig_jax.posterior import checkpoint, run_ensembles
 from vttig_jax.posterior.chains import Chains, read_chains
@@ -96,13 +96,9 @@ def main(folder: Path) -> None:
         signals.append(forked(work, delay_s))
         left_over += any(folder.glob(".posterior.h5.*.tmp"))
         steps.append(read_chains(path).diagnosis.steps if path.exists() else 0)
-    same = all(
-        np.array_equal(getattr(chains.record, name), getattr(whole.record, name))
-        for chains in (run(path), read_chains(path))
-        for name in ("draws", "log_density", "accepted")
-    )
+    alike = same(run(path), whole) and same(read_chains(path), whole)
     files = sorted(item.name for item in folder.iterdir())
-    found = {"signals": signals, "steps": steps, "left_over": left_over, "same": same}
+    found = {"signals": signals, "steps": steps, "left_over": left_over, "same": alike}
     print(json.dumps(found | {"files": files}))
 
 

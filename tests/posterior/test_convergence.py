@@ -50,9 +50,9 @@ def test_unit_and_zero_do_not_matter(shift, scale):
 pytestmark = pytest.mark.smoke
 
 
-def agreeing(seed: int = 1) -> np.ndarray:
-    """Four ensembles of 16 walkers that agree; their chains are 50 … 80 τ long."""
-    return np.moveaxis(ar1(0.9, (1500, 4, 16, 1), seed), 0, 1)
+def ensembles(rho: float, steps: int = 500, walkers: int = 16, seed: int = 1) -> np.ndarray:
+    """Four ensembles that agree, of AR(1) chains."""
+    return np.moveaxis(ar1(rho, (steps, 4, walkers, 1), seed), 0, 1)
 
 
 def test_it_is_that_of_arviz():
@@ -67,14 +67,14 @@ def test_it_is_that_of_arviz():
 
 
 def test_each_coordinate_has_its_own_and_drifts_and_widths_are_seen():
-    drifting = agreeing() + np.linspace(0, 1.5, 1500)[:, None, None]
+    drifting = ensembles(0.9, 1500) + np.linspace(0, 1.5, 1500)[:, None, None]
     assert r_hat(drifting)[0] > 1.01
     mixed = np.concatenate([drifting[:, ::2], drifting[:, 1::2]], axis=1)
     assert r_hat(mixed)[0] < 1.01  # not seen unless halves in time are compared
-    wide = agreeing()
+    wide = ensembles(0.9, 1500)
     wide[0] *= 2.0
     assert r_hat(wide)[0] > 1.01
-    draws = np.concatenate([agreeing(1), agreeing(2), agreeing(3)], axis=3)
+    draws = np.concatenate([ensembles(0.9, 1500, seed=seed) for seed in (1, 2, 3)], axis=3)
     draws[0, :, :, 1] += 2.0
     draws[2:, :, :, 2] += 6.0  # two modes; each ensemble sees one
     found = r_hat(draws)
@@ -98,10 +98,6 @@ def made(effective: float = 1200.0, r_hat: float = 1.0021) -> Diagnosis:
 
 def judged(draws: np.ndarray) -> Diagnosis:
     return diagnose(draws, ("a",), steps=draws.shape[1] * 5, acceptance=0.4, until=Until())
-
-
-def ensembles(rho: float, steps: int = 500, walkers: int = 16) -> np.ndarray:
-    return np.moveaxis(ar1(rho, (steps, 4, walkers, 1), seed=1), 0, 1)
 
 
 def test_what_is_not_enough_is_named_with_the_steps_that_cure():

@@ -81,7 +81,7 @@ def _core_arrays(core: MixedFit) -> dict[str, np.ndarray]:
         "turns": scope.turns,
         "speeds": scope.speeds,
         "counts": (core.passes, core.steps),
-        "numbers": (problem.unit, core.delay_s, core.outliers, core.usual),
+        "numbers": (problem.unit, core.delay_s, core.usual),
     }
     windows = np.asarray(problem.compressed.windows)
     return {
@@ -110,7 +110,7 @@ def _of(kind: type, front: str, arrays: dict[str, np.ndarray]) -> dict:
 def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
     """Return the fit of `_core_arrays`, without rows and samples."""
     text = json.loads(str(arrays["core"]))
-    unit, delay_s, outliers, usual = text["numbers"]
+    unit, delay_s, *_, usual = text["numbers"]  # older runs have a number more
     size = len(arrays[_SOLVED + "beta"]) + 1
     upper = np.triu_indices(size)
     whole = np.zeros((len(arrays[_COMPRESSED + "windows"]), size, size))
@@ -131,7 +131,6 @@ def _core(arrays: dict[str, np.ndarray], ratio: float) -> MixedFit:
         posterior=Posterior(problem, arrays["theta"], solved, readings),
         delay_s=delay_s,
         bends=arrays["bends"],
-        outliers=outliers,
         passes=text["counts"][0],
         steps=text["counts"][1],
         usual=usual,

@@ -9,8 +9,9 @@ from ..logs.checks.ratio import SeenRatio
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.segments import Segments
+from ..model.columns import row_duration
 from ..model.density import LAGS
-from ..model.mixed_fit import MixedFit, row_duration
+from ..model.mixed_fit import MixedFit
 from ..model.rows import Shafts, Wave
 from ..pair.gear_pair import Drive, GearPair, pair_from_spec
 from ..pair.schema import Flank

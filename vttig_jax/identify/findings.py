@@ -18,8 +18,8 @@ from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import hidden_shaft
 from ..logs.slope import better_fraction, computed_text, exact_slope
-from ..model.columns import DELAY
-from ..model.mixed_fit import NEEDED, mixed_fit, waves_of
+from ..model.columns import DELAY, waves_of
+from ..model.mixed_fit import NEEDED, mixed_fit
 from ..pair.gear_pair import GearPair
 from .door import Identified
 from .records import Finding

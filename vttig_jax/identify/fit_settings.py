@@ -162,6 +162,11 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
                 " for a delay that nothing else tells; give one of them."
             )
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Which of `vttig_jax.model.gears.KINDS` are fitted."""
+        return ("",) * (not self.perfect_gears) + ("_encoder",) * (not self.perfect_encoders)
+
 
 BATCH = tuple(
     name for name in FitSettings.__struct_fields__ if name not in ("same_zero", "use_readings")

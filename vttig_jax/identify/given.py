@@ -36,8 +36,8 @@ from ..kinematics.backlash_map import chunked
 from ..kinematics.flank_error import FlankError
 from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel
 from ..kinematics.harmonic import OrderModel
-from ..model.columns import Assumptions, ColumnName, embedding
-from ..model.mixed_fit import MixedFit, design_of
+from ..model.columns import Assumptions, ColumnName, design_of, embedding
+from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter
 from ..model.parameters import Quantities
 from ..model.rows import Extra, RowName, Rows, S, Shafts
@@ -321,7 +321,7 @@ def searched(
     columns = [c for c in design.columns if c.prior not in ("delay_parts", "gap_by_speed")]
     angles: dict[Flank, list[np.ndarray]] = {flank: [] for flank in S}
     readings, others = [], []
-    tables = design.rows(shafts, 0.0)
+    tables = design.rows(shafts)
     for flank in S:
         for log, rows in enumerate(tables):
             own = rows.flank == flank
@@ -425,12 +425,8 @@ def fitted_given(
         }
         if all(abs(one.value) <= _SETTLED * one.std for one in moved.values()):
             return core, given
-        given = given.at(
-            [
-                value + (moved[name].value if name in moved else 0.0)
-                for name, value in zip(given.names, given.values, strict=True)
-            ]
-        )
+        steps = [moved[name].value if name in moved else 0.0 for name in given.names]
+        given = given.at(given.values + steps)
         shafts, after = core.shafts, core
     worst = max(moved, key=lambda name: abs(moved[name].value) / moved[name].std)
     raise NoAnswerError(
@@ -447,14 +443,14 @@ def given_quantities(core: MixedFit, told: Quantities, given: GivenModel) -> Qua
     names = [name for name in given.names if given_column(name) in index]
     rows = [core.posterior.row(given_column(name)) for name in names]
     values = dict(zip(given.names, given.values, strict=True))
-    rows = np.concatenate([told.rows, np.stack(rows)]) if rows else told.rows
-    shift = np.append(told.shift, [values[name] for name in names])
+    told = told.joined(names, rows, [values[name] for name in names])
+    shift = told.shift.copy()
     if (angles := core.scope.covered).size and len(core.scope.flanks) == 2:
         error = [given.on(angles, flank)[:, 0].mean() for flank in S]
         for name in ("gap_over_angles_covered", "backlash_plus_delay"):
             if name in told.names:
                 shift[told.at(name)] += error[1] - error[0]
-    return Quantities.of(core.posterior, (*told.names, *names), rows, shift, told.gears)
+    return replace(told, shift=shift)
 
 
 def given_parameters(

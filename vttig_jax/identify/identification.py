@@ -17,9 +17,10 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.columns import DELAY, RATIO, Assumptions
+from ..model.columns import DELAY, RATIO, Assumptions, waves_of
+from ..model.gears import KINDS
 from ..model.lines import found_lines, refined, short_lines
-from ..model.mixed_fit import MixedFit, mixed_fit, waves_of
+from ..model.mixed_fit import MixedFit, mixed_fit
 from ..model.parameter import Parameter
 from ..model.parameters import LEFT_OUT, SIGNIFICANT, TOLD, Quantities, parameters_of, quantities_of
 from ..model.rows import Run, Shafts
@@ -179,18 +180,17 @@ def told_by(
 
     **Raises** `NoAnswerError` if they are no finite numbers.
     """
-    encoders, gears = not settings.perfect_encoders, not settings.perfect_gears
-    both = len(core.scope.flanks) == 2
-    told = None
+    kinds, told = settings.kinds, None
+    apart = len(core.scope.flanks) == 2 or isinstance(pair, Drive)
     if np.all(np.isfinite(core.posterior.at.hessian)):
-        told = quantities_of(core, pair, encoders=both and encoders, gears=gears)
+        told = quantities_of(core, pair, kinds if apart else [k for k in kinds if k == KINDS[0]])
     if told is None or not np.all(np.isfinite(told.covariance)):
         raise NoAnswerError(
             "the fit found no largest density, so that it has no numbers; list fewer orders in"
             " [fit], or record more turns.",
             where=where,
         )
-    return told, parameters_of(core, pair, told, encoders=encoders, gears=gears)
+    return told, parameters_of(core, pair, told, kinds)
 
 
 def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:

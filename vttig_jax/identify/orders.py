@@ -131,8 +131,7 @@ def whole_waves(core: MixedFit) -> list[Wave]:
 def _shown_flanks(core: MixedFit) -> list[Flank]:
     """Return for flanks A and B the flank whose numbers they have: an unmeasured one the other."""
     measured = core.scope.flanks
-    found: list[Flank] = [flank if flank in measured else measured[0] for flank in S]
-    return found
+    return [flank if flank in measured else measured[0] for flank in S]
 
 
 def flank_rows(

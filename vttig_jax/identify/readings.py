@@ -18,9 +18,9 @@ from ..base.numerics.polar_spread import polar_spread
 from ..base.units import DEG, REV
 from ..logs.channel.unwrap import step_of
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.columns import GAP
+from ..model.columns import GAP, told_waves, waves_of
 from ..model.functionals import Readings
-from ..model.mixed_fit import CLEAR, MixedFit, told_waves, waves_of
+from ..model.mixed_fit import CLEAR, MixedFit
 from ..model.parameters import FULL_TURN, gap_row
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders

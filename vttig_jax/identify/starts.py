@@ -43,9 +43,8 @@ def with_starts(
         starts[log] = _start(core, log)
     if all(start in (OWN, Start()) for start in starts):
         return core, None
-    number = 0
-    while True:
-        number += 1
+    turns = None
+    for _ in range(_MOST_FITS):
         turns = Turns.of(core)
         shafts = zip(core.shafts, starts, strict=True)
         core = fit([replace(one, start=start) for one, start in shafts], turns, core)
@@ -56,8 +55,9 @@ def with_starts(
             for new, old, std in zip(one.angles, two.angles, one.spread, strict=True)
             if std
         ]
-        if all(steps) or number == _MOST_FITS:
-            return core, turns
+        if all(steps):
+            break
+    return core, turns
 
 
 def disagreements(core: MixedFit) -> Iterator[Disagreement]:

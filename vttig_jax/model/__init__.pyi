@@ -8,6 +8,7 @@ from .columns import Assumptions as Assumptions
 from .columns import Column as Column
 from .columns import ColumnName as ColumnName
 from .columns import embedding as embedding
+from .columns import waves_of as waves_of
 from .density import LAGS as LAGS
 from .density import Compressed as Compressed
 from .density import log_density as log_density
@@ -18,13 +19,13 @@ from .functionals import Posterior as Posterior
 from .functionals import Readings as Readings
 from .gears import ENCODERS as ENCODERS
 from .gears import GEARS as GEARS
+from .gears import KINDS as KINDS
 from .gears import Relation as Relation
 from .gears import fitted_gears as fitted_gears
 from .lines import found_lines as found_lines
 from .mixed_fit import MixedFit as MixedFit
 from .mixed_fit import largest as largest
 from .mixed_fit import likelihood_ratio as likelihood_ratio
-from .mixed_fit import waves_of as waves_of
 from .newton import first_theta as first_theta
 from .newton import maximise as maximise
 from .outliers import is_heavy as is_heavy

@@ -18,8 +18,6 @@ ln τ of every group. Prior of θ: atanh π_k ~ N(0, w_k²), w from 2.5 for k = 
 τ is half-Cauchy around its usual scale, as a density of ln τ.
 """
 
-from collections.abc import Callable
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -136,9 +134,12 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     size = windows.shape[-1]
     pairs = len(FIRST)
     flat = windows.reshape(pairs, -1)
-    terms, slope, bent = _derivatives(
-        lambda t: jnp.append(weights(t, logs.on), _explicit(t, logs) + _penalty(t, logs)), theta
-    )
+
+    def of_theta(theta: Float[Array, " p"]) -> Float[Array, " terms"]:
+        return jnp.append(weights(theta, logs.on), _explicit(theta, logs) + _penalty(theta, logs))
+
+    terms, slope = of_theta(theta), jax.jacfwd(of_theta)(theta)
+    bent = jax.jacfwd(jax.jacfwd(of_theta))(theta)
     weight = terms[:-1]
     taken = jnp.concatenate([weight[None, :pairs], slope[:pairs, :LAGS].T]) @ flat
     gram, bends = taken[0].reshape(size, size), taken[1:].reshape(LAGS, size, size)
@@ -181,19 +182,6 @@ def solved(theta: Float[Array, " p"], logs: Compressed) -> Solved:
     )
 
 
-def _derivatives(
-    function: Callable[[Float[Array, " p"]], Float[Array, " n"]], theta: Float[Array, " p"]
-) -> tuple[Float[Array, " n"], Float[Array, "n p"], Float[Array, "n p p"]]:
-    """Return the values of a function at θ with their first and second derivatives."""
-
-    def first(theta: Float[Array, " p"]) -> tuple[Array, tuple[Array, Array]]:
-        slope, value = jax.jacfwd(lambda t: (function(t),) * 2, has_aux=True)(theta)
-        return slope, (value, slope)
-
-    second, (value, slope) = jax.jacfwd(first, has_aux=True)(theta)
-    return value, slope, second
-
-
 def _moments(
     theta: Float[Array, " p"], logs: Compressed, by_weight: Float[Array, " w"]
 ) -> Float[Array, " p"]:
@@ -230,6 +218,12 @@ class Normal(eqx.Module):
         """Return S L⁻ᵀ `half`: β̂ for `half`, and a draw from N(0, M⁻¹) for standard normals."""
         back = jax.scipy.linalg.solve_triangular(self.factor, half, lower=True, trans="T")
         return self.scale * back
+
+    @property
+    def spread(self) -> Float[Array, "columns columns"]:
+        """Covariance M⁻¹ of the coefficients."""
+        half = jax.scipy.linalg.solve_triangular(self.factor, jnp.diag(self.scale), lower=True)
+        return half.T @ half
 
 
 def normal(theta: Float[Array, " p"], logs: Compressed) -> Normal:

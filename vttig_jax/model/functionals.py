@@ -9,7 +9,7 @@ add to a variance is multiplied, what they add to a mean is independent. The mix
 quantiles of Student's t with the same variance and kurtosis, ν = 4 + 2 (E v)²/var v.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -60,10 +60,8 @@ class Posterior:
     def with_readings(self, readings: Readings) -> "Posterior":
         """Return the posterior after further readings, whose noise does not depend on θ."""
         beta, spread = _after(np.asarray(self.at.beta), np.asarray(self.at.spread), readings)
-        at = eqx.tree_at(
-            lambda s: (s.beta, s.spread), self.at, (jnp.asarray(beta), jnp.asarray(spread))
-        )
-        return Posterior(self.problem, self.theta, at, readings)
+        at = replace(self.at, beta=jnp.asarray(beta), spread=jnp.asarray(spread))
+        return replace(self, at=at, readings=readings)
 
     @property
     def partial(self) -> Float[Array, " lags"]:
@@ -84,16 +82,17 @@ class Posterior:
     @property
     def coefficients(self) -> Float[np.ndarray, " columns"]:
         """Coefficients of the columns."""
-        problem = self.problem
-        beta = np.asarray(self.at.beta)[: len(problem.columns)]
-        return problem.natural @ (problem.unit * beta + problem.start)
+        return self.problem.natural @ self._scaled
 
     @property
     def moved(self) -> Float[np.ndarray, " columns"]:
         """Coefficients of the columns that are orthogonal to their fixed part."""
+        return np.diag(self.problem.natural) * self._scaled
+
+    @property
+    def _scaled(self) -> Float[np.ndarray, " columns"]:
         problem = self.problem
-        beta = np.asarray(self.at.beta)[: len(problem.columns)]
-        return np.diag(problem.natural) * (problem.unit * beta + problem.start)
+        return problem.unit * np.asarray(self.at.beta)[: len(problem.columns)] + problem.start
 
     @cached_property
     def _nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -119,12 +118,11 @@ class Posterior:
         self, rows: Float[np.ndarray, "f columns"], moved: bool
     ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f all"]]:
         """Return means at the largest density, and the rows that act on all β."""
-        problem, size = self.problem, len(self.problem.columns)
-        to = np.diag(np.diag(problem.natural)) if moved else problem.natural
+        natural = self.problem.natural
+        to = np.diag(np.diag(natural)) if moved else natural
         functionals = np.zeros((len(rows), len(self.at.beta)))
-        functionals[:, :size] = rows @ to
-        at = problem.unit * np.asarray(self.at.beta)[:size] + problem.start
-        return rows @ (to @ at), functionals
+        functionals[:, : len(natural)] = rows @ to
+        return rows @ (to @ self._scaled), functionals
 
     def given_noise(
         self, rows: Float[np.ndarray, "f columns"], *, moved: bool = False
@@ -191,8 +189,7 @@ def _at_nodes(
 
     def at(theta: Float[Array, " p"]) -> tuple[Array, Array, Array]:
         one = normal(theta, logs)
-        half = jax.scipy.linalg.solve_triangular(one.factor, jnp.diag(one.scale), lower=True)
-        return log_density(theta, logs, one), one.solved(one.half), half.T @ half
+        return log_density(theta, logs, one), one.solved(one.half), one.spread
 
     nodes = jnp.asarray(_NODES)[None, :, None] * jnp.asarray(axes)[:, None]
     return jax.vmap(jax.vmap(at))(jnp.asarray(theta)[None, None] + nodes)

@@ -29,6 +29,9 @@ from .rows import RowName, S, Wave
 POINTS = 8
 """Points per turn of each shaft. Orders below 4 are exact; only terms of order e⁶ alias to them."""
 
+KINDS = ("", "_encoder")
+"""Endings of a shaft in the names of the errors of its gear and of its encoder."""
+
 GEARS = ("driving_x", "driving_y", "driven_x", "driven_y")
 ENCODERS = ("driving_encoder_x", "driving_encoder_y", "driven_encoder_x", "driven_encoder_y")
 _TERMS = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("both", -1): (1, -1)}
@@ -124,25 +127,22 @@ def relation_of(
     *,
     both: bool,
     flank: Flank,
-    encoders: bool = True,
-    gears: bool = True,
+    kinds: Sequence[str] = KINDS,
     gap: float = 0.0,
 ) -> Relation | None:
     """Return the relation of a model with these waves, or None if no first order is among them.
 
-    A shaft whose first order is not in the model has no parameters. With one flank, or without
-    `encoders`, the encoders are perfect; without `gears` the gears are. `gap` is the mean backlash,
-    rad, which one flank alone has not.
+    A shaft whose first order is not in the model has no parameters. Of several `kinds` of
+    parameters one flank alone tells the first; the others are taken as zero. `gap` is the mean
+    backlash, rad, which one flank alone has not.
     """
     present = [(w.shaft, int(w.order)) for w in waves if (w.shaft, w.order) in _TERMS]
     shafts = [shaft for shaft in ("driving", "driven") if (shaft, 1) in present]
     if not shafts:
         return None
-    names = [f"{s}_{a}" for s in shafts for a in "xy"] if gears else []
-    if encoders and (both or not gears):
-        names += [f"{s}_encoder_{a}" for s in shafts for a in "xy"]
+    kinds = kinds if both else kinds[:1]
     return Relation(
-        names=tuple(names),
+        names=tuple(f"{s}{kind}_{a}" for kind in kinds for s in shafts for a in "xy"),
         waves=tuple(present),
         both=both,
         flank=flank,
@@ -153,16 +153,12 @@ def relation_of(
     )
 
 
-def fitted_gears(
-    pair: GearPair, fit: MixedFit, *, encoders: bool = True, gears: bool = True
-) -> Gears | None:
+def fitted_gears(pair: GearPair, fit: MixedFit, kinds: Sequence[str] = KINDS) -> Gears | None:
     """Return the parameters of the gears and encoders; the arguments are those of `relation_of`."""
     posterior, index = fit.posterior, fit.posterior.problem.index
     both, flank = GAP in index, fit.scope.flanks[0]
     gap = float(posterior.moved[index[GAP]]) if both else 0.0
-    relation = relation_of(
-        pair, fit.waves, both=both, flank=flank, encoders=encoders, gears=gears, gap=gap
-    )
+    relation = relation_of(pair, fit.waves, both=both, flank=flank, kinds=kinds, gap=gap)
     if relation is None:
         return None
     rows = np.eye(len(posterior.problem.columns))[relation.tied_columns(index)]

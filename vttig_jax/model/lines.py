@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -152,16 +152,14 @@ def refined(
             place: posterior.one(posterior.row(ColumnName(RowName("given", f"line {place}"))))
             for place in np.flatnonzero(alone).tolist()
         }
-        moved = cycles.copy()
         for place, step in steps.items():
-            moved[place] += step.value
+            cycles[place] = float(f"{cycles[place] + step.value:.7g}")
         rows = [RowName("line", cycle, part) for cycle in shifts.cycles for part in ("sin", "cos")]
         own = [index[ColumnName(row, 0)] for row in rows]
         waves = posterior.moved[own].reshape(-1, 2)
         settled = all(abs(step.value) < _SETTLED * step.std for step in steps.values())
         if settled or number == _MOST_FITS:
             break
-        cycles = np.array([float(f"{one:.7g}") for one in moved])
     spread = posterior.told(np.eye(len(posterior.problem.columns))[own], moved=True)[1]
     found = []
     for place, line in enumerate(lines):
@@ -172,13 +170,13 @@ def refined(
         step = steps.get(place)
         cycles_std = line.cycles_std if step is None else math.hypot(step.std, step.value)
         found.append(
-            Line(
+            replace(
+                line,
                 cycles_per_rev=shifts.cycles[place],
                 cycles_std=cycles_std,
                 amplitude_arcsec=amplitude,
                 amplitude_std_arcsec=std,
                 phase_deg=phase_deg,
-                false_alarm=line.false_alarm,
             )
         )
     return core, found

@@ -1,9 +1,7 @@
 """Passes over the logs: rows, outliers, compression and the largest density until they settle."""
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import partial
 
 import numpy as np
@@ -11,17 +9,15 @@ import optimistix as optx
 from jaxtyping import Bool, Float
 
 from ..base.errors import NoAnswerError
-from ..base.units import REV
-from ..logs.motion.segments import told_orders
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import HarmonicOrders
-from .columns import DELAY, GAP, GROUPS, KNOWN, Assumptions, Column, Shape, columns_of, embedding
-from .density import LAGS, MEMORY, Compressed
+from .columns import DELAY, GAP, GROUPS, Assumptions, Column, Design, design_of, embedding
+from .density import LAGS, Compressed
 from .functionals import Posterior
 from .newton import first_theta, maximise
 from .outliers import is_heavy, spread, weights_of
-from .problem import cleared, problem_of, products_of, sides_of
-from .rows import BENDS, LATE, SHAFTS, Extra, RowName, Rows, S, Shafts, Wave, merged, rows_of
+from .problem import cleared, problem_of, products_of, sides_of, with_known
+from .rows import LATE, Extra, RowName, Rows, S, Shafts, Wave, merged
 from .scope import Scope, scope_of
 
 _MOST_PASSES = 7
@@ -30,9 +26,6 @@ CLEAR = 4.0
 and a table has some thirty."""
 
 _SMALL = 4.0
-_TABLE, _FORGETFUL = 1.5, 0.05
-"""Turns below which a log is a table of one turn; the prior widths of atanh π_k, k > 1, there."""
-
 _MOST_OUTLIERS = 0.25
 """Share above which rows far off are no outliers but the noise itself."""
 
@@ -60,13 +53,13 @@ class MixedFit:
     posterior: Posterior
     delay_s: float
     bends: Float[np.ndarray, " bends"]
-    outliers: float
     passes: int
     steps: int
     usual: float
     weights: list[np.ndarray] | None
     scope: Scope
     orders: HarmonicOrders
+    clear: frozenset[RowName] = frozenset()
     settled: bool = True
 
     @property
@@ -81,146 +74,6 @@ class MixedFit:
         """Residual of every row of all logs, rad."""
         columns, coefficients = self.posterior.problem.columns, self.posterior.coefficients
         return np.concatenate(residuals(columns, self.rows, coefficients))
-
-
-def waves_of(
-    pair: GearPair | Drive, orders: HarmonicOrders, lines: Sequence[float] = ()
-) -> tuple[Wave, ...]:
-    """Return the harmonics of both shafts and of the mesh, each frequency once, and lines.
-
-    Of two orders of one frequency that of the driving shaft is kept.
-    """
-    ratio = pair.ratio
-    found: dict[float | Fraction, Wave] = {}
-    for k in orders.driving_orders:
-        found.setdefault(k, Wave("driving", k, k, 0))
-    for k in orders.driven_orders:
-        found.setdefault(k * ratio, Wave("driven", k, 0, k))
-    if isinstance(pair, GearPair):
-        teeth = pair.driving.teeth
-        for k in range(1, orders.mesh_orders + 1):
-            found.setdefault(k * teeth, Wave("mesh", k, k * teeth, 0))
-        for sign in (1, -1):
-            found.setdefault(abs(1 + sign * ratio), Wave("both", sign, 1, sign))
-    return (*found.values(), *(Wave("line", c, c, 0) for c in lines))
-
-
-@dataclass(frozen=True, eq=False)
-class Design:
-    """Columns and rows that the model gives to logs, before their readings count.
-
-    `row_s`: duration of a row. `bends`: speeds (rad/s) at which the gap may bend. `table`: whether
-    the log is a table of one turn.
-    """
-
-    waves: tuple[Wave, ...]
-    columns: tuple[Column, ...]
-    shape: Shape
-    row_s: float
-    bends: Float[np.ndarray, " bends"]
-    table: bool
-    assumed: Assumptions = Assumptions()
-    given: Extra | None = None
-
-    @property
-    def memory(self) -> Float[np.ndarray, " lags"]:
-        """Prior widths of atanh π_k: in a table longer memory and orders look the same.
-
-        So does any memory where every place was read once.
-        """
-        if not (self.table or self.shape.still):
-            return MEMORY
-        return np.where(np.arange(LAGS) >= self.shape.drift, _FORGETFUL, MEMORY)
-
-    def rows(self, shafts: Sequence[Shafts], delay_s: float) -> tuple[Rows, ...]:
-        """Return the rows of every log, whose driving angle is taken `delay_s` earlier."""
-        found = tuple(
-            rows_of(
-                one,
-                self.waves,
-                self.row_s,
-                delay_s,
-                self.bends,
-                ratio=self.shape.drive and self.assumed.ratio > 0,
-            )
-            for one in shafts
-        )
-        if self.given is None:
-            return found
-        return tuple(
-            self.given.with_derivatives(one, rows, delay_s)
-            for one, rows in zip(shafts, found, strict=True)
-        )
-
-    def sized(self, usual: float, delay_s: float) -> "Design":
-        """Return the design with the priors of readings of the size u = `usual`, rad."""
-        shape = replace(self.shape, usual=usual)
-        columns = list(columns_of(self.waves, shape, self.assumed))
-        if self.given is not None:
-            columns += [Column(RowName("given", name)) for name in self.given.told]
-        width = self.assumed.delay_within_s or max(0.5 * shape.interval_s, abs(delay_s))
-        columns = [replace(c, width=width) if c.name == DELAY else c for c in columns]
-        return replace(self, shape=shape, columns=tuple(columns))
-
-    def scales(self, noise: float, rows: int) -> dict[str, float]:
-        """Return the usual width τ of every group, where each of the rows has this noise, rad.
-
-        It is the standard error of a harmonic in white noise: what a log does not ask for stays
-        smaller than what it can tell. A larger one lets slow noise pass for orders or a drift. What
-        changes with the speed may be as large as the noise at the highest speed. The orders of a
-        table of one turn may be as large as what it shows: nothing else tells them from noise.
-        """
-        noise = self.assumed.widths * max(noise, 1e-4 * self.shape.usual)
-        speed = max(float(self.bends[-1]), 1e-300)
-        usual: dict[str, float] = dict.fromkeys(GROUPS, noise * math.sqrt(2 / rows))
-        if self.table:
-            usual |= dict.fromkeys(("driving", "driven"), self.assumed.widths * self.shape.usual)
-        if self.shape.still:
-            return usual
-        late = abs(self.shape.ratio) * speed
-        return usual | {"delay_parts": noise / late, "gap_by_speed": noise / speed}
-
-
-def design_of(
-    shafts: Sequence[Shafts],
-    pair: GearPair | Drive,
-    orders: HarmonicOrders,
-    *,
-    lines: Sequence[float] = (),
-    assumed: Assumptions = Assumptions(),
-    given: Extra | None = None,
-) -> Design:
-    """Return the design of logs; the arguments are those of `mixed_fit`."""
-    ratio = float(pair.ratio)
-    waves = waves_of(pair, orders, lines)
-    if all(one.still for one in shafts):
-        angles = np.concatenate([one.in_runs(one.driving) for one in shafts if one.runs])
-        firsts = [wave for wave in waves if wave.is_first]
-        waves = told_waves(angles, waves, ratio)
-        if not tells_ratio(angles, {*waves, *firsts}, ratio):
-            assumed = replace(assumed, ratio=0.0)
-    shape = Shape(
-        starts=tuple(one.start for one in shafts),
-        both=len({run.flank for one in shafts for run in one.runs}) == 2,
-        torque=all(one.torque is not None for one in shafts),
-        ratio=ratio,
-        drive=isinstance(pair, Drive),
-        interval_s=max(one.interval_s for one in shafts),
-        usual=1.0,
-        still=all(one.still for one in shafts),
-        drift=any(one.tells_drift for one in shafts),
-        rounding=tuple(one.rounding for one in shafts),
-        offsets=tuple(tuple(std for *_, std in one.offsets) for one in shafts),
-    )
-    cycles = [wave.cycles(ratio) for wave in waves]
-    cycles += [] if given is None else [given.highest_order]
-    row_s = row_duration(shafts, max(cycles, default=1.0))
-    speeds = np.concatenate([np.abs(one.in_runs(one.speed)) for one in shafts if one.runs])
-    bends = np.quantile(speeds, np.linspace(0, 1, BENDS + 2)[1:-1])
-    columns = tuple(columns_of(waves, shape, assumed))
-    ends = [one.driving[[[run.start, run.stop - 1] for run in one.runs]] for one in shafts]
-    table = max(float(np.ptp(angles)) for angles in ends) / REV < _TABLE
-    return Design(waves, columns, shape, row_s, bends, table, assumed, given)
 
 
 def mixed_fit(
@@ -252,25 +105,25 @@ def mixed_fit(
     weights = None
     if after is not None:
         delay_s, weights = after.delay_s, after.weights
-        shape = replace(design.shape, clear=clear_in(after.posterior.problem.columns))
-        design = replace(design, shape=shape)
+        design = replace(design, clear=after.clear)
     free = assumed.delay == "fitted"
-    theta, searched, share, noise, steps = None, False, 0.0, 0.0, 0
+    theta, searched, noise, steps = None, False, 0.0, 0
     number, value, last = 0, 0.0, 0.0
     while True:
         number += 1
         rows = ()  # the table is the largest part of a fit: one at a time
-        rows = design.rows(shafts, delay_s)
+        design = replace(design, delay_s=delay_s)
+        rows = design.rows(shafts)
         if not any(len(one.table) for one in rows):
             raise NoAnswerError(
                 f"no run of this log has {LAGS + 2} rows of {design.row_s:.2g} s; record longer"
                 " runs."
             )
         # after the delay is taken off, since a delay is no error of gears
-        design = design.sized(usual_error(rows), delay_s)
+        design = replace(design, usual=usual_error(rows))
         if number <= 2 or weights is not None:  # the first pass may hold a delay
             first = weights is None
-            weights, share, noise = outlying(rows, design.columns, certain=not first)
+            weights, noise = outlying(rows, design.columns, certain=not first)
             if weights is not None:
                 shafts = tuple(
                     one.without(own.samples[weight < 0.5].ravel())
@@ -283,7 +136,7 @@ def mixed_fit(
             rows,
             weights,
             centres={DELAY: delay_s},
-            noise=_ROUNDING * design.shape.usual**2 * np.eye(1, LAGS + 1)[0],
+            noise=_ROUNDING * design.usual**2 * np.eye(1, LAGS + 1)[0],
             usual=design.scales(noise, sum(len(one.table) for one in rows)),
             memory=design.memory,
         )
@@ -298,9 +151,8 @@ def mixed_fit(
             posterior = Posterior(problem, theta, found.aux)
             if clear := clear_orders(posterior):
                 # Beside one large order the others of its width would take up slow noise.
-                shape = replace(design.shape, clear=design.shape.clear | clear)
-                design = replace(design, shape=shape)
-                problem = cleared(problem, clear, assumed.orders * shape.usual)
+                design = replace(design, clear=design.clear | clear)
+                problem = cleared(problem, clear, assumed.orders * design.usual)
                 theta, searched = None, False
                 continue
             step = posterior.given_noise(posterior.row(DELAY)[None], moved=True) if free else None
@@ -312,7 +164,7 @@ def mixed_fit(
         if not moves:
             break
         shafts = tuple(
-            with_ramps(one, log, posterior, design, delay_s) if one.ramps else one
+            with_ramps(one, log, posterior, design) if one.ramps else one
             for log, one in enumerate(shafts)
         )
         if step is not None:
@@ -328,43 +180,15 @@ def mixed_fit(
         posterior=posterior,
         delay_s=delay_s,
         bends=design.bends,
-        outliers=share,
         passes=number,
         steps=steps,
-        usual=design.shape.usual,
+        usual=design.usual,
         weights=weights,
         scope=scope_of(shafts, rows, design.waves),
         orders=orders,
+        clear=design.clear,
         settled=settled and bool(found.result == optx.RESULTS.successful),
     )
-
-
-def told_waves(
-    angle: Float[np.ndarray, " n"], waves: Sequence[Wave], ratio: float
-) -> tuple[Wave, ...]:
-    """Return the harmonics that readings at driving angles, rad, tell from one another.
-
-    Of harmonics that look alike there the lower one of its own shaft is kept: a first order of the
-    driving shaft is likelier than a fifth one of the driven shaft.
-    """
-    own = lambda wave: max(abs(wave.driving), abs(wave.driven)) + (wave.shaft == "both")  # noqa: E731
-    likely = sorted(waves, key=own)
-    told = told_orders(angle, [w.cycles(ratio) for w in likely], sum(w.is_first for w in waves))
-    return tuple(wave for wave in waves if told[likely.index(wave)])
-
-
-def tells_ratio(angle: Float[np.ndarray, " n"], waves: Iterable[Wave], ratio: float) -> bool:
-    """Return whether readings at driving angles, rad, tell an error of the ratio from harmonics.
-
-    At few places a slope has the values of many harmonics together, and would take what is in none
-    of them, such as a first order that is +1 and −1 in turn.
-    """
-    cycles = [wave.cycles(ratio) for wave in waves]
-    phase = np.outer(angle, [0.0, *cycles])
-    columns = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
-    x = angle - angle.mean()
-    rest = x - columns @ np.linalg.lstsq(columns, x, rcond=1e-9)[0]
-    return float(rest @ rest) > CLEAR**3 * float(x @ x)
 
 
 def clear_orders(posterior: Posterior) -> frozenset[RowName]:
@@ -380,15 +204,6 @@ def clear_orders(posterior: Posterior) -> frozenset[RowName]:
     )
 
 
-def clear_in(columns: Sequence[Column]) -> frozenset[RowName]:
-    """Return the higher orders that have a width of their own."""
-    return frozenset(
-        c.row
-        for c in columns
-        if c.prior == KNOWN and c.row.kind in SHAFTS and c.row.which != 1 and not c.differs
-    )
-
-
 def is_linear(step: tuple[np.ndarray, np.ndarray], posterior: Posterior, design: Design) -> bool:
     """Return whether the logs are as good as linear in a step of the delay, of mean and variance.
 
@@ -401,7 +216,7 @@ def is_linear(step: tuple[np.ndarray, np.ndarray], posterior: Posterior, design:
     problem = posterior.problem
     std = problem.unit * np.diag(problem.natural)
     std = std * np.sqrt(np.diag(posterior.at.spread)[: len(std)])
-    cycles = {wave.row("cos"): wave.cycles(design.shape.ratio) for wave in design.waves}
+    cycles = {wave.row("cos"): wave.cycles(design.shafts[0].ratio) for wave in design.waves}
     cycles |= {row._replace(part="sin"): own for row, own in cycles.items()}
     turned = abs(value) * float(design.bends[-1])
     turned *= np.array([cycles.get(column.row, 0.0) for column in problem.columns])
@@ -429,9 +244,7 @@ def largest(logs: Compressed, theta: Float[np.ndarray, " p"] | None = None) -> o
     return maximise(logs, best.value)
 
 
-def with_ramps(
-    shafts: Shafts, log: int, posterior: Posterior, design: Design, delay_s: float
-) -> Shafts:
+def with_ramps(shafts: Shafts, log: int, posterior: Posterior, design: Design) -> Shafts:
     """Return a log whose runs include those of its ramps that stay on their flank.
 
     A row that stays has the noise of the fit, with deviation s. One that crosses the gap g lies
@@ -444,7 +257,7 @@ def with_ramps(
     limit = 2 * np.log(gap / (np.sqrt(2 * np.pi) * noise)) if gap > 0 else 1.0
     kept = []
     for ramp in shafts.ramps:
-        (rows,) = design.rows((replace(shafts, runs=(ramp,)),), delay_s)
+        (rows,) = design.rows([replace(shafts, runs=(ramp,))])
         if len(rows.table):
             link = embedding(columns, rows.names, log, ramp.flank)
             residual = rows.table @ (link @ np.append(-coefficients, 1.0))
@@ -467,22 +280,10 @@ def usual_error(rows: Sequence[Rows]) -> float:
     return max(1.4826 * float(np.median(np.abs(every - np.median(every)))), 1e-9)
 
 
-def row_duration(shafts: Sequence[Shafts], highest: float) -> float:
-    """Return the duration of a row: a quarter of the shortest cycle, and enough rows in a run."""
-    found = [one.interval_s for one in shafts if one.still]
-    for one in (one for one in shafts if not one.still):
-        speed = np.abs(one.in_runs(one.speed))
-        lengths = [run.stop - run.start for run in one.runs]
-        cycle = REV / max(float(np.quantile(speed, 0.9)), 1e-9) / highest / one.interval_s
-        size = min(cycle / 4, float(np.median(lengths)) / (2 * LAGS), sum(lengths) / 250)
-        found.append(one.interval_s * max(1, int(size)))
-    return min(found)
-
-
 def outlying(
     rows: Sequence[Rows], columns: Sequence[Column], *, certain: bool
-) -> tuple[list[Float[np.ndarray, " n"]] | None, float, float]:
-    """Return weights of the rows (None: no outliers), share of outliers, and the noise, rad.
+) -> tuple[list[Float[np.ndarray, " n"]] | None, float]:
+    """Return weights of the rows (None: no outliers), and the noise, rad.
 
     `certain`: whether it is known already that there are outliers. A delay that is still in the
     readings follows every change of the speed, also those that do not tell it.
@@ -499,16 +300,15 @@ def outlying(
     residual = np.concatenate(residuals(steady, rows, away))
     clean = spread(residual) < _CLEAN * float(np.std(y))  # the rest is that of the ridge
     if clean or not (certain or is_heavy(residual)):
-        return None, 0.0, spread(residual)
+        return None, spread(residual)
     x = np.concatenate(combined(steady, rows, np.eye(len(norm) + 1)[:, :-1] / norm))
     weight, share = weights_of(x, y)
     heavy = x * weight[:, None]
     residual = y - x @ np.linalg.solve(heavy.T @ x + hold, heavy.T @ y)
     if share > _MOST_OUTLIERS or np.all(weight > 0.5):
-        return None, 0.0, spread(residual)
-    residual = residual[weight > 0.5]
+        return None, spread(residual)
     ends = np.cumsum([len(one.table) for one in rows])[:-1]
-    return np.split(weight, ends), share, spread(residual)
+    return np.split(weight, ends), spread(residual[weight > 0.5])
 
 
 def residuals(
@@ -530,22 +330,6 @@ def combined(
     return found
 
 
-def without(logs: Compressed, group: str) -> Compressed:
-    """Return the logs with the coefficients of a group of columns held at zero."""
-    place = GROUPS.index(group)
-    member, on = np.array(logs.member), np.array(logs.on)
-    own = member[:, place] > 0
-    left = float(np.sum(np.log(member[own, place]))) - own.sum() * np.log(_HELD)
-    member[:, place], on[place] = 0.0, 0.0
-    return replace(
-        logs,
-        on=on,
-        precision=np.where(own, _HELD, logs.precision),
-        member=member,
-        constant=np.asarray(logs.constant + left),
-    )
-
-
 def likelihood_ratio(fit: MixedFit, group: str) -> float:
     """Return 2 ln of the restricted likelihood with a group of columns over that without it.
 
@@ -553,7 +337,8 @@ def likelihood_ratio(fit: MixedFit, group: str) -> float:
     not have.
     """
     logs, posterior = fit.posterior.problem.compressed, fit.posterior
-    if not logs.on[GROUPS.index(group)]:
+    own = np.asarray(logs.member)[:, GROUPS.index(group)] > 0
+    if not own.any():
         return 0.0
-    found = maximise(without(logs, group), posterior.theta)
-    return max(0.0, float(found.aux.likelihood) - float(posterior.at.likelihood))
+    without = maximise(with_known(logs, np.where(own, _HELD, 0.0)), posterior.theta).aux.likelihood
+    return max(0.0, float(without - own.sum() * np.log(_HELD) - posterior.at.likelihood))

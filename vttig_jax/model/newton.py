@@ -51,19 +51,10 @@ class Newton(optx.AbstractMinimiser):
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         """Return the state before the first step."""
-        size, zero = len(y), jnp.zeros(())
-        start = jnp.full((), jnp.inf)
-        return _State(
-            y,
-            start,
-            jnp.zeros(size),
-            jnp.eye(size),
-            zero,
-            zero,
-            start,
-            jnp.zeros((), int),
-            jnp.zeros((), bool),
-        )
+        zero, far = jnp.zeros(()), jnp.full((), jnp.inf)
+        number, done = jnp.zeros((), int), jnp.zeros((), bool)
+        hessian = jnp.eye(len(y))
+        return _State(y, far, jnp.zeros(len(y)), hessian, zero, zero, far, number, done)
 
     def step(self, fn, y, args, options, state, tags):
         """Evaluate at `y`, keep or refuse it, and return the next `y`."""

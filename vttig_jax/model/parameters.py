@@ -6,8 +6,9 @@ do not tell one.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +19,7 @@ from ..base.units import ARCSEC, DEG, duration_text
 from ..pair.gear_pair import Drive, GearPair
 from .columns import DELAY, GAP, KNOWN, RATIO, TORQUE, ColumnName
 from .functionals import Posterior
-from .gears import Gears, fitted_gears
+from .gears import KINDS, Gears, fitted_gears
 from .mixed_fit import MixedFit
 from .parameter import BELOW, LARGEST, OPEN, UPPER, Parameter
 from .rows import SHAFTS, RowName
@@ -39,30 +40,40 @@ class Quantities:
     **Arguments**
     - `names`: such as "driving_x", "driving_encoder_y", "constant_backlash", "delay", "offset",
       "gap_over_angles_covered"; mm for eccentricities of gears, s for the delay, else rad.
-    - `mean`, `covariance`, `freedom`: mean, covariance and Student degrees of freedom.
     - `gears`: eccentricities that the first orders follow from; None for a drive.
     """
 
+    posterior: Posterior
     names: tuple[str, ...]
     rows: Float[np.ndarray, "n columns"]
     shift: Float[np.ndarray, " n"]
-    mean: Float[np.ndarray, " n"]
-    covariance: Float[np.ndarray, "n n"]
-    freedom: Float[np.ndarray, " n"]
     gears: Gears | None
 
-    @classmethod
-    def of(
-        cls,
-        posterior: Posterior,
-        names: Sequence[str],
-        rows: Float[np.ndarray, "n columns"],
-        shift: Float[np.ndarray, " n"],
-        gears: Gears | None,
+    @cached_property
+    def _told(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return self.posterior.told(self.rows, moved=True)
+
+    @property
+    def mean(self) -> Float[np.ndarray, " n"]:
+        """Means of the numbers."""
+        return self._told[0] + self.shift
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance of the numbers."""
+        return self._told[1]
+
+    @property
+    def freedom(self) -> Float[np.ndarray, " n"]:
+        """Student degrees of freedom of the numbers."""
+        return self._told[2]
+
+    def joined(
+        self, names: Sequence[str], rows: Iterable[Row], shift: Sequence[float] | np.ndarray
     ) -> "Quantities":
-        """Return the numbers of these rows of a posterior."""
-        mean, covariance, freedom = posterior.told(rows, moved=True)
-        return cls(tuple(names), rows, shift, mean + shift, covariance, freedom, gears)
+        """Return the numbers with further ones."""
+        shift, whole = np.append(self.shift, shift), np.stack([*self.rows, *rows])
+        return replace(self, names=(*self.names, *names), rows=whole, shift=shift)
 
     def at(self, *names: str) -> list[int]:
         """Return the places of names."""
@@ -112,9 +123,9 @@ def gap_row(fit: MixedFit, angles: Angles) -> Row:
 
 
 def quantities_of(
-    fit: MixedFit, pair: GearPair | Drive, *, encoders: bool = True, gears: bool = True
+    fit: MixedFit, pair: GearPair | Drive, kinds: Sequence[str] = KINDS
 ) -> Quantities:
-    """Return the numbers of a fit; without `encoders` or `gears` these are taken as perfect."""
+    """Return the numbers of a fit; gears or encoders that are not in `kinds` are perfect."""
     posterior, index, scope = fit.posterior, fit.posterior.problem.index, fit.scope
     both = GAP in index
     names: list[str] = []
@@ -126,19 +137,16 @@ def quantities_of(
         rows.append(row)
         shift.append(by)
 
-    found = None
-    if isinstance(pair, GearPair):
-        found = fitted_gears(pair, fit, encoders=encoders, gears=gears)
+    found = fitted_gears(pair, fit, kinds) if isinstance(pair, GearPair) else None
     if found is not None:
         for name, value, row in zip(found.relation.names, found.values, found.rows, strict=True):
             add(name, row, float(value - row @ posterior.moved))
     elif isinstance(pair, Drive):
         # Without gears the first order is that of the encoder, E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁).
-        kind = "" if gears else "_encoder"
-        for shaft, gain in zip(SHAFTS, (1.0 if gears else -1 / scope.ratio, 1.0), strict=True):
+        for shaft, gain in zip(SHAFTS, (-1 / scope.ratio if kinds[0] else 1.0, 1.0), strict=True):
             for axis, part in (("x", "sin"), ("y", "cos")):
                 if (name := ColumnName(RowName(shaft, 1, part), 0)) in index:
-                    add(f"{shaft}{kind}_{axis}", gain * posterior.row(name))
+                    add(f"{shaft}{kinds[0]}_{axis}", gain * posterior.row(name))
     late = posterior.row(DELAY) if DELAY in index else None
     if both:
         constant = 0.0 if found is None else float(found.constants[-1])
@@ -154,7 +162,7 @@ def quantities_of(
     for name, by in ((TORQUE, 0.0), (RATIO, scope.ratio)):
         if name in index:
             add(str(name), posterior.row(name), by)
-    return Quantities.of(posterior, names, np.stack(rows), np.array(shift), found)
+    return Quantities(posterior, tuple(names), np.stack(rows), np.array(shift), found)
 
 
 def polar(
@@ -194,16 +202,14 @@ def parameters_of(
     fit: MixedFit,
     pair: GearPair | Drive,
     told: Quantities | None = None,
-    *,
-    encoders: bool = True,
-    gears: bool = True,
+    kinds: Sequence[str] = KINDS,
 ) -> dict[str, Parameter]:
     """Return all parameters of a fit by name, and the gap over the angles covered."""
-    told = quantities_of(fit, pair, encoders=encoders, gears=gears) if told is None else told
+    told = quantities_of(fit, pair, kinds) if told is None else told
     drive = isinstance(pair, Drive)
     largest = LARGEST if drive else LARGEST | {"mm": float(pair.centre_distance_mm)}
     found: list[Parameter] = []
-    for kind in ("", "_encoder"):
+    for kind in KINDS:
         for shaft in SHAFTS:
             source = f"{shaft}{kind}"
             name, unit, scale = f"{source}_arcsec", "arcsec", ARCSEC
@@ -212,7 +218,7 @@ def parameters_of(
             elif not kind:
                 name, unit, scale = f"{shaft}_eccentricity_mm", "mm", 1.0
             names = (name, f"{source}_phase_deg")
-            reason = _reason(fit, told, source, drive=drive, encoders=encoders, gears=gears)
+            reason = _reason(fit, told, shaft, kind, kinds, drive=drive)
             if reason is None:
                 at = told.at(f"{source}_x", f"{source}_y")
                 spread, freedom = told.covariance[np.ix_(at, at)], float(min(told.freedom[at]))
@@ -237,19 +243,16 @@ def parameters_of(
 
 
 def _reason(
-    fit: MixedFit, told: Quantities, source: str, *, drive: bool, encoders: bool, gears: bool
+    fit: MixedFit, told: Quantities, shaft: str, kind: str, kinds: Sequence[str], *, drive: bool
 ) -> str | None:
     """Return why the first order of a shaft or of its encoder is no parameter, or None."""
-    shaft = source.removesuffix("_encoder")
-    index = fit.posterior.problem.index
-    if source == shaft:
-        if not gears:
-            return PERFECT_GEARS
-    elif drive and gears:
+    source, index = f"{shaft}{kind}", fit.posterior.problem.index
+    beside = kind != KINDS[0] and KINDS[0] in kinds  # an encoder beside its gear
+    if beside and drive:
         return NO_GEOMETRY
-    elif not encoders:
-        return PERFECT
-    elif gears and GAP not in index:
+    if kind not in kinds:
+        return PERFECT if kind else PERFECT_GEARS
+    if beside and GAP not in index:
         return ONE_DIRECTION
     if (first := ColumnName(RowName(shaft, 1, "cos"), 0)) not in index:
         return f"the first order of the {shaft} shaft is not in the model of this log"

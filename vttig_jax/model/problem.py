@@ -151,23 +151,31 @@ def cleared(problem: Problem, orders: Collection[RowName], width: float) -> Prob
 
     Differences between the flanks keep the width that they share.
     """
-    old, columns = problem.compressed, list(problem.columns)
-    member, precision = np.array(old.member), np.array(old.precision)
+    logs, columns = problem.compressed, list(problem.columns)
+    precision = np.zeros(len(logs.precision))
     for place, column in enumerate(columns):
         if column.row in orders and column.prior in GROUPS and not column.differs:
             columns[place] = replace(column, prior=KNOWN, width=width)
-            precision[place] = (problem.unit * column.width / width) ** 2 * member[place].sum()
-            member[place] = 0.0
-    shared = np.asarray(old.member).sum(axis=1), member.sum(axis=1)
-    gone = shared[0][(shared[0] > 0) & (shared[1] == 0)]
-    new = replace(
-        old,
+            share = (problem.unit * column.width / width) ** 2
+            precision[place] = share * np.sum(logs.member[place])
+    return replace(problem, columns=tuple(columns), compressed=with_known(logs, precision))
+
+
+def with_known(logs: Compressed, precision: Float[np.ndarray, " columns"]) -> Compressed:
+    """Return compressed logs in which some columns leave their groups for a known precision.
+
+    A precision of 0 leaves a column as it is.
+    """
+    own = precision > 0
+    member = np.where(own[:, None], 0.0, logs.member)
+    gone = np.sum(logs.member, axis=1)[own]
+    return replace(
+        logs,
         member=member,
-        precision=precision,
+        precision=np.where(own, precision, logs.precision),
         on=(member > 0).any(axis=0).astype(float),
-        constant=np.asarray(old.constant + np.sum(np.log(gone))),
+        constant=np.asarray(logs.constant + np.sum(np.log(gone))),
     )
-    return replace(problem, columns=tuple(columns), compressed=new)
 
 
 @dataclass(frozen=True, eq=False)

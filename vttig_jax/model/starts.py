@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .columns import DELAY, GAP, GROUPS, Column, ColumnName
-from .density import FIRST, weights
+from .density import normal
 from .functionals import Posterior
 from .mixed_fit import MixedFit
 from .problem import problem_of
@@ -82,12 +82,8 @@ def alone(fit: MixedFit) -> MixedFit:
         usual=dict(zip(GROUPS, usual.tolist(), strict=True)),
         memory=np.asarray(old.memory),
     )
-    new, theta = problem.compressed, posterior.theta.copy()
+    theta = posterior.theta.copy()
     theta[len(old.memory) :] += np.log(posterior.problem.unit / problem.unit)
-    weight, pairs = np.asarray(weights(jnp.asarray(theta), new.on)), len(FIRST)
-    gram = np.tensordot(weight[:pairs], np.asarray(new.windows), 1)
-    prior = new.precision + new.member @ weight[pairs:]
-    spread = np.linalg.inv(gram[:-1, :-1] + np.diag(prior))
-    beta = spread @ (gram[:-1, -1] - prior * new.centre)
-    at = replace(posterior.at, beta=jnp.asarray(beta), spread=jnp.asarray(spread))
+    given = normal(jnp.asarray(theta), problem.compressed)
+    at = replace(posterior.at, beta=given.solved(given.half), spread=given.spread)
     return replace(fit, posterior=Posterior(problem, theta, at))

@@ -1,6 +1,5 @@
 """Draws of a rig: coefficients given θ, eccentricities, and the flank model of every draw."""
 
-from collections.abc import Sequence
 from functools import partial
 
 import equinox as eqx
@@ -14,10 +13,10 @@ from ..identify.orders import flank_rows
 from ..identify.result import Fit
 from ..model.columns import GAP
 from ..model.density import Compressed, normal
-from ..model.gears import GEARS, Relation
+from ..model.gears import GEARS, KINDS, Relation
 from ..model.parameters import Quantities, quantities_of
 from ..pair.gear_pair import Drive, GearPair
-from .target import FitTarget, Tie, padded
+from .target import FitTarget, Tie, batched
 
 _STEPS = 3
 """Steps of least squares, each of which leaves about a thousandth of the error."""
@@ -28,21 +27,18 @@ def quantities(fit: Fit) -> Quantities:
 
     The parameters of a flank model of the user have columns of their own.
     """
-    posterior = fit.core.posterior
+    posterior, perfect = fit.core.posterior, ("perfect_gears", "perfect_encoders")
     told = quantities_of(
         fit.core,
         fit.pair if fit.given is None else Drive(fit.pair.ratio),
-        encoders="perfect_encoders" not in fit.conditional_on,
-        gears="perfect_gears" not in fit.conditional_on,
+        [kind for kind, name in zip(KINDS, perfect, strict=True) if name not in fit.conditional_on],
     )
     index = posterior.problem.index
     if not (names := tuple(n for n in fit.covariance_names if given_column(n) in index)):
         return told
     rows = np.stack([posterior.row(given_column(name)) for name in names])
     values = fit.values[[fit.covariance_names.index(name) for name in names]]
-    shift = np.append(told.shift, values - rows @ posterior.moved)
-    rows = np.concatenate([told.rows, rows])
-    return Quantities.of(posterior, (*told.names, *names), rows, shift, told.gears)
+    return told.joined(names, rows, values - rows @ posterior.moved)
 
 
 def unit_of(fit: Fit, name: str) -> str:
@@ -100,16 +96,16 @@ def rig_draws(
     told, problem = target.told, fit.core.posterior.problem
     tie = target.tie or tie_of(fit, told)
     normals = random.standard_normal((len(points), len(problem.columns)))
-    sampled = points[:, len(target.free) :] if target.tie is not None else None
-    scaled, parameters = _drawn(target, tie, points, normals, sampled)
+    sampled = [] if target.tie is None else [points[:, len(target.free) :]]
+    drawn = partial(_drawn, target.logs, tie)
+    scaled, parameters = batched(drawn, target.thetas(points), normals, *sampled)
     coefficients = np.diag(problem.natural) * (problem.unit * scaled + problem.start)
     values = coefficients @ told.rows.T + told.shift
     if tie is not None and told.gears is not None:
         values[:, told.at(*tie.relation.names)] = parameters
         if "constant_backlash" in told.names:
-            added = [_constant(tie.relation, jnp.asarray(part)) for part in padded(parameters)]
-            added = np.concatenate(added)[: len(points)] - told.gears.constants[-1]
-            values[:, told.at("constant_backlash")[0]] -= added
+            added = batched(partial(_constant, tie.relation), parameters)
+            values[:, told.at("constant_backlash")[0]] -= added - told.gears.constants[-1]
     return values, *flanks_of(fit, coefficients)
 
 
@@ -134,23 +130,8 @@ def flanks_of(
     return offset, series[..., 1], series[..., 0]
 
 
-def _drawn(
-    target: FitTarget,
-    tie: Tie | None,
-    points: Float[np.ndarray, "m d"],
-    normals: Float[np.ndarray, "m columns"],
-    sampled: Float[np.ndarray, "m p"] | None,
-) -> tuple[Float[np.ndarray, "m columns"], Float[np.ndarray, "m p"]]:
-    """Return scaled coefficients and parameters of every draw."""
-    asked: Sequence = [target.thetas(points), normals]
-    asked = [*asked, sampled] if sampled is not None else asked
-    pieces = zip(*(padded(part) for part in asked), strict=True)
-    found = [_drawn_batch(target.logs, tie, *piece) for piece in pieces]
-    return tuple(np.concatenate(part)[: len(points)] for part in zip(*found, strict=True))  # pyright: ignore[reportReturnType]
-
-
 @eqx.filter_jit
-def _drawn_batch(logs, tie, thetas, normals, sampled=None):
+def _drawn(logs, tie, thetas, normals, sampled=None):
     return jax.vmap(partial(_one, logs, tie))(thetas, normals, sampled)
 
 

@@ -9,9 +9,10 @@ covariance of c_T given θ, exactly
 since the density of the tied coefficients given θ is that normal.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -88,11 +89,15 @@ def joint_density(
     return value - 0.5 * white @ white - logdet
 
 
-def padded(points: Float[np.ndarray, "n d"]) -> Iterator[Float[np.ndarray, "batch d"]]:
-    """Yield `BATCH` rows each; the last row is repeated to fill the last batch."""
-    whole = points[np.minimum(np.arange(len(points) + -len(points) % BATCH), len(points) - 1)]
-    for start in range(0, len(whole), BATCH):
-        yield whole[start : start + BATCH]
+def batched(function: Callable, *parts: np.ndarray) -> Any:
+    """Return what a compiled function gives for all rows of `parts`, `BATCH` rows in a call.
+
+    The last row is repeated to fill the last batch.
+    """
+    count = len(parts[0])
+    places = np.minimum(np.arange(count + -count % BATCH), count - 1).reshape(-1, BATCH)
+    found = [function(*(part[own] for part in parts)) for own in places]
+    return jax.tree.map(lambda *pieces: np.concatenate(pieces)[:count], *found)
 
 
 @eqx.filter_jit
@@ -164,8 +169,7 @@ class FitTarget:
     def log_density(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
         """Return the log density of points, −inf where the matrix of the log is not positive."""
         fill = jnp.asarray(self.posterior.theta)
-        found = [_values(part, self.logs, fill, self.free, self.tie) for part in padded(points)]
-        values = np.concatenate(found)[: len(points)]
+        values = batched(lambda part: _values(part, self.logs, fill, self.free, self.tie), points)
         return np.where(np.isnan(values), -np.inf, values)
 
     def around(self) -> Proposal:

@@ -13,8 +13,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import InputError, UsageError
-from .atomic_write import LOCK, Stage, locked, settle
-from .atomic_write import os_errors_as_input_errors as _os_errors_as_input_errors
+from .atomic_write import LOCK, Stage, locked, os_errors_as_input_errors, settle
 from .limits import kept_bytes, read_regular
 
 _EXISTS = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
@@ -64,7 +63,7 @@ class RunFolder:
         with ExitStack() as stack:
             stack.enter_context(locked(self.path / LOCK, "this folder"))
             stack.callback(self._drop_stage)
-            with _os_errors_as_input_errors(self.path):
+            with os_errors_as_input_errors(self.path):
                 settle(self.path)
             for name in self.results:
                 self._refuse_existing(name)
@@ -91,7 +90,7 @@ class RunFolder:
                 f" but {name!r} is not."
             )
         self._refuse_existing(name)
-        with _os_errors_as_input_errors(self.path / name):
+        with os_errors_as_input_errors(self.path / name):
             if self._stage is None:
                 self._stage = Stage(self.path)
             self._stage.write(name, data)

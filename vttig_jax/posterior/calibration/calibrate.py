@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
@@ -15,11 +14,9 @@ from ...base.runtime import require_x64
 from ...base.threads import one_blas_thread
 from ...identify.fit_settings import FitSettings
 from ...identify.identification import told_by
+from ...identify.result import Fit
 from ...model.parameter import Parameter
 from .drawn import LikeRigs
-
-if TYPE_CHECKING:
-    from ...identify.result import Fit
 
 TOLERATED = 0.925
 """Smallest true coverage of 95 % intervals that counts as calibrated (chosen)."""
@@ -172,7 +169,7 @@ class Calibration(TextResult):
 
 @one_blas_thread
 def calibrate(
-    fit: "Fit",
+    fit: Fit,
     *,
     rigs: int = 400,
     seed: int = 0,
@@ -219,12 +216,7 @@ def calibrate(
     def read(core) -> dict[str, Parameter]:
         return told_by(core, fit.pair, settings, fit.source)[1]
 
-    like = LikeRigs(
-        fit.core,
-        fit.pair,
-        encoders=not settings.perfect_encoders,
-        gears=not settings.perfect_gears,
-    )
+    like = LikeRigs(fit.core, fit.pair, settings.kinds)
     seen: dict[str, list[Judgement]] = {}
     units: dict[str, str] = {}
     for number in range(rigs):

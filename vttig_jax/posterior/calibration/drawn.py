@@ -37,16 +37,14 @@ class LikeRigs:
 
     fit: MixedFit
     pair: GearPair | Drive
-    encoders: bool
-    gears: bool
+    kinds: tuple[str, ...]
 
     @cached_property
     def _tied(self) -> tuple[Gears, Float[np.ndarray, "p p"]] | None:
         """The fitted gears with the factor of their covariance; None without gears."""
         if not isinstance(self.pair, GearPair):
             return None
-        encoders = self.encoders and len(self.fit.scope.flanks) == 2
-        gears = fitted_gears(self.pair, self.fit, encoders=encoders, gears=self.gears)
+        gears = fitted_gears(self.pair, self.fit, self.kinds)
         if gears is None:
             return None
         covariance = self.fit.posterior.told(gears.rows, moved=True)[1]

@@ -14,11 +14,11 @@ from ...base.units import ARCSEC, DEG
 from ...identify.fit_settings import LONGEST_DELAY_S, FitSettings
 from ...identify.identification import assumptions_of, known_delay
 from ...logs.motion.segments import find_segments
-from ...model.columns import DELAY, ColumnName, embedding
+from ...model.columns import DELAY, ColumnName, Design, design_of, embedding
 from ...model.density import LAGS, Compressed, Solved, solved
 from ...model.functionals import Posterior
 from ...model.gears import relation_of
-from ...model.mixed_fit import Design, MixedFit, design_of, largest
+from ...model.mixed_fit import MixedFit, largest
 from ...model.problem import index_of, problem_of
 from ...model.rows import SHAFTS, RowName, S, Shafts
 from ...model.runs import shafts_of
@@ -135,10 +135,8 @@ def expected_fit(
     delay_s = values.get("delay_s", 0.0) if settings.delay == "auto" else known_delay(settings)
     design = design_of([shafts], pair, orders, assumed=assumed)
     flank: Flank = "A" if any(run.flank == "A" for run in shafts.runs) else "B"
-    coefficients = _coefficients(
-        design, pair, values, flank=flank, encoders=not settings.perfect_encoders
-    )
-    (rows,) = design.rows([shafts], 0.0)
+    coefficients = _coefficients(design, pair, values, flank, settings.kinds)
+    (rows,) = design.rows([shafts])
     if not len(rows.table):
         raise NoAnswerError(
             f"the {len(shafts.time)} samples are too few for rows of the orders in [fit]; plan more"
@@ -154,7 +152,7 @@ def expected_fit(
     size = rows.samples.shape[1]
     covariance = noise.autocovariance(size, run.rate_hz, LAGS, counting_std(pair))
     usual = max(float(np.std(table[:, -1])), float(np.sqrt(covariance[0])))
-    design = design.sized(usual, delay_s)
+    design = replace(design, usual=usual, delay_s=delay_s)
     problem = problem_of(
         design.columns,
         [rows],
@@ -173,7 +171,6 @@ def expected_fit(
         posterior=Posterior(problem, theta, at),
         delay_s=delay_s,
         bends=design.bends,
-        outliers=0.0,
         passes=1,
         steps=int(found.stats["num_steps"]),
         usual=usual,
@@ -242,9 +239,8 @@ def _coefficients(
     design: Design,
     pair: GearPair | Drive,
     values: Mapping[str, float],
-    *,
     flank: Flank,
-    encoders: bool,
+    kinds: tuple[str, ...],
 ) -> np.ndarray:
     """Return the coefficients of the columns that the assumed values give; others are 0."""
     index, found = index_of(design.columns), np.zeros(len(design.columns))
@@ -255,9 +251,7 @@ def _coefficients(
             part = "sin" if axis == "x" else "cos"
             found[index[ColumnName(RowName(shaft, 1, part), 0)]] = value
         return found
-    relation = relation_of(
-        pair, design.waves, both=design.shape.both, flank=flank, encoders=encoders
-    )
+    relation = relation_of(pair, design.waves, both=design.both, flank=flank, kinds=kinds)
     if relation is not None:
         tied = relation.coefficients(jnp.asarray(cartesian(relation.names, values)))
         places = relation.tied_columns(index)

@@ -84,8 +84,7 @@ class Posterior(PlottedResult):
     @property
     def physical(self) -> tuple[str, ...]:
         """Names of the quantities that the fit determines."""
-        quantities = self.names
-        reported = {name: reported_name(self.fit, name) for name in quantities}
+        reported = {name: reported_name(self.fit, name) for name in self.names}
         parameters = self.fit.parameters
         return tuple(name for name, by in reported.items() if by and parameters[by].determined)
 
