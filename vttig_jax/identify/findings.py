@@ -17,6 +17,7 @@ from ..base.units import DEG, duration_text
 from ..logs.checks.sampling import commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import hidden_shaft
+from ..logs.motion.segments import CLEAR
 from ..logs.slope import better_fraction, computed_text, exact_slope
 from ..model.columns import DELAY, waves_of
 from ..model.mixed_fit import NEEDED, mixed_fit
@@ -302,10 +303,23 @@ def equal_orders(fit: Fit, found: Identified) -> Iterator[Finding]:
     """Say which listed orders have one frequency, or the same values at the places of a table."""
     core, ratio = fit.core, abs(fit.core.scope.ratio)
     if found.segments and all(one.still for one in found.segments):
-        every = waves_of(fit.pair, core.orders)
-        lost = [f"{w.shaft} {w.order:g}" for w in every if w not in core.waves]
+        lost = [wave for wave in waves_of(fit.pair, core.orders) if wave not in core.waves]
+        angle = np.concatenate([one.in_runs(one.driving) for one in core.shafts])
+        for first in (wave for wave in core.waves if wave.is_first):
+            own = np.outer(angle, [0.0, first.cycles(ratio)])
+            basis = np.linalg.qr(np.concatenate([np.cos(own), np.sin(own)[:, 1:]], axis=1))[0]
+            # The lowest of the many orders that look alike is the likeliest one.
+            for wave in sorted(lost, key=lambda one: one.order):
+                one = np.cos(angle * wave.cycles(ratio))
+                one -= one.mean()
+                rest = one - basis @ (basis.T @ one)
+                if wave.order <= 2 and rest @ rest < CLEAR**3 * (one @ one - 1e-6 * len(one)):
+                    names = {"first": first.shaft, "shaft": wave.shaft, "order": wave.order}
+                    yield _said("orders-equal first", **names)
+                    break
         if lost:
-            yield _said("orders-equal places", orders=", ".join(lost))
+            names = ", ".join(f"{wave.shaft} {wave.order:g}" for wave in lost)
+            yield _said("orders-equal places", orders=names)
     if ratio == 1 and "driving" in {w.shaft for w in core.waves if w.order == 1}:
         if 1 in core.orders.driven_orders:
             yield _said("orders-equal ratio 1")
