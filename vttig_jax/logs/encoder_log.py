@@ -29,9 +29,9 @@ from ..base.numerics.counting import pieces
 from ..base.shown_text import name_of_file
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ..pair.schema import Encoder, PairSpec, as_fraction
-from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck, together
+from .channel.channel import Channel, make_channel, refuse_stuck, together
 from .channel.speed import Speed, is_at_standstill, looks_like_speed, smooth_speed, steps_of
-from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped
+from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped, whole
 from .readers.column_names import (
     ACCELERATION_UNITS,
     ROW_INDEX,
@@ -279,7 +279,7 @@ class EncoderLog:
             if getattr(layout, f"{role}_increments"):
                 values[role] = np.cumsum(values[role])
             if units[role] == "counts":
-                values[role] = _whole(values[role])
+                values[role] = whole(values[role])
         for role in UNITS.keys() & values.keys():
             factor = UNITS[role].get(units[role]) or radians_of(units[role], None, layout.lead_mm)
             assert factor is not None  # `assign` asks for the lead of an error that is a length
@@ -311,9 +311,8 @@ class EncoderLog:
         notes, channels = [*found.notes, *check_time(time, place)], {}
         for role, encoder in zip(SHAFTS, encoders, strict=True):
             if role in values:
-                scale, step = getattr(layout, f"{role}_scale"), found.steps.get(role, 0.0)
-                raw = RawChannel(values.pop(role), units[role], scale, step, layout.lead_mm)
-                channels[role], told = make_channel(role, raw, encoder, time, layout.zero, place)
+                one, step = (values.pop(role), units[role], encoder), found.steps.get(role, 0.0)
+                channels[role], told = make_channel(role, *one, time, layout, place, step)
                 notes += told
         driving, driven = channels["driving"], channels.get("driven")
         _ = [one.resolution for one in channels.values()]  # before the angles take memory
@@ -417,19 +416,6 @@ def _kept(
         encoders = tuple(msgspec.structs.replace(one, modulus=None) for one in encoders)
     left = replace(found, time=found.time[rows], values=kept, notes=(*found.notes, *notes))
     return left, replace(place, rows=rows), encoders
-
-
-def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
-    """Return readings that are whole numbers as int64, and other readings unchanged.
-
-    Therefore a log does not store the same counts in two types.
-    """
-    if readings.dtype.kind != "f" or not np.isfinite(readings).all():
-        return readings
-    largest = max(readings.max(initial=0.0), -readings.min(initial=0.0))
-    if largest >= EXACT_FLOAT or not np.all(readings == np.rint(readings)):
-        return readings
-    return readings.astype(np.int64)
 
 
 CYCLE = 1.5

@@ -18,7 +18,7 @@ from ..base.files.text_tables import key_values, text_table
 from ..base.shown_text import one_line, shown_name
 from ..base.units import ARCSEC, REV, per_turn, radians_of
 from ..pair.schema import PairSpec, as_ratio
-from .channel.unwrap import find_modulus, kept_rows, step_of, unwrap, wrap_steps
+from .channel.unwrap import find_modulus, kept_rows, step_of, unwrap, whole, wrap_steps
 from .checks.sampling import Sampling, sampling_of
 from .readers.column_names import (
     ANGLES,
@@ -371,8 +371,7 @@ def _report(
     shaft = role in SHAFTS or (role is None and unit in ANGLES)
     if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) < LEAST_RANGE:
         return plain, None
-    if unit == "counts" and np.all(values == np.rint(values)):
-        values = values.astype(np.int64)
+    values = whole(values) if unit == "counts" else values
     radians = radians_of(unit, counts, lead) if unit in SHAFT_UNITS else None
     modulus = find_modulus(values, per_turn(unit, counts) if unit in SHAFT_UNITS else None)
     wraps = 0

@@ -3,9 +3,9 @@ import pytest
 
 from tests.logs.profiles import DEG
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.channel.channel import RawChannel, make_channel
+from vttig_jax.logs.channel.channel import make_channel
 from vttig_jax.logs.source import Source
-from vttig_jax.pair.schema import Encoder
+from vttig_jax.pair.schema import Encoder, LogLayout
 
 pytestmark = pytest.mark.smoke
 
@@ -15,7 +15,7 @@ SOURCE = Source("log.csv", {"driving": "a_counts"}, lambda row: row + 2)
 
 def channel(values, unit="counts", encoder=ENCODER, zero="start", time=None):
     time = np.arange(len(values)) / 1000.0 if time is None else time
-    return make_channel("driving", RawChannel(values, unit, 1), encoder, time, zero, SOURCE)
+    return make_channel("driving", values, unit, encoder, time, LogLayout(zero=zero), SOURCE)
 
 
 RAMP = np.arange(0, 1_000_000, 45)

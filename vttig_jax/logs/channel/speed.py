@@ -162,7 +162,7 @@ _RESTS = 0.9
 """Least share of steps behind which a shaft rests for at least one more reading (chosen)."""
 
 
-def steps_of(values: Real[np.ndarray, " n"], turn: float | None) -> Float[np.ndarray, " m"]:
+def steps_of(values: Real[np.ndarray, " n"], turn: int | float | None) -> Float[np.ndarray, " m"]:
     """Return the steps between readings, the shortest way where they wrap at `turn`."""
     step = np.diff(values.astype(np.float64, copy=False))
     if turn is not None and len(step) and float(np.ptp(values)) < turn:

@@ -22,7 +22,7 @@ from jaxtyping import Real
 
 from ...base.errors import LogError
 from ...pair.schema import LogLayout
-from ..channel.channel import EXACT_FLOAT
+from ..channel.unwrap import EXACT_FLOAT
 from ..source import SKIP
 from .column_names import TIME_UNITS, WAYS, bracket_of, fold, is_units_row, unit_in, with_units
 from .table import MOST_COLUMNS, Table
