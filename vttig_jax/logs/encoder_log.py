@@ -449,6 +449,14 @@ class ClockedChannel:
     held: bool = False
     modulus: int | None = None
 
+    @property
+    def unwrapped(self) -> Real[np.ndarray, " n"]:
+        """Readings unwrapped with the given or a detected modulus."""
+        if self.radians is None:
+            return self.values
+        modulus = self.modulus or find_modulus(self.values, self.per_turn)
+        return self.values if modulus is None else unwrap(self.values, modulus)
+
 
 @dataclass(frozen=True, eq=False)
 class OneClock:
@@ -581,7 +589,24 @@ def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClo
     **Raises** `LogError` for stamps that run backwards and for channels without a common time.
     """
     for role, channel in channels.items():
-        _check(role, channel, source)
+        backwards, told = np.flatnonzero(np.diff(channel.time) < 0), ""
+        if len(channel.time) != len(channel.values):
+            told = (
+                f"the {role} channel has {len(channel.values)} values, but {len(channel.time)}"
+                " stamps; export the log again."
+            )
+        elif len(channel.time) < FEWEST_SAMPLES:
+            told = (
+                f"the {role} channel has only {len(channel.time)} samples; record at least"
+                f" {FEWEST_SAMPLES}."
+            )
+        elif backwards.size:
+            told = (
+                f"the time of the {role} channel runs backwards at its sample {backwards[0] + 1};"
+                " sort the log or cut it there."
+            )
+        if told:
+            raise LogError(told, where=source)
     slowest = min(channels, key=lambda role: len(channels[role].time))
     stamps = channels[slowest].time
     first = max(channel.time[0] for channel in channels.values())
@@ -602,74 +627,40 @@ def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClo
         near = SAME * float(np.median(np.diff(channel.time)))
         rows = np.minimum(np.searchsorted(channel.time, time - near), len(channel.time) - 1)
         if np.all(np.abs(channel.time[rows] - time) <= near):
-            values[role] = (
-                _continuous(channel)[rows] if channel.modulus is None else channel.values[rows]
-            )
+            exact = channel.values if channel.modulus is not None else channel.unwrapped
+            values[role] = exact[rows]
             notes.append(f"{role}: only its samples at the times of {slowest} are used")
             continue
-        values[role], steps[role] = _at(channel, time), step_of(channel.values)
-        notes.append(f"{role}: brought onto the clock of {slowest}, {_bound(channel)}")
+        values[role], how = _interpolated(channel, time)
+        steps[role] = step_of(channel.values)
+        notes.append(f"{role}: brought onto the clock of {slowest}, {how}")
     if steps:
         notes.append("a constant offset between the clocks is part of the delay of the fit")
     return OneClock(time, values, tuple(notes), steps)
 
 
-def _check(role: str, channel: ClockedChannel, source: str) -> None:
-    if len(channel.time) != len(channel.values):
-        raise LogError(
-            f"the {role} channel has {len(channel.values)} values, but {len(channel.time)} stamps;"
-            " export the log again.",
-            where=source,
-        )
-    if len(channel.time) < FEWEST_SAMPLES:
-        raise LogError(
-            f"the {role} channel has only {len(channel.time)} samples; record at least"
-            f" {FEWEST_SAMPLES}.",
-            where=source,
-        )
-    backwards = np.flatnonzero(np.diff(channel.time) < 0)
-    if backwards.size:
-        raise LogError(
-            f"the time of the {role} channel runs backwards at its sample {backwards[0] + 1}; sort"
-            " the log or cut it there.",
-            where=source,
-        )
+def _interpolated(
+    channel: ClockedChannel, time: Float[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, " m"], str]:
+    """Return the readings interpolated at the stamps `time` (s), and a text on how.
 
-
-def _continuous(channel: ClockedChannel) -> np.ndarray:
-    """Return the readings unwrapped, with the given or a detected modulus."""
-    values = channel.values
-    if channel.radians is None:
-        return values
-    modulus = channel.modulus or find_modulus(values, channel.per_turn)
-    return values if modulus is None else unwrap(values, modulus)
-
-
-def _at(channel: ClockedChannel, time: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Return the readings interpolated at the stamps `time` (s); they wrap at a given modulus."""
-    stamps, values = channel.time, _continuous(channel)
-    offset = values[0]
-    values = (values - offset).astype(np.float64)
+    They wrap at a given modulus. For an angle the text says the bound of the error.
+    """
+    stamps, unwrapped = channel.time, channel.unwrapped
+    offset, how = unwrapped[0], "interpolated linearly"
+    values = (unwrapped - offset).astype(np.float64)
     if channel.held:  # the unchanged value is inserted one cycle before a late change
-        interval = np.diff(stamps)
+        how, interval = "held between changes", np.diff(stamps)
         cycle = float(np.median(interval))
         late = np.flatnonzero(interval > CYCLE * cycle)
         inserted = stamps[late + 1] - cycle
-        stamps, values = (
-            np.insert(stamps, late + 1, inserted),
-            np.insert(values, late + 1, values[late]),
-        )
+        stamps = np.insert(stamps, late + 1, inserted)
+        values = np.insert(values, late + 1, values[late])
     found = np.interp(time, stamps, values) + float(offset)
-    return found if channel.modulus is None else np.mod(found, channel.modulus)
-
-
-def _bound(channel: ClockedChannel) -> str:
-    """Return a text on how a channel was interpolated, with the bound of the error for an angle."""
-    how = "held between changes" if channel.held else "interpolated linearly"
-    if channel.radians is None:
-        return how
-    bend = np.abs(np.diff(_continuous(channel).astype(np.float64), 2)) / 8
-    usual, most = abs(channel.radians) / ARCSEC * np.quantile(bend, (0.95, 1.0))
-    return (
-        f"{how}; the error |a|h²/8 is at most {most:.2g}″, and {usual:.2g}″ for 95 % of the samples"
-    )
+    if channel.radians is not None:
+        bend = np.abs(np.diff(unwrapped.astype(np.float64), 2)) / 8
+        usual, most = abs(channel.radians) / ARCSEC * np.quantile(bend, (0.95, 1.0))
+        how += (
+            f"; the error |a|h²/8 is at most {most:.2g}″, and {usual:.2g}″ for 95 % of the samples"
+        )
+    return found if channel.modulus is None else np.mod(found, channel.modulus), how
