@@ -18,7 +18,7 @@ import tomllib
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -120,14 +120,11 @@ _LEAST = DEG  # least c, rad of the driving shaft (chosen)
 _LONGEST = 0.9  # largest c, as a share of the travel of the driving shaft (chosen)
 
 
-class FollowedMotion(NamedTuple):
-    """Angles of both shafts in rad at the same samples, the driven one without lost motion."""
-
-    driving: Float[np.ndarray, " m"]
-    driven: Float[np.ndarray, " m"]
+Followed = tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]
+"""Angles of the driving and of the driven shaft in rad at the same samples."""
 
 
-def without_lost_motion(log: EncoderLog) -> FollowedMotion:
+def without_lost_motion(log: EncoderLog) -> Followed:
     """Return φ₁ and φ₂ − k s at up to `_MOST_ROWS` evenly spaced samples of a log."""
     rows = slice(None, None, -(-len(log) // _MOST_ROWS))
     driving, driven = log.driving_angle[rows], log.driven_angle[rows]
@@ -139,25 +136,15 @@ def without_lost_motion(log: EncoderLog) -> FollowedMotion:
     def rest(values: np.ndarray) -> np.ndarray:
         return values - basis @ (basis.T @ values)
 
-    left = rest(driven)
-    places = _places(driving, np.concatenate([crossings, crossings]))
+    places = np.empty((len(driving), 2 * _TRIALS))
+    places[0] = np.repeat([0.0, 1.0], _TRIALS)  # s at the start
+    for row, moved in enumerate(np.diff(driving)[:, None] / np.tile(crossings, 2)):
+        np.clip(places[row] + moved, 0.0, 1.0, out=places[row + 1])
     free = rest(places)
     size = np.maximum(np.sum(free**2, axis=0), 1e-300)
-    lost = free.T @ left / size
+    lost = free.T @ rest(driven) / size
     best = int(np.argmax(lost**2 * size))
-    return FollowedMotion(driving, driven - lost[best] * places[:, best])
-
-
-def _places(
-    driving: Float[np.ndarray, " m"], crossings: Float[np.ndarray, " trials"]
-) -> Float[np.ndarray, "m trials"]:
-    """Return s for every trial; the first half starts with s = 0 and the second with s = 1."""
-    step = np.diff(driving)[:, None] / crossings
-    places = np.empty((len(driving), len(crossings)))
-    places[0] = np.repeat([0.0, 1.0], len(crossings) // 2)
-    for row, moved in enumerate(step):
-        np.clip(places[row] + moved, 0.0, 1.0, out=places[row + 1])
-    return places
+    return driving, driven - lost[best] * places[:, best]
 
 
 SHIFT_TURNS, MOST_TOLERANCE = 0.015, 0.01
@@ -314,7 +301,7 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
     return _seen(log, _followed(log))
 
 
-def _seen(log: EncoderLog, followed: FollowedMotion | None) -> SeenRatio:
+def _seen(log: EncoderLog, followed: Followed | None) -> SeenRatio:
     """Return `seen_ratio` from the angles of `_followed`."""
     if followed is None:
         return SeenRatio(None, None, log.ratio, "none")
@@ -344,7 +331,7 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     ratio = _seen(log, followed)
     if followed is not None and ratio.seen is not None:
         travel = float(np.ptp(log.driven_angle))
-        scatter = float(np.std(followed.driven - ratio.seen * followed.driving))
+        scatter = float(np.std(followed[1] - ratio.seen * followed[0]))
         if not _turn_together(log, scatter):
             raise LogError(
                 f"the two channels do not turn together: {np.degrees(scatter):.3g}° rms of the"
@@ -357,7 +344,7 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     return ratio
 
 
-def _followed(log: EncoderLog) -> FollowedMotion | None:
+def _followed(log: EncoderLog) -> Followed | None:
     """Return driving and driven angle, rad, for the slope of one over the other.
 
     They are those of the log. If the slope leaves so much that the shafts do not seem to turn
@@ -370,7 +357,7 @@ def _followed(log: EncoderLog) -> FollowedMotion | None:
     middle = driving - driving.mean()
     rest = driven - float(driven @ middle / (middle @ middle)) * middle
     if _turn_together(log, float(np.std(rest))):
-        return FollowedMotion(driving, driven)
+        return driving, driven
     return without_lost_motion(log)
 
 
@@ -389,13 +376,6 @@ def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict
         off = abs(seen - value)
         return off <= tolerance * abs(value) + SURELY * std or off <= DEVIATIONS * std
 
-    candidates: dict[Verdict, float] = {
-        "agrees": given,
-        "sign": -given,
-        "swapped": 1 / given,
-        "swapped_sign": -1 / given,
-    }
-    for verdict, value in candidates.items():
-        if fits(value):
-            return verdict
-    return "differs"
+    candidates: dict[Verdict, float] = {"agrees": given, "sign": -given}
+    candidates |= {"swapped": 1 / given, "swapped_sign": -1 / given}
+    return next((verdict for verdict, value in candidates.items() if fits(value)), "differs")

@@ -396,7 +396,10 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
     effects = effects_of(log, rows, group, forward)
     residual = _huber_residual(effects, log.transmission_error[rows])
     size = np.diff([*edges, len(rows)])
-    medians = _medians(residual, edges, size)
+    medians = np.empty(len(size))
+    for length in np.unique(size):  # windows of one length are the rows of a table
+        windows = size == length
+        medians[windows] = np.median(residual[edges[windows, None] + np.arange(length)], axis=1)
     means = np.add.reduceat(effects, edges, axis=0) / size[:, None]
     # Least size in rad of the driven shaft: half the scatter of the residual, a multiple of the
     # rounding error, and one count. The step of readings in degrees is their travel per sample.
@@ -460,11 +463,16 @@ def _huber_residual(
 ) -> Float[np.ndarray, " m"]:
     """Return the residual of a Huber fit of `error` by `effects`; outliers have little influence.
 
-    The fit uses one random row of every few neighbouring rows. `find_steps` fits the coefficients
-    again together with the steps. Every iteration solves the weighted normal equations for a
-    correction of the coefficients, which removes rounding errors of earlier iterations.
+    The fit uses one random row of every few neighbouring rows, about `_FITTED` rows per column. The
+    choice is random, so that outliers at equal distances are not taken every time. `find_steps`
+    fits the coefficients again together with the steps. Every iteration solves the weighted normal
+    equations for a correction of the coefficients, which removes rounding errors of earlier
+    iterations.
     """
-    few = _drawn(*effects.shape)
+    count, columns = effects.shape
+    step = max(1, count // (_FITTED * columns))
+    first = np.arange(0, count - step + 1, step)
+    few = first + np.random.default_rng(0).integers(step, size=len(first))
     table, left, weight = effects[few], error[few], np.ones(len(few))
     changes = []
     for _ in range(_HUBER_STEPS):
@@ -475,30 +483,6 @@ def _huber_residual(
         scale = 1.5 * float(np.median(size)) / 0.6745
         weight = scale / np.maximum(size, max(scale, 1e-300))
     return error - effects @ changes[0] - effects @ np.sum(changes[1:], axis=0)
-
-
-def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:
-    """Return the indices of one random row from each block of neighbouring rows.
-
-    `count` and `columns` are the numbers of rows and columns. About `_FITTED` rows per column are
-    drawn if there are so many. The choice within a block is random, so that outliers at equal
-    distances are not drawn every time.
-    """
-    step = max(1, count // (_FITTED * columns))
-    first = np.arange(0, count - step + 1, step)
-    return first + np.random.default_rng(0).integers(step, size=len(first))
-
-
-def _medians(
-    values: Float[np.ndarray, " m"], starts: Int[np.ndarray, " w"], size: Int[np.ndarray, " w"]
-) -> Float[np.ndarray, " w"]:
-    """Return the median of every window; a window has `size` values from index `starts` on."""
-    found = np.empty(len(size))
-    for length in np.unique(size):
-        windows = size == length
-        rows = starts[windows, None] + np.arange(length)
-        found[windows] = np.median(values[rows], axis=1)
-    return found
 
 
 def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:

@@ -36,7 +36,6 @@ from ..channel.speed import Speed, is_at_standstill
 from ..encoder_log import EncoderLog
 from .segments import (
     AFTER_REVERSAL,
-    MotionPhase,
     Segment,
     Segments,
     find_segments,
@@ -136,7 +135,13 @@ def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
     if not turns:
         return 0.0
     angle = log.driving_angle
-    rows, leg, sense = _rows(moving, turns)
+    start, stop = np.array([(phase.start, phase.stop) for phase in moving]).T
+    before = np.concatenate([[0], np.cumsum(stop - start)])
+    place = np.arange(0, before[-1], max(1, -(-int(before[-1]) // _MOST_CROSSED)))
+    phase = np.searchsorted(before, place, side="right") - 1
+    rows = start[phase] + place - before[phase]  # evenly spaced samples in motion
+    leg = np.searchsorted(turns, phase, side="right")  # motion between two reversals, from 0
+    sense = np.array([1 if one.kind == "forward" else -1 for one in moving])[phase]
     origin = angle[[moving[0].start, *(moving[k].start for k in turns)]]
     travel = np.abs(angle[rows] - origin[leg])
     stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
@@ -181,22 +186,6 @@ def _crossing_of(
     best = int(np.argmin(found))
     evidence = len(rows) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
     return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
-
-
-def _rows(
-    moving: list[MotionPhase], turns: list[int]
-) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """Return evenly spaced samples in motion, their leg, and their direction of motion, ±1.
-
-    A leg is the motion between two reversals, counted from 0.
-    """
-    start, stop = np.array([(phase.start, phase.stop) for phase in moving]).T
-    before = np.concatenate([[0], np.cumsum(stop - start)])
-    place = np.arange(0, before[-1], max(1, -(-int(before[-1]) // _MOST_CROSSED)))
-    phase = np.searchsorted(before, place, side="right") - 1
-    leg = np.searchsorted(turns, phase, side="right")
-    sense = np.array([1 if one.kind == "forward" else -1 for one in moving])
-    return start[phase] + place - before[phase], leg, sense[phase]
 
 
 _QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
@@ -464,13 +453,10 @@ def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:
         if crossing <= _WIDER * found.crossing:
             break
         beyond = find_segments(log, crossing)
-        if _flanks_of(beyond) == _flanks_of(found):
+        flanks = ({segment.flank for segment in one.segments} for one in (beyond, found))
+        if next(flanks) == next(flanks):
             return beyond
     return found
-
-
-def _flanks_of(found: Segments) -> set[str]:
-    return {segment.flank for segment in found.segments}
 
 
 def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segments) -> bool:

@@ -440,32 +440,30 @@ _HEADER = 64
 
 _LINKS: dict[bytes, tuple[set[bytes], ...]] = {
     b"##HD": ({b"##DG"}, {b"##FH"}, {b"##CH"}, {b"##AT"}, {b"##EV"}),
-    b"##DG": ({b"##DG"}, {b"##CG"}),
+    b"##DG": ({b"##DG"}, {b"##CG"}, set()),  # the last link leads to data, perhaps a list of them
     b"##CG": ({b"##CG"}, {b"##CN"}),
     b"##CN": ({b"##CN"}, {b"##CN", b"##CA"}),
     b"##CA": ({b"##CN", b"##CA"},),
     b"##CH": ({b"##CH"}, {b"##CH"}),
+    b"##HL": ({b"##DL", b"##LD"},),
     **{kind: ({kind},) for kind in (b"##FH", b"##AT", b"##EV", b"##DL", b"##LD")},
 }
-"""MDF 4: kind of a block → kinds to which its first links lead (ASAM MDF 4.1, chapter 5)."""
+"""MDF 4: kind of a block → kinds to which its first links lead (ASAM MDF 4.1, chapter 5); none for
+any kind."""
 
-_DATA_LINK = 2
-"""Index of the link from a data group (DG) to its data, which may be a list."""
-
-_LINKS_3: dict[bytes, tuple[tuple[int, bytes], ...]] = {
-    b"HD": ((4, b"DG"),),
-    b"DG": ((4, b"DG"), (8, b"CG")),
-    b"CG": ((4, b"CG"), (8, b"CN")),
-    b"CN": ((4, b"CN"),),
+_LINKS_3: dict[bytes, tuple[tuple[int, set[bytes]], ...]] = {
+    b"HD": ((4, {b"DG"}),),
+    b"DG": ((4, {b"DG"}), (8, {b"CG"})),
+    b"CG": ((4, {b"CG"}), (8, {b"CN"})),
+    b"CN": ((4, {b"CN"}),),
 }
 """MDF 3: kind of a block → byte offsets of its links, and the kinds to which they lead."""
 
 
 def check_links(data: bytes) -> None:
     """Raise `ValueError` for a circular list of blocks or a block of the wrong kind."""
-    links = _links_4 if data[_HEADER : _HEADER + 2] == b"##" else _links_3
     open_blocks, done = {_HEADER}, set[int]()
-    road = [(_HEADER, links(data, _HEADER))]
+    road = [(_HEADER, _links(data, _HEADER))]
     while road:
         place, following = road[-1]
         target = next(following, None)
@@ -477,40 +475,27 @@ def check_links(data: bytes) -> None:
             raise ValueError(f"the block at byte {target} follows itself")
         elif target not in done:
             open_blocks.add(target)
-            road.append((target, links(data, target)))
+            road.append((target, _links(data, target)))
 
 
-def _links_4(data: bytes, place: int) -> Iterator[int]:
-    """Yield the addresses of the blocks to which the block of MDF 4 at byte `place` links."""
-    kind = data[place : place + 4]
-    if kind not in _LINKS and kind != b"##HL":
-        return
-    (count,) = struct.unpack_from("<Q", data, place + 16)
-    for slot, kinds in enumerate(_LINKS.get(kind, ({b"##DL", b"##LD"},))):
-        if slot < count:
-            yield from _target(data, place + 24 + 8 * slot, kinds)
-    if kind == b"##DG" and count > _DATA_LINK:
-        yield from _target(data, place + 24 + 8 * _DATA_LINK, None)
+def _links(data: bytes, place: int) -> Iterator[int]:
+    """Yield the addresses of the blocks to which the block at byte `place` links.
 
-
-def _target(data: bytes, place: int, kinds: set[bytes] | None) -> Iterator[int]:
-    (target,) = struct.unpack_from("<Q", data, place)
-    if not 0 < target <= len(data) - 24:  # no address, or one that the reader cannot follow
-        return
-    if kinds is not None and data[target : target + 4] not in kinds:
-        raise ValueError(f"a block of the wrong kind at byte {target}")
-    yield target
-
-
-def _links_3(data: bytes, place: int) -> Iterator[int]:
-    """Yield the addresses of the blocks to which the block of MDF 3 at byte `place` links."""
-    order = ">" if data[24:26] != b"\0\0" else "<"
-    for offset, kind in _LINKS_3.get(data[place : place + 2], ()):
-        if place + offset + 4 > len(data):
-            continue
-        (target,) = struct.unpack_from(f"{order}I", data, place + offset)
-        if 0 < target < len(data):
-            if data[target : target + 2] != kind:
+    An address beyond the data is none, or one that the reader cannot follow.
+    """
+    if data[_HEADER : _HEADER + 2] == b"##":
+        form, size, end = "<Q", 4, len(data) - 23
+        links = _LINKS.get(data[place : place + 4], ())
+        (count,) = struct.unpack_from("<Q", data, place + 16) if links else (0,)
+        places = [(place + 24 + 8 * slot, kinds) for slot, kinds in enumerate(links[:count])]
+    else:
+        form, size, end = f"{'>' if data[24:26] != bytes(2) else '<'}I", 2, len(data)
+        links = _LINKS_3.get(data[place : place + 2], ())
+        places = [(place + at, kinds) for at, kinds in links if place + at + 4 <= len(data)]
+    for at, kinds in places:
+        (target,) = struct.unpack_from(form, data, at)
+        if 0 < target < end:
+            if kinds and data[target : target + size] not in kinds:
                 raise ValueError(f"a block of the wrong kind at byte {target}")
             yield target
 
