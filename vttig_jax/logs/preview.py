@@ -1,7 +1,7 @@
 """Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -191,7 +191,10 @@ def preview_log(
     found = search.result()
     roles = {index: role for role, index in search.roles.items()}
     arrays, unread = _readable(search)
-    size = _size(arrays, roles)
+    lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
+    usual = Counter(map(len, arrays.values())).most_common(1)[0][0]
+    shaft = next((role for role in (*SHAFTS, "transmission_error") if role in lengths), "")
+    size = lengths.get(shaft, usual)
     others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
     if ROW_INDEX in roles:
         arrays[ROW_INDEX] = np.arange(size)
@@ -278,7 +281,7 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
             c.unit,
             f"{c.low:.9g}",
             f"{c.high:.9g}",
-            _turns(c),
+            "constant" if c.low == c.high else None if c.turns is None else f"{c.turns:.4g}",
             None if c.resolution_arcsec is None else f"{c.resolution_arcsec:.3g}",
             f"{c.wraps} at {c.modulus:.6g}" if c.modulus is not None else "no",
         )
@@ -286,13 +289,6 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
     ]
     heads = ["used as", "column", "unit", "lowest", "highest", "turns", ("step", "″"), "wraps"]
     return text_table(rows, heads, align="lllrrrrr")
-
-
-def _turns(column: ColumnReport) -> str | None:
-    """Return the turns of a column as text, or that it never changes."""
-    if column.low == column.high:
-        return "constant"
-    return None if column.turns is None else f"{column.turns:.4g}"
 
 
 def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
@@ -344,15 +340,6 @@ def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
         raise next(iter(errors.values()))
     notes = [f"column `{name}` is not read: {error.message}" for name, error in errors.items()]
     return dict(sorted(arrays.items())), notes
-
-
-def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
-    """Return the length of the record: that of a shaft, or the most frequent length."""
-    lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
-    for role in (*SHAFTS, "transmission_error"):
-        if role in lengths:
-            return lengths[role]
-    return Counter(map(len, arrays.values())).most_common(1)[0][0]
 
 
 def _report(

@@ -227,37 +227,31 @@ def order_spectrum(
         ]
         if not shafts:
             continue
-        amplitudes, highest = _flank_spectrum(log, on_flank, shafts)
-        lines += [OrderLine(*term, flank, value) for term, value in amplitudes]
+        terms: dict[object, tuple[str, int]] = {}
+        for shaft in shafts:
+            speed = log.ratio if shaft == "driven" else 1
+            for order in range(1, HIGHEST + 1):
+                terms.setdefault(order * speed, (shaft, order))
+        candidates = list(terms.values())
+        gram, highest = _gram(log, on_flank, shafts, candidates), HIGHEST
+        while highest:
+            chosen = [k for k, (_, order) in enumerate(candidates) if order <= highest]
+            columns = [0, 1, *(c for k in chosen for c in (2 + 2 * k, 3 + 2 * k))]
+            matrix, right = gram[np.ix_(columns, columns)], gram[columns, -1]
+            size = np.sqrt(np.diag(matrix))
+            size[size == 0] = 1.0
+            matrix = matrix / np.outer(size, size)
+            if np.linalg.eigvalsh(matrix)[0] >= SEPARABLE:
+                solution = np.linalg.solve(matrix, right / size) / size
+                amplitudes = np.hypot(solution[2::2], solution[3::2]) / ARCSEC
+                found = zip(chosen, amplitudes.tolist(), strict=True)
+                lines += [OrderLine(*candidates[k], flank, arcsec) for k, arcsec in found]
+                break
+            highest -= 1
         if highest < HIGHEST:
             orders = f"only orders 1 to {highest}" if highest else "no orders"
             notes.append(f"flank {flank}: {orders} can be told apart over its few turns")
     return tuple(lines), tuple(notes)
-
-
-def _flank_spectrum(
-    log: EncoderLog, segments: Sequence[Segment], shafts: Sequence[str]
-) -> tuple[list[tuple[tuple[str, int], float]], int]:
-    speeds = {"driving": 1, "driven": log.ratio}
-    terms: dict[object, tuple[str, int]] = {}
-    for shaft in shafts:
-        for order in range(1, HIGHEST + 1):
-            terms.setdefault(order * speeds[shaft], (shaft, order))
-    candidates = list(terms.values())
-    gram = _gram(log, segments, shafts, candidates)
-    for highest in range(HIGHEST, 0, -1):
-        chosen = [k for k, (_, order) in enumerate(candidates) if order <= highest]
-        columns = [0, 1, *(c for k in chosen for c in (2 + 2 * k, 3 + 2 * k))]
-        matrix, right = gram[np.ix_(columns, columns)], gram[columns, -1]
-        size = np.sqrt(np.diag(matrix))
-        size[size == 0] = 1.0
-        matrix = matrix / np.outer(size, size)
-        if np.linalg.eigvalsh(matrix)[0] < SEPARABLE:
-            continue
-        solution = np.linalg.solve(matrix, right / size) / size
-        amplitudes = np.hypot(solution[2::2], solution[3::2]) / ARCSEC
-        return [(candidates[k], float(a)) for k, a in zip(chosen, amplitudes, strict=True)], highest
-    return [], 0
 
 
 def _gram(

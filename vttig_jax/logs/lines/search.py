@@ -184,7 +184,10 @@ class _Search:
             taps = noise_filter(self.rows, self.plain.after(frequencies))
             regression = self.plain.whitened(taps)
             frequencies = regression.refine(frequencies, self._lowest)
-            level = self._level(regression, frequencies)
+            height = self.spectrum.height(regression.after(frequencies), taps)
+            level = noise_level(self.spectrum, height, frequencies, near=frequencies).at(
+                frequencies
+            )
             scores = self._scores(regression, frequencies, level)
             worst = int(np.argmin(scores))
             if self._alarm(float(scores[worst])) <= self.false_alarm:
@@ -225,28 +228,15 @@ class _Search:
             return np.full(len(frequencies), np.inf)
         used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
         rows = len(self.rows.value)
-        without = [self._misfit_without(regression, frequencies, k) for k in range(len(drops))]
+        without = []
+        for others in (np.delete(frequencies, k) for k in range(len(drops))):
+            taps = filter_of_order(self.rows, self.plain.after(others), len(regression.taps) - 1)
+            without.append(self.plain.whitened(taps).misfit(others))
         gain = np.log(np.maximum(np.array(without) / misfit, 1.0))
         ratio = 0.5 * max(rows - used, 1) * gain
         usual, freedom = level
         nearby = relative_height(0.5 * drops / usual, freedom)
         return np.where(freedom >= _LEAST_FREEDOM, np.minimum(ratio, nearby), ratio)
-
-    def _misfit_without(
-        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], line: int
-    ) -> float:
-        """Return the sum of squares without the line of index `line`.
-
-        The whitening filter is fitted again without this line and has the same order.
-        """
-        others = np.delete(frequencies, line)
-        residual = self.plain.after(others)
-        taps = filter_of_order(self.rows, residual, len(regression.taps) - 1)
-        return self.plain.whitened(taps).misfit(others)
-
-    def _level(self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]) -> _Level:
-        height = self.spectrum.height(regression.after(frequencies), regression.taps)
-        return noise_level(self.spectrum, height, frequencies, near=frequencies).at(frequencies)
 
     @property
     def _lowest(self) -> float:

@@ -462,29 +462,25 @@ def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:
 def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segments) -> bool:
     """Return whether flanks by the torque explain the transmission error better than by the motion.
 
-    Both models have a step between the flanks. If both assignments nearly agree, return True.
+    Both linear models have an offset, speed, torque, first orders, and a backlash ≥ 0 between the
+    flanks. If both assignments nearly agree, return True.
     """
+    assert log.torque is not None  # checked by the caller
     torque, motion = (flank_rows(log, one)[0] for one in (by_torque, by_motion))
     both = np.flatnonzero((torque != 0) & (motion != 0))
     if np.mean(torque[both] != motion[both]) < _DISAGREEING:
         return True
     rows = both[:: max(1, len(both) // _MOST_SAMPLES)]
-    torque_misfit, motion_misfit = (_misfit(log, rows, flank[rows]) for flank in (torque, motion))
-    return torque_misfit < _BETTER * motion_misfit
-
-
-def _misfit(log: EncoderLog, rows: np.ndarray, flank: Int[np.ndarray, " m"]) -> float:
-    """Return the residual sum of squares of a linear model of the transmission error at `rows`.
-
-    The model has an offset, speed, torque, first orders, and a backlash ≥ 0 between the flanks.
-    `flank` is +1 on flank A and −1 on flank B.
-    """
-    assert log.torque is not None  # checked by the caller
     columns = columns_of(log, rows, log.driving_speed.value[rows])
     columns = np.column_stack([columns, log.torque[rows]])
     error = log.transmission_error[rows] - np.mean(log.transmission_error[rows])
-    squares, step = squares_with_step(error, columns, flank)
-    return squares if step >= 0 else squares_with_step(error, columns, np.zeros_like(flank))[0]
+    misfits = []
+    for flank in (torque[rows], motion[rows]):
+        squares, step = squares_with_step(error, columns, flank)
+        if step < 0:
+            squares = squares_with_step(error, columns, np.zeros_like(flank))[0]
+        misfits.append(squares)
+    return misfits[0] < _BETTER * misfits[1]
 
 
 @dataclass(frozen=True)
