@@ -69,7 +69,17 @@ def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> 
     if len(slopes) > 1:
         scatter = np.sum((slopes - slopes.mean()) ** 2)
         by_blocks = float(np.sqrt((len(slopes) - 1) / len(slopes) * scatter))
-    return value, max(by_residual, by_blocks, _change_by_orders(driving, driven, value))
+    # The change of the slope when first orders of both shafts are fitted as well; if they are
+    # larger than `LARGEST_ORDER`, it is reduced in proportion.
+    thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
+    x, y = driving[thin], driven[thin]
+    middle = x - x.mean()
+    orders = np.stack([np.ones_like(x), middle, np.cos(x), np.sin(x), np.cos(y), np.sin(y)])
+    # The residual of `value` instead of y, because the change is as small as its last digits.
+    solution = least_squares(orders.T, y - y.mean() - value * middle, len(x) * _EPSILON)
+    amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
+    by_orders = abs(float(solution[1])) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
+    return value, max(by_residual, by_blocks, by_orders)
 
 
 def exact_slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> float | None:
@@ -100,23 +110,6 @@ def computed_text(slope: float) -> str:
         f"the driven angle is {slope:.9g} times the driving angle to the last digit: one of both"
         " columns was computed from the other and not measured"
     )
-
-
-def _change_by_orders(
-    driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"], value: float
-) -> float:
-    """Return the change of the slope `value` when first orders of both shafts are fitted as well.
-
-    If their amplitude exceeds `LARGEST_ORDER`, the change is reduced in proportion.
-    """
-    thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
-    x, y = driving[thin], driven[thin]
-    middle = x - x.mean()
-    columns = np.stack([np.ones_like(x), middle, np.cos(x), np.sin(x), np.cos(y), np.sin(y)])
-    # The residual of `value` instead of y, because the change is as small as its last digits.
-    solution = least_squares(columns.T, y - y.mean() - value * middle, len(x) * _EPSILON)
-    amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
-    return abs(float(solution[1])) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
 
 
 MOST_TEETH = 200

@@ -107,7 +107,9 @@ def _continuous(
     if stalled.any():
         outliers = stalled | spikes(without_spikes(readings, time, stalled), time, quantum)
     smooth = without_spikes(readings, time, outliers)
-    _refuse_step(channel.unit, smooth, time, candidate, role, source)
+    found = {"reading": readings, "modulus": modulus, "wraps": wraps}
+    channel = replace(channel, **found, spikes=outliers if outliers.any() else None)
+    _refuse_lost_turns(channel, smooth, time, candidate, role, source)
     notes = []
     if repetition > 1:
         delay = 0.5 * (repetition - 1)
@@ -118,7 +120,6 @@ def _continuous(
             " one rate, or expect that much in `delay_s`"
         )
     if modulus is not None:
-        _refuse_blind_pause(channel.unit, smooth, time, modulus, role, source)
         how = "as given" if given is not None else "detected from the jumps"
         notes.append(
             f"{role}: wraps at {modulus:g} {channel.unit} ({how}), unwrapped {wraps} times"
@@ -142,8 +143,7 @@ def _continuous(
             f" their neighbours by up to {off * abs(channel.radians_per_unit) / DEG:.3g}°, as late"
             f" or disturbed readings do; a fit {left} them"
         )
-    found = {"reading": readings, "modulus": modulus, "wraps": wraps}
-    return replace(channel, **found, spikes=outliers if outliers.any() else None), notes
+    return channel, notes
 
 
 def _unwrapped(
@@ -168,57 +168,53 @@ def _unwrapped(
     return readings
 
 
-def _refuse_step(
-    unit: str,
+def _refuse_lost_turns(
+    channel: "Channel",
     smooth: Real[np.ndarray, " n"],
     time: Real[np.ndarray, " n"],
     modulus: int | float | None,
     role: str,
     source: Source,
 ) -> None:
-    """Raise `LogError` for a jump after which the readings do not return.
+    """Raise `LogError` for a jump of the readings that stays, and for a pause that hides wraps.
 
-    The causes are a counter reset, an index reload, a frozen channel or an unknown modulus.
+    The causes of a jump are a counter reset, an index reload, a frozen channel or an unknown
+    modulus; `modulus` is the one that was tried. In a pause that hides wraps the shaft may turn by
+    over 0.4 of the modulus.
+
+    **Arguments**
+    - `channel`: the unwrapped channel. `smooth`: its readings without spikes.
     """
+    unit = channel.unit
     row = stray_jump(smooth, time, 1.0 if unit == "counts" else 0.0)
-    if row is None:
-        return
-    frozen = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
-    if frozen >= _FROZEN:
+    if row is not None:
+        frozen = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
+        if frozen >= _FROZEN:
+            raise LogError(
+                f"the {role} channel stands still for {frozen} samples from"
+                f" {time[row - frozen]:.9g} s to {time[row - 1]:.9g} s and then jumps, so it froze;"
+                " cut these lines out and fit both parts as two logs.",
+                where=source.at(role, row - frozen),
+            )
         raise LogError(
-            f"the {role} channel stands still for {frozen} samples from"
-            f" {time[row - frozen]:.9g} s to {time[row - 1]:.9g} s and then jumps, so it froze;"
-            " cut these lines out and fit both parts as two logs.",
-            where=source.at(role, row - frozen),
+            f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {unit} from one sample to"
+            f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
+            + (f" of {modulus:g}" if modulus is not None else "")
+            + "; cut the log there (--cut)"
+            + (f", or give `modulus` in [{role}] encoder." if unit == "counts" else "."),
+            where=source.at(role, row),
         )
-    raise LogError(
-        f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {unit} from one sample to"
-        f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
-        + (f" of {modulus:g}" if modulus is not None else "")
-        + "; cut the log there (--cut)"
-        + (f", or give `modulus` in [{role}] encoder." if unit == "counts" else "."),
-        where=source.at(role, row),
-    )
-
-
-def _refuse_blind_pause(
-    unit: str,
-    smooth: Real[np.ndarray, " n"],
-    time: Real[np.ndarray, " n"],
-    modulus: int | float,
-    role: str,
-    source: Source,
-) -> None:
-    """Raise `LogError` if the shaft may turn by over 0.4 of the modulus in a pause of the log."""
+    if channel.modulus is None:
+        return
     interval = np.diff(time)
     step = np.abs(np.diff(smooth)).astype(np.float64)
     for k in np.flatnonzero(interval > GAP * np.median(interval)):
         neighbours = slice(max(0, k - 5), k), slice(k + 1, k + 6)
         before, after = (step[s].sum() / max(interval[s].sum(), 1e-300) for s in neighbours)
-        if max(before, after) * interval[k] > 0.4 * modulus:
+        if max(before, after) * interval[k] > 0.4 * channel.modulus:
             raise LogError(
                 f"the log pauses for {interval[k]:.4g} s while the {role} channel wraps at"
-                f" {modulus:g} {unit}, so whole turns are lost; cut the log there (--cut).",
+                f" {channel.modulus:g} {unit}, so whole turns are lost; cut the log there (--cut).",
                 where=source.at(role, int(k) + 1),
             )
 

@@ -514,23 +514,16 @@ def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
     fast = travel > max(LEAST_STALL / 3 * quantum * span, 0.1 * float(travel.max()))
     moving = np.zeros(len(readings), bool)
     moving[span // 2 : -span // 2] = fast
-    spacing = _spacing(readings, moving)
-    if len(spacing) < span:
-        return 1
-    usual = int(np.median(spacing))
-    regular = np.count_nonzero(spacing == usual) >= REGULAR * len(spacing)
-    return usual if usual > 1 and regular else 1
-
-
-def _spacing(
-    readings: Real[np.ndarray, " n"], moving: Bool[np.ndarray, " n"]
-) -> Int[np.ndarray, " m"]:
-    """Return the number of samples from each change of the reading to the next, in motion."""
     found, last = [np.zeros(0, np.int32)], np.zeros(0, np.int64)
-    for part in pieces(len(readings) - 1):
+    for part in pieces(len(readings) - 1):  # samples from each change to the next, in motion
         change = np.flatnonzero(np.diff(readings[part.start : part.stop + 1])) + part.start + 1
         change = np.append(last, change)
         both = moving[change[:-1]] & moving[change[1:]]
         found.append(np.diff(change)[both].astype(np.int32))
         last = change[-1:]
-    return np.concatenate(found)
+    spacing = np.concatenate(found)
+    if len(spacing) < span:
+        return 1
+    usual = int(np.median(spacing))
+    regular = np.count_nonzero(spacing == usual) >= REGULAR * len(spacing)
+    return usual if usual > 1 and regular else 1

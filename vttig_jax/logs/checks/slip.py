@@ -126,7 +126,7 @@ def find_steps(
         return []
     if rival is not None and series.judged(rival, without)[1] > score + _BETTER:
         return []
-    return _measured(values, columns, series.sharpened(places, without), least)
+    return series.measured(series.sharpened(places, without), least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +227,30 @@ class _Series:
             sharp = trials[int(np.argmax(found))]
         return sharp
 
+    def measured(self, places: list[int], least: float) -> list[Step]:
+        """Fit steps at `places` with the columns; return those of at least the size `least`."""
+        values, columns, (count, width) = self.values, self.columns, self.columns.shape
+        steps = _steps(places, count)
+        design = np.hstack([columns, steps])
+        solution = np.linalg.lstsq(design, values, rcond=1e-9)[0]
+        residual = values - design @ solution
+        sigma = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
+        sigma *= np.sqrt(count / max(count - _basis(design).shape[1], 1))
+        power = max(float(residual @ residual), 1e-300)
+        correlation = np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.95)
+        found = []
+        for k, place in enumerate(places):
+            size = float(solution[width + k])
+            if abs(size) < max(least, 1e-12 * float(np.ptp(values))):
+                continue
+            level = residual + size * steps[:, k]
+            others = _basis(np.delete(design, width + k, axis=1))
+            remainder = _without(others, steps[:, k])
+            std = sigma * np.sqrt((1 + correlation) / (1 - correlation) / (remainder @ remainder))
+            base = float(np.median(level[max(0, place - NEAR) : place]))
+            found.append(Step(place, size, float(std), base, solution[:width]))
+        return found
+
     def _design(
         self, shape: Float[np.ndarray, " w"], places: list[int]
     ) -> Float[np.ndarray, "w q"]:
@@ -280,36 +304,6 @@ def _without(
 
 def _basis(columns: Float[np.ndarray, "w p"]) -> Float[np.ndarray, "w r"]:
     return orthonormal_basis(columns, 1e-6)
-
-
-def _measured(
-    values: Float[np.ndarray, " w"],
-    columns: Float[np.ndarray, "w p"],
-    places: list[int],
-    least: float,
-) -> list[Step]:
-    """Fit steps at `places` together with `columns`; return those of at least the size `least`."""
-    count, width = columns.shape
-    steps = _steps(places, count)
-    design = np.hstack([columns, steps])
-    solution = np.linalg.lstsq(design, values, rcond=1e-9)[0]
-    residual = values - design @ solution
-    sigma = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
-    sigma *= np.sqrt(count / max(count - _basis(design).shape[1], 1))
-    power = max(float(residual @ residual), 1e-300)
-    correlation = np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.95)
-    found = []
-    for k, place in enumerate(places):
-        size = float(solution[width + k])
-        if abs(size) < max(least, 1e-12 * float(np.ptp(values))):
-            continue
-        level = residual + size * steps[:, k]
-        others = _basis(np.delete(design, width + k, axis=1))
-        remainder = _without(others, steps[:, k])
-        std = sigma * np.sqrt((1 + correlation) / (1 - correlation) / (remainder @ remainder))
-        base = float(np.median(level[max(0, place - NEAR) : place]))
-        found.append(Step(place, size, float(std), base, solution[:width]))
-    return found
 
 
 MOST_ROWS = 40_000
@@ -409,7 +403,13 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
             limits.append(ratio * channel.resolution)
     found = []
     for step in find_steps(medians, means, max(limits), rival=means[:, 0]):
-        row = _first_row_after(rows, residual, edges, step, effects @ step.coefficients)
+        # The first sample after the step, within two windows of it: the best split of `level` has
+        # the largest sum of `side` behind it.
+        low, high = (int(edges[np.clip(step.window + k, 0, len(edges) - 1)]) for k in (-2, 2))
+        level = (residual - effects @ step.coefficients)[low:high] - step.base
+        side = np.clip(level / step.size - 0.5, -0.5, 0.5)
+        after = side.sum() - np.concatenate([[0.0], np.cumsum(side)])[:-1]
+        row = int(rows[low + int(np.argmax(after))])
         found.append(Slip(float(log.time[row]), row, step.size / DEG, step.std / DEG))
     return tuple(found)
 
@@ -494,24 +494,3 @@ def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:
         parts = max(1, (stop - start) // length)
         edges += [start + (stop - start) * k // parts for k in range(parts)]
     return np.array(edges, np.int64)
-
-
-def _first_row_after(
-    rows: Int[np.ndarray, " m"],
-    residual: Float[np.ndarray, " m"],
-    edges: Int[np.ndarray, " w"],
-    step: Step,
-    correction: Float[np.ndarray, " m"],
-) -> int:
-    """Return the index in the log of the first sample after the step.
-
-    It is searched within two windows of `step`. `correction` is the change of the fitted TE by the
-    coefficients that were fitted together with the step.
-    """
-    low = int(edges[max(step.window - 2, 0)])
-    high = int(edges[min(step.window + 2, len(edges) - 1)])
-    level = (residual - correction)[low:high] - step.base
-    side = np.clip(level / step.size - 0.5, -0.5, 0.5)
-    # The best split has the largest sum of `side` after it.
-    after = side.sum() - np.concatenate([[0.0], np.cumsum(side)])[:-1]
-    return int(rows[low + int(np.argmax(after))])

@@ -536,6 +536,13 @@ class Spectrum:
         return 1 / (self.span * self.step)
 
     @property
+    def knots(self) -> Int[np.ndarray, " k"]:
+        """Indices of the frequencies at which the noise level is fitted."""
+        count = len(self.cycles)
+        apart = max(round(_KNOT_DISTANCE * self.per_cell), 1)
+        return np.unique(np.append(np.arange(0, count, apart), count - 1))
+
+    @property
     def step(self) -> float:
         """Distance of two frequencies, cycles per revolution."""
         return float(self.cycles[1] - self.cycles[0])
@@ -640,6 +647,7 @@ def noise_level(
     lines: Float[np.ndarray, " k"],
     *,
     near: Float[np.ndarray, " m"] | None = None,
+    roughly: bool = False,
 ) -> Level:
     """Return the noise level, fitted as a power of the frequency within 40 cells around each knot.
 
@@ -649,58 +657,15 @@ def noise_level(
     gamma family with logarithmic link. Heights above five times the level count as five times the
     level. Frequencies within one cell of one of `lines` (cycles per revolution) are excluded, and
     so are those that the regressors explain. If frequencies `near` are given, only the knots on
-    both sides of each of them are fitted; the level is valid there only.
+    both sides of each of them are fitted; the level is valid there only. `roughly` takes every
+    second knot, and one frequency per cell.
     """
-    knots = _knots(spectrum)
+    cycles, per_cell, knots, stride = spectrum.cycles, spectrum.per_cell, spectrum.knots, 1
     if near is not None:
-        right = np.searchsorted(spectrum.cycles[knots], near)
+        right = np.searchsorted(cycles[knots], near)
         knots = knots[np.unique(np.clip([right - 1, right], 0, len(knots) - 1))]
-    return _level(spectrum, height, lines, knots)
-
-
-def may_be_highest(
-    spectrum: Spectrum,
-    height: Float[np.ndarray, " f"],
-    lines: Float[np.ndarray, " k"],
-    places: Int[np.ndarray, " p"],
-) -> Bool[np.ndarray, " p"]:
-    """Return for each of `places` whether its height may be the highest of all `places`.
-
-    Heights are compared relative to the noise level. `places` are indices of frequencies in
-    `spectrum.cycles`, and the other arguments are those of `noise_level`. The level is only
-    roughly estimated here, from few frequencies. The exact level is then needed only at the places
-    for which the result is true.
-    """
-    knots = _knots(spectrum)
-    if len(knots) <= _MANY_KNOTS or not len(places):
-        return np.ones(len(places), bool)
-    few = np.append(knots[:-1:2], knots[-1])
-    level = _level(spectrum, height, lines, few, stride=max(round(spectrum.per_cell), 1))
-    usual, freedom = level.at(spectrum.cycles[places])
-    relative = height[places] / usual
-    least = relative_height(relative / _ROUGHLY, freedom).max()
-    return relative_height(relative * _ROUGHLY, freedom) >= least
-
-
-def _knots(spectrum: Spectrum) -> Int[np.ndarray, " k"]:
-    """Return the indices of the frequencies at which the noise level is fitted."""
-    count = len(spectrum.cycles)
-    apart = max(round(_KNOT_DISTANCE * spectrum.per_cell), 1)
-    return np.unique(np.append(np.arange(0, count, apart), count - 1))
-
-
-def _level(
-    spectrum: Spectrum,
-    height: Float[np.ndarray, " f"],
-    lines: Float[np.ndarray, " k"],
-    knots: Int[np.ndarray, " q"],
-    stride: int = 1,
-) -> Level:
-    """Return the level at the knots, fitted to every `stride`-th frequency of their windows.
-
-    `knots` are indices in `spectrum.cycles`. The other arguments are those of `noise_level`.
-    """
-    cycles, per_cell = spectrum.cycles, spectrum.per_cell
+    if roughly:
+        knots, stride = np.append(knots[:-1:2], knots[-1]), max(round(per_cell), 1)
     usable = (spectrum.remaining >= LEAST_REMAINING) & (height > 0)
     for line in lines:
         usable &= np.abs(cycles - line) * spectrum.span >= 1
@@ -729,6 +694,28 @@ def _level(
     intercept, inverse = found
     freedom = np.clip(stride / np.maximum(inverse * per_cell, 1e-12), 0.0, size / per_cell)
     return Level(cycles[knots], intercept, freedom)
+
+
+def may_be_highest(
+    spectrum: Spectrum,
+    height: Float[np.ndarray, " f"],
+    lines: Float[np.ndarray, " k"],
+    places: Int[np.ndarray, " p"],
+) -> Bool[np.ndarray, " p"]:
+    """Return for each of `places` whether its height may be the highest of all `places`.
+
+    Heights are compared relative to the noise level. `places` are indices of frequencies in
+    `spectrum.cycles`, and the other arguments are those of `noise_level`. The level is only
+    roughly estimated here, from few frequencies. The exact level is then needed only at the places
+    for which the result is true.
+    """
+    if len(spectrum.knots) <= _MANY_KNOTS or not len(places):
+        return np.ones(len(places), bool)
+    level = noise_level(spectrum, height, lines, roughly=True)
+    usual, freedom = level.at(spectrum.cycles[places])
+    relative = height[places] / usual
+    least = relative_height(relative / _ROUGHLY, freedom).max()
+    return relative_height(relative * _ROUGHLY, freedom) >= least
 
 
 def _gamma_regression(

@@ -146,46 +146,35 @@ def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
     travel = np.abs(angle[rows] - origin[leg])
     stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
     shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
-    gap = 0.0
-    for longest in (share * stroke for share in shares):
+    ratio, gap = float(log.ratio), 0.0
+
+    def crossing(longest: float) -> float:
+        """Return the gap whose crossing takes up to the travel `longest`, or 0 without evidence."""
         # The place of the teeth is known after a reversal or after the longest crossing.
         known = ~log.spikes[rows] & ((leg > 0) | (travel > longest))
-        gap = _crossing_of(log, rows[known], sense[known], travel[known], longest)
-        if 0 < gap < longest * float(log.ratio):
+        used, way, since = rows[known], sense[known], travel[known]
+        if len(used) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(way)) < 2:
+            return 0.0
+        basis = orthonormal_basis(columns_of(log, used, log.driving_speed.value[used]), 1e-9)
+
+        def squares(values: Float[np.ndarray, " m"]) -> float:
+            rest = values - basis @ (basis.T @ values)
+            return float(rest @ rest)
+
+        error = log.transmission_error[used] - np.mean(log.transmission_error[used])
+        trials, found = ratio * np.geomspace(AFTER_REVERSAL, longest, _TRIALS), []
+        for gap in trials:
+            left = np.minimum(ratio * since, gap)
+            found.append(squares(error - np.where(way > 0, gap - left, left)))
+        best = int(np.argmin(found))
+        evidence = len(used) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
+        return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
+
+    for share in shares:
+        gap = crossing(share * stroke)
+        if 0 < gap < share * stroke * ratio:
             break  # a longer crossing would be seen at the limit
     return gap
-
-
-def _crossing_of(
-    log: EncoderLog,
-    rows: Int[np.ndarray, " m"],
-    sense: Int[np.ndarray, " m"],
-    travel: Float[np.ndarray, " m"],
-    longest: float,
-) -> float:
-    """Return the gap whose crossing takes up to the travel `longest`, rad; 0 without evidence.
-
-    `rows` are samples in motion, `sense` their direction, ±1, and `travel` in rad is that since the
-    start of their leg.
-    """
-    ratio = float(log.ratio)
-    if len(rows) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(sense)) < 2:
-        return 0.0
-    basis = orthonormal_basis(columns_of(log, rows, log.driving_speed.value[rows]), 1e-9)
-
-    def squares(values: Float[np.ndarray, " m"]) -> float:
-        rest = values - basis @ (basis.T @ values)
-        return float(rest @ rest)
-
-    error = log.transmission_error[rows] - np.mean(log.transmission_error[rows])
-    trials = ratio * np.geomspace(AFTER_REVERSAL, longest, _TRIALS)
-    found = []
-    for gap in trials:
-        left = np.minimum(ratio * travel, gap)
-        found.append(squares(error - np.where(sense > 0, gap - left, left)))
-    best = int(np.argmin(found))
-    evidence = len(rows) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
-    return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
 
 
 _QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)

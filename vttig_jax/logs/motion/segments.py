@@ -244,8 +244,17 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     flank = _flank(log, sense)
     flips = np.flatnonzero(flank)
     flips = flips[1:][np.diff(flank[flips]) != 0].tolist()
-    goes_on = _moving_on(time, angle, speed.value, cut, moving)
-    starts = sorted({start for start, _ in moving}.difference(goes_on).union(flips))
+    starts = set[int](flips)  # where the flank changes or a run begins
+    for start, stop in moving:
+        goes_on = start == 0
+        if start and cut[start]:
+            # In a gap in time, as a logger of changes has it, the shaft stood still if it was
+            # slower there than a share of the top speed of the run.
+            over = abs(angle[start] - angle[start - 1]) / (time[start] - time[start - 1])
+            goes_on = over > RAGGED * float(np.abs(speed.value[start:stop]).max())
+        if not goes_on:
+            starts.add(start)
+    starts = sorted(starts)
     known = (flank != 0) & (sense != 0) & ~_crossing(starts, angle, crossing)
     edges = cut.copy()
     edges[[start for start, _ in spans]] = True
@@ -342,29 +351,6 @@ def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, "
         by_torque = np.where(loaded, np.sign(log.torque), 0).astype(np.int8)
         flank = by_torque if log.direction is None else np.where(flank == by_torque, flank, 0)
     return flank.astype(np.int8)
-
-
-def _moving_on(
-    time: Float[np.ndarray, " n"],
-    angle: Float[np.ndarray, " n"],
-    speed: Float[np.ndarray, " n"],
-    cut: Bool[np.ndarray, " n"],
-    moving: list[tuple[int, int]],
-) -> list[int]:
-    """Return the starts of the runs that go on over a gap in time before them.
-
-    The shaft stood still in the gap if it was slower there than `RAGGED` times the top speed of the
-    run. A logger that writes only changes has such gaps.
-    """
-    found = []
-    for start, stop in moving:
-        if start == 0:
-            found.append(start)
-        elif cut[start]:
-            over = abs(angle[start] - angle[start - 1]) / (time[start] - time[start - 1])
-            if over > RAGGED * float(np.abs(speed[start:stop]).max()):
-                found.append(start)
-    return found
 
 
 def _crossing(
