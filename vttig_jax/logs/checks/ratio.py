@@ -231,15 +231,21 @@ class SeenRatio:
                 if not self.is_doubtful:
                     return f"{seen}, as given ({given})."
                 off, share = self.deviations, self.seen / float(self.given) - 1
+                rounded = max(self.given.numerator, self.given.denominator) > MOST_TEETH
+                known = self.cause in ("delay", "drift") or not rounded
+                why = self._said("why", self.cause if known else "rounded")
                 return (
                     f"{seen}, {abs(off):.1f} standard errors {'above' if off > 0 else 'below'} the"
-                    f" given {self.given} ({1e6 * share:+.3g} ppm){self._astray}{self._why}"
+                    f" given {self.given} ({1e6 * share:+.3g} ppm){self._astray}{why}"
                 )
             fits = f"{self.better} fits, so write that if these are the teeth: {self._option}."
             biases = "which biases gap, delay and orders"
             return f"{seen}, {given} given{self._astray}, {biases}; {fits}"
         log_has = f"the log's is {self._said('difference', self.verdict)}"
-        return f"{seen}, but {given} is given{self._astray}; {log_has}; {self._cure}."
+        far = abs(float(self.given) - 1) > 2 * TOLERANCE
+        divided = far and abs(self.seen - 1) < TOLERANCE and self.verdict == "differs"
+        cure = self._said("cure", "divided" if divided else self.verdict)
+        return f"{seen}, but {given} is given{self._astray}; {log_has}; {cure}."
 
     def _said(self, kind: str, slug: str) -> str:
         """Return a text of `_TEXTS` with the numbers of this ratio."""
@@ -247,29 +253,14 @@ class SeenRatio:
         seen = self.seen or 0.0
         found = likely_fraction(abs(seen), self.std or 0.0) if seen else None
         near = f"{seen:.6g}" if found is None else f"{found if seen > 0 else -found}"
-        words = dict(zip(("turns", "inverse"), self._inverse, strict=True))
+        inverse = 1 / self.given
+        if max(inverse.numerator, inverse.denominator) > MOST_TEETH and seen:
+            # The given ratio is a rounded decimal, and its inverse would be a wrong ratio.
+            inverse = likely_fraction(abs(seen), self.std or 0.0) or inverse
+        words = {"turns": f"{inverse.denominator}:{inverse.numerator}", "inverse": str(inverse)}
         words |= {"lead": self.lead, "option": self._option, "decimal": decimal, "near": near}
         words["said"] = "is" if self.cause == "ratio" else "may be"
         return _TEXTS[kind][slug].format(given=self.given, scale=1 / self.given, **words)
-
-    @property
-    def _cure(self) -> str:
-        """Advice to the user on options or entries of the pair file to change."""
-        far = abs(float(self.given) - 1) > 2 * TOLERANCE
-        divided = far and abs((self.seen or 0.0) - 1) < TOLERANCE and self.verdict == "differs"
-        return self._said("cure", "divided" if divided else self.verdict)
-
-    @property
-    def _inverse(self) -> tuple[str, str]:
-        """Inverse of the given ratio, as text "driving turns:driven turns" and as speed ratio.
-
-        If the given ratio is a rounded decimal, the inverse is replaced by the ratio in the log as
-        a simple fraction.
-        """
-        found = 1 / self.given
-        if max(found.numerator, found.denominator) > MOST_TEETH and self.seen:
-            found = likely_fraction(abs(self.seen), self.std or 0.0) or found
-        return f"{found.denominator}:{found.numerator}", str(found)
 
     @property
     def _option(self) -> str:
@@ -283,13 +274,6 @@ class SeenRatio:
             return ""
         degrees = abs(self.seen - float(self.given)) * self.travel / DEG
         return f", off by {degrees:.3g}° of the driven shaft over this log"
-
-    @property
-    def _why(self) -> str:
-        """Text on what explains a ratio of the log that is a little off, and what to do."""
-        rounded = max(self.given.numerator, self.given.denominator) > MOST_TEETH
-        known = self.cause in ("delay", "drift") or not rounded
-        return self._said("why", self.cause if known else "rounded")
 
 
 def seen_ratio(log: EncoderLog) -> SeenRatio:
