@@ -442,8 +442,8 @@ def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:
         if crossing <= _WIDER * found.crossing:
             break
         beyond = find_segments(log, crossing)
-        flanks = ({segment.flank for segment in one.segments} for one in (beyond, found))
-        if next(flanks) == next(flanks):
+        flanks = [{segment.flank for segment in one.segments} for one in (beyond, found)]
+        if flanks[0] == flanks[1]:
             return beyond
     return found
 

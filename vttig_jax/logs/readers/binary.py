@@ -223,18 +223,13 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
 def _columns(name: str, data: bytes, source: str) -> Iterator[tuple[str, np.ndarray]]:
     _check_header(data[:4096], len(data), f"{source}: array `{name}`")
     array = np.load(io.BytesIO(data), allow_pickle=False)
-    if array.dtype.names:
-        for field in array.dtype.names:
-            yield from _plain(f"{name}.{field}", array[field])
-    else:
-        yield from _plain(name, array)
-
-
-def _plain(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    if array.dtype.kind == "M":
-        yield f"{name} [s]", since_first(array)
-    elif array.dtype.kind in "biuf":
-        yield from matrix_columns(name, array)
+    fields = array.dtype.names
+    parts = [(f"{name}.{one}", array[one]) for one in fields] if fields else [(name, array)]
+    for full, part in parts:
+        if part.dtype.kind == "M":
+            yield f"{full} [s]", since_first(part)
+        elif part.dtype.kind in "biuf":
+            yield from matrix_columns(full, part)
 
 
 def _check_header(head: bytes, size: int, where: str) -> None:
@@ -300,18 +295,12 @@ def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
                 continue
             if values.dtype.kind not in "biuf":
                 continue
-            own = channel.properties
+            own = dict(channel.properties)
             unit = next((own[k] for k in TDMS_UNIT_KEYS if k in own), "")
-            full = f"{name} [{unit}]" if unit else name
-            yield ClockedColumn(full, values, _time(dict(channel.properties), len(values)))
-
-
-def _time(properties: dict, size: int) -> np.ndarray | None:
-    """Return the times of the samples of a waveform in s; None if the channel is no waveform."""
-    step = properties.get("wf_increment")
-    if not isinstance(step, int | float) or not step > 0:
-        return None
-    return float(properties.get("wf_start_offset", 0.0)) + step * np.arange(size)
+            time, step = None, own.get("wf_increment")
+            if isinstance(step, int | float) and step > 0:  # the channel is a waveform
+                time = float(own.get("wf_start_offset", 0.0)) + step * np.arange(len(values))
+            yield ClockedColumn(f"{name} [{unit}]" if unit else name, values, time)
 
 
 _DICTIONARY, _BATCH = 2, 3  # kinds of messages in Arrow's `Message.fbs`
@@ -398,7 +387,11 @@ def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
         name = f"{field.name} [{unit.decode('utf-8', 'replace')}]" if unit else field.name
         kinds = pa.types.is_timestamp, pa.types.is_time, pa.types.is_duration
         if any(is_kind(field.type) for is_kind in kinds):
-            yield f"{field.name} [s]", _seconds(pa, column)
+            whole = column.cast(pa.int32() if field.type.bit_width == 32 else pa.int64())
+            stamps = whole.fill_null(0).to_numpy().astype(f"timedelta64[{field.type.unit}]")
+            missing = whole.is_null().to_numpy(zero_copy_only=False)
+            stamps = np.where(missing, np.timedelta64("NaT"), stamps)
+            yield f"{field.name} [s]", since_first(stamps)
         elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
             yield name, np.asarray(column.to_numpy())
         elif pa.types.is_decimal(field.type):
@@ -425,14 +418,6 @@ def _arrow_table(pa: Any, path: Path, data: bytes) -> Any:
     take_arrow(pa.ipc.MessageReader.open_stream(pa.BufferReader(messages)), budget)
     with pa.ipc.open_stream(pa.BufferReader(messages)) as stream:
         return stream.read_all()
-
-
-def _seconds(pa: Any, column: Any) -> np.ndarray:
-    """Return stamps in s since the first stamp; a missing stamp is NaN."""
-    whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
-    stamps = whole.fill_null(0).to_numpy().astype(f"timedelta64[{column.type.unit}]")
-    missing = whole.is_null().to_numpy(zero_copy_only=False)
-    return since_first(np.where(missing, np.timedelta64("NaT"), stamps))
 
 
 _HEADER = 64
