@@ -233,7 +233,7 @@ def order_spectrum(
             for order in range(1, HIGHEST + 1):
                 terms.setdefault(order * speed, (shaft, order))
         candidates = list(terms.values())
-        gram, highest = _gram(log, on_flank, shafts, candidates), HIGHEST
+        gram, highest = _gram(log, on_flank, candidates), HIGHEST
         while highest:
             chosen = [k for k, (_, order) in enumerate(candidates) if order <= highest]
             columns = [0, 1, *(c for k in chosen for c in (2 + 2 * k, 3 + 2 * k))]
@@ -255,10 +255,7 @@ def order_spectrum(
 
 
 def _gram(
-    log: EncoderLog,
-    segments: Sequence[Segment],
-    shafts: Sequence[str],
-    terms: Sequence[tuple[str, int]],
+    log: EncoderLog, segments: Sequence[Segment], terms: Sequence[tuple[str, int]]
 ) -> Float[np.ndarray, "p p"]:
     """Return the Gram matrix of the columns 1, t, cos and sin of every term, and the TE (last)."""
     index = np.concatenate([np.arange(s.start, s.stop) for s in segments])
@@ -273,7 +270,7 @@ def _gram(
         part = slice(start, start + CHUNK)
         rows = np.empty((size, len(index[part])))
         rows[0], rows[1], rows[-1] = 1.0, time[part], error[part]
-        waves = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in shafts}
+        waves = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in dict(terms)}
         powers = {shaft: np.vander(x, HIGHEST + 1, increasing=True) for shaft, x in waves.items()}
         for k, (shaft, order) in enumerate(terms):
             power = powers[shaft][:, order]

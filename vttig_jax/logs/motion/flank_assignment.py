@@ -214,9 +214,19 @@ def overrunning_segments(
         return None
     motion = np.sign(speed.value).astype(np.int8)
     braking = _braking(log, speed, half, np.arange(len(log)))
-    limit, place = _profiled(
-        log, motion=motion, braking=braking, limit=limit, gap=gap, rows=rows, columns=columns
-    )
+    tried: dict[float, tuple[float, np.ndarray]] = {}  # limit → sum of squares, place in the gap
+    for factor in _FACTORS:
+        best = min(tried, key=lambda one: tried[one][0], default=limit)
+        for trial in (one for one in (best, best * factor, best / factor) if one not in tried):
+            width = gap
+            for _ in range(_ROUNDS):
+                place = _place(log, motion, braking - trial, max(width, 1e-6) / float(log.ratio))
+                design = np.column_stack([columns, place[rows]])
+                solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
+                tried[trial] = float(np.sum((error - design @ solution) ** 2)), place
+                width = float(solution[-1])
+    limit = min(tried, key=lambda one: tried[one][0])
+    place = tried[limit][1]
     found = [
         fit_student_noise(error, np.column_stack([columns, each])).log_likelihood
         for each in (place[rows], (sense[rows] < 0).astype(np.float64))
@@ -259,46 +269,6 @@ def _braking(
     low, high = np.maximum(rows - half, 0), np.minimum(rows + half, len(log) - 1)
     elapsed = np.maximum(log.time[high] - log.time[low], 1e-300)
     return -np.sign(speed.value[rows]) * (speed.value[high] - speed.value[low]) / elapsed
-
-
-def _profiled(
-    log: EncoderLog,
-    motion: Int[np.ndarray, " n"],
-    braking: Float[np.ndarray, " n"],
-    limit: float,
-    gap: float,
-    rows: Int[np.ndarray, " m"],
-    columns: Float[np.ndarray, "m p"],
-) -> tuple[float, Float[np.ndarray, " n"]]:
-    """Return the limit in rad/s² with the least sum of squares, and the load's place in the gap.
-
-    The place is given at every sample: 0 on flank A, 1 on flank B.
-
-    **Arguments**
-    - `motion`: sign of the speed. `braking`: deceleration of the driving shaft, rad/s².
-    - `limit`, `gap`: first estimates, rad/s² of the driving shaft and rad of the driven shaft.
-    - `rows`, `columns`: samples of the comparison and their design matrix.
-    """
-    error, ratio = log.transmission_error[rows], float(log.ratio)
-    found: dict[float, tuple[float, float, np.ndarray]] = {}
-
-    def tried(trial: float) -> float:
-        width = gap
-        for _ in range(_ROUNDS):
-            place = _place(log, motion, braking - trial, max(width, 1e-6) / ratio)
-            design = np.column_stack([columns, place[rows]])
-            solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
-            square, width = float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
-            found[trial] = square, width, place
-        return found[trial][0]
-
-    for factor in _FACTORS:
-        best = min(found, key=lambda one: found[one][0], default=limit)
-        for trial in (best, best * factor, best / factor):
-            if trial not in found:
-                tried(trial)
-    best = min(found, key=lambda one: found[one][0])
-    return best, found[best][2]
 
 
 def _place(
