@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,7 +15,7 @@ TIME, ANGLE, _ = trapezoid(rate=500.0, reversal=1440.0, dwell=0.3)
 READINGS = counts(geared(ANGLE, noise=0.001)[0])
 
 
-def made(readings, modulus=None, time=TIME):
+def made(readings, modulus=None, time=TIME) -> Any:
     source = Source("log.csv", {"driven": "b"}, lambda row: row + 2)
     encoder = Encoder(counts_per_rev=90_000, modulus=modulus)
     return make_channel("driven", readings, "counts", encoder, time, LogLayout(), source)

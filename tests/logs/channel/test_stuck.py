@@ -53,9 +53,8 @@ def test_a_standstill_behind_every_reversal_is_a_gap_and_others_are_none():
         of_degrees(time, driven, driving, pair)
     turn = int(np.argmax(driving[:1000]))
     driven[turn:] = driven[turn]
-    shown = (column[:1200] for column in (time, driving, driven))
     with pytest.raises(LogError, match="the driven channel stands still"):
-        of_degrees(*shown, pair)
+        of_degrees(time[:1200], driving[:1200], driven[:1200], pair)
 
 
 def test_saturated():

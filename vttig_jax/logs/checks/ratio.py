@@ -362,4 +362,7 @@ def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict
 
     candidates: dict[Verdict, float] = {"agrees": given, "sign": -given}
     candidates |= {"swapped": 1 / given, "swapped_sign": -1 / given}
-    return next((verdict for verdict, value in candidates.items() if fits(value)), "differs")
+    for verdict, value in candidates.items():
+        if fits(value):
+            return verdict
+    return "differs"

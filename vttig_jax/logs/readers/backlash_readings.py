@@ -181,7 +181,8 @@ def read_backlash_readings(
                 where=f"{source}: column `{name}`",
             )
         found.append(_radians(role, one, name, radians, source, lines))
-    return BacklashReadings(*found, source, digest, lines)
+    driving, backlash = found
+    return BacklashReadings(driving, backlash, source, digest, lines)
 
 
 def _column(table: TextTable, role: str) -> tuple[int, str]:

@@ -359,7 +359,7 @@ def hdf5_leaves(
             return
         full = f"{path}{'.' if matlab else '/'}{name}" if path else name
         if isinstance(item, h5py.Group) or h5py.check_ref_dtype(item.dtype):
-            about = h5py.h5o.get_info(item.id)
+            about = h5py.h5o.get_info(item.id)  # pyright: ignore
             place = (int(about.fileno), int(about.addr))
             if place in seen:
                 return
