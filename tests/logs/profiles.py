@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from vttig_jax.logs.encoder_log import EncoderLog
+from vttig_jax.logs.motion.segments import Segments
 from vttig_jax.pair.pair_file import parse_pair_spec
 from vttig_jax.pair.schema import PairSpec
 
@@ -81,6 +83,28 @@ def geared(angle, ratio=45 / 80, gap=0.04, first=0.02, driven=0.015, noise=0.0, 
 def counts(angle, per_rev=90_000):
     """Whole counts passed at an angle in degrees."""
     return np.floor(angle * (per_rev / 360)).astype(np.int64)
+
+
+def of_counts(time, driving, driven=None, pair=None, **columns) -> EncoderLog:
+    """A log of the counts passed at angles in degrees; without a driven angle there is no error."""
+    driven = 0.5625 * driving if driven is None else driven
+    return EncoderLog.from_arrays(
+        time, counts(driving), counts(driven), pair=pair or spec(), **columns
+    )
+
+
+def of_degrees(time, driving, driven, pair=None, **columns) -> EncoderLog:
+    """A log of angles in degrees."""
+    return EncoderLog.from_arrays(time, driving, driven, pair=pair or spec(), unit="deg", **columns)
+
+
+def flanks(found: Segments) -> np.ndarray:
+    """The flank of every sample: 1 on A, −1 on B, 0 where it is not certain."""
+    state = np.zeros(found.read, int)
+    for one in found.segments:
+        assert not state[one.start : one.stop].any()
+        state[one.start : one.stop] = 1 if one.flank == "A" else -1
+    return state
 
 
 def late(time, angle, seed=0, share=0.1):

@@ -29,9 +29,9 @@ from ..base.numerics.counting import pieces
 from ..base.shown_text import name_of_file
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ..pair.schema import Encoder, PairSpec, as_fraction
-from .channel.channel import EXACT_FLOAT, Channel, RawChannel, make_channel, refuse_stuck, together
+from .channel.channel import Channel, make_channel, refuse_stuck, together
 from .channel.speed import Speed, is_at_standstill, looks_like_speed, smooth_speed, steps_of
-from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped
+from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped, whole
 from .readers.column_names import (
     ACCELERATION_UNITS,
     ROW_INDEX,
@@ -279,7 +279,7 @@ class EncoderLog:
             if getattr(layout, f"{role}_increments"):
                 values[role] = np.cumsum(values[role])
             if units[role] == "counts":
-                values[role] = _whole(values[role])
+                values[role] = whole(values[role])
         for role in UNITS.keys() & values.keys():
             factor = UNITS[role].get(units[role]) or radians_of(units[role], None, layout.lead_mm)
             assert factor is not None  # `assign` asks for the lead of an error that is a length
@@ -313,9 +313,8 @@ class EncoderLog:
         notes, channels = [*found.notes, *check_time(time, place)], {}
         for role, encoder in zip(SHAFTS, encoders, strict=True):
             if role in values:
-                scale, step = getattr(layout, f"{role}_scale"), found.steps.get(role, 0.0)
-                raw = RawChannel(values.pop(role), units[role], scale, step, layout.lead_mm)
-                channels[role], told = make_channel(role, raw, encoder, time, layout.zero, place)
+                one, step = (values.pop(role), units[role], encoder), found.steps.get(role, 0.0)
+                channels[role], told = make_channel(role, *one, time, layout, place, step)
                 notes += told
         driving, driven = channels["driving"], channels.get("driven")
         _ = [one.resolution for one in channels.values()]  # before the angles take memory
@@ -421,19 +420,6 @@ def _kept(
     return left, replace(place, rows=rows), encoders
 
 
-def _whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
-    """Return readings that are whole numbers as int64, and other readings unchanged.
-
-    Therefore a log does not store the same counts in two types.
-    """
-    if readings.dtype.kind != "f" or not np.isfinite(readings).all():
-        return readings
-    largest = max(readings.max(initial=0.0), -readings.min(initial=0.0))
-    if largest >= EXACT_FLOAT or not np.all(readings == np.rint(readings)):
-        return readings
-    return readings.astype(np.int64)
-
-
 CYCLE = 1.5
 """In a channel of which only changes are logged, the value was constant in an interval longer than
 this many median intervals (chosen)."""
@@ -464,6 +450,14 @@ class ClockedChannel:
     per_turn: float | None = None
     held: bool = False
     modulus: int | None = None
+
+    @property
+    def unwrapped(self) -> Real[np.ndarray, " n"]:
+        """Readings unwrapped with the given or a detected modulus."""
+        if self.radians is None:
+            return self.values
+        modulus = self.modulus or find_modulus(self.values, self.per_turn)
+        return self.values if modulus is None else unwrap(self.values, modulus)
 
 
 @dataclass(frozen=True, eq=False)
@@ -597,7 +591,24 @@ def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClo
     **Raises** `LogError` for stamps that run backwards and for channels without a common time.
     """
     for role, channel in channels.items():
-        _check(role, channel, source)
+        backwards, told = np.flatnonzero(np.diff(channel.time) < 0), ""
+        if len(channel.time) != len(channel.values):
+            told = (
+                f"the {role} channel has {len(channel.values)} values, but {len(channel.time)}"
+                " stamps; export the log again."
+            )
+        elif len(channel.time) < FEWEST_SAMPLES:
+            told = (
+                f"the {role} channel has only {len(channel.time)} samples; record at least"
+                f" {FEWEST_SAMPLES}."
+            )
+        elif backwards.size:
+            told = (
+                f"the time of the {role} channel runs backwards at its sample {backwards[0] + 1};"
+                " sort the log or cut it there."
+            )
+        if told:
+            raise LogError(told, where=source)
     slowest = min(channels, key=lambda role: len(channels[role].time))
     stamps = channels[slowest].time
     first = max(channel.time[0] for channel in channels.values())
@@ -618,74 +629,40 @@ def common_clock(channels: Mapping[str, ClockedChannel], source: str) -> "OneClo
         near = SAME * float(np.median(np.diff(channel.time)))
         rows = np.minimum(np.searchsorted(channel.time, time - near), len(channel.time) - 1)
         if np.all(np.abs(channel.time[rows] - time) <= near):
-            values[role] = (
-                _continuous(channel)[rows] if channel.modulus is None else channel.values[rows]
-            )
+            exact = channel.values if channel.modulus is not None else channel.unwrapped
+            values[role] = exact[rows]
             notes.append(f"{role}: only its samples at the times of {slowest} are used")
             continue
-        values[role], steps[role] = _at(channel, time), step_of(channel.values)
-        notes.append(f"{role}: brought onto the clock of {slowest}, {_bound(channel)}")
+        values[role], how = _interpolated(channel, time)
+        steps[role] = step_of(channel.values)
+        notes.append(f"{role}: brought onto the clock of {slowest}, {how}")
     if steps:
         notes.append("a constant offset between the clocks is part of the delay of the fit")
     return OneClock(time, values, tuple(notes), steps)
 
 
-def _check(role: str, channel: ClockedChannel, source: str) -> None:
-    if len(channel.time) != len(channel.values):
-        raise LogError(
-            f"the {role} channel has {len(channel.values)} values, but {len(channel.time)} stamps;"
-            " export the log again.",
-            where=source,
-        )
-    if len(channel.time) < FEWEST_SAMPLES:
-        raise LogError(
-            f"the {role} channel has only {len(channel.time)} samples; record at least"
-            f" {FEWEST_SAMPLES}.",
-            where=source,
-        )
-    backwards = np.flatnonzero(np.diff(channel.time) < 0)
-    if backwards.size:
-        raise LogError(
-            f"the time of the {role} channel runs backwards at its sample {backwards[0] + 1}; sort"
-            " the log or cut it there.",
-            where=source,
-        )
+def _interpolated(
+    channel: ClockedChannel, time: Float[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, " m"], str]:
+    """Return the readings interpolated at the stamps `time` (s), and a text on how.
 
-
-def _continuous(channel: ClockedChannel) -> np.ndarray:
-    """Return the readings unwrapped, with the given or a detected modulus."""
-    values = channel.values
-    if channel.radians is None:
-        return values
-    modulus = channel.modulus or find_modulus(values, channel.per_turn)
-    return values if modulus is None else unwrap(values, modulus)
-
-
-def _at(channel: ClockedChannel, time: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-    """Return the readings interpolated at the stamps `time` (s); they wrap at a given modulus."""
-    stamps, values = channel.time, _continuous(channel)
-    offset = values[0]
-    values = (values - offset).astype(np.float64)
+    They wrap at a given modulus. For an angle the text says the bound of the error.
+    """
+    stamps, unwrapped = channel.time, channel.unwrapped
+    offset, how = unwrapped[0], "interpolated linearly"
+    values = (unwrapped - offset).astype(np.float64)
     if channel.held:  # the unchanged value is inserted one cycle before a late change
-        interval = np.diff(stamps)
+        how, interval = "held between changes", np.diff(stamps)
         cycle = float(np.median(interval))
         late = np.flatnonzero(interval > CYCLE * cycle)
         inserted = stamps[late + 1] - cycle
-        stamps, values = (
-            np.insert(stamps, late + 1, inserted),
-            np.insert(values, late + 1, values[late]),
-        )
+        stamps = np.insert(stamps, late + 1, inserted)
+        values = np.insert(values, late + 1, values[late])
     found = np.interp(time, stamps, values) + float(offset)
-    return found if channel.modulus is None else np.mod(found, channel.modulus)
-
-
-def _bound(channel: ClockedChannel) -> str:
-    """Return a text on how a channel was interpolated, with the bound of the error for an angle."""
-    how = "held between changes" if channel.held else "interpolated linearly"
-    if channel.radians is None:
-        return how
-    bend = np.abs(np.diff(_continuous(channel).astype(np.float64), 2)) / 8
-    usual, most = abs(channel.radians) / ARCSEC * np.quantile(bend, (0.95, 1.0))
-    return (
-        f"{how}; the error |a|h²/8 is at most {most:.2g}″, and {usual:.2g}″ for 95 % of the samples"
-    )
+    if channel.radians is not None:
+        bend = np.abs(np.diff(unwrapped.astype(np.float64), 2)) / 8
+        usual, most = abs(channel.radians) / ARCSEC * np.quantile(bend, (0.95, 1.0))
+        how += (
+            f"; the error |a|h²/8 is at most {most:.2g}″, and {usual:.2g}″ for 95 % of the samples"
+        )
+    return found if channel.modulus is None else np.mod(found, channel.modulus), how

@@ -12,7 +12,6 @@ from ..base.shown_text import shown_name
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, REV
 from ..pair.schema import HarmonicOrders
-from .channel.channel import Channel
 from .checks.ratio import SeenRatio, seen_ratio
 from .checks.sampling import (
     Aliased,
@@ -172,7 +171,21 @@ def inspect_log(log: EncoderLog, pair: TwoShafts | None = None) -> Inspection:
 
 def _columns(log: EncoderLog) -> tuple[ColumnReport, ...]:
     names, shafts = log.place.columns, {"driving": log.driving, "driven": log.driven}
-    reports = [_channel(r, names.get(r, r), one) for r, one in shafts.items() if one is not None]
+    reports = [
+        ColumnReport(
+            role=role,
+            name=names.get(role, role),
+            unit=channel.unit,
+            low=float(channel.reading.min()),
+            high=float(channel.reading.max()),
+            resolution_arcsec=channel.resolution / ARCSEC or None,
+            turns=channel.turns,
+            modulus=channel.modulus,
+            wraps=channel.wraps,
+        )
+        for role, channel in shafts.items()
+        if channel is not None
+    ]
     others = {
         "time": ("s", log.time if "time" in names else None),
         "transmission_error": ("arcsec", None if log.error is None else log.error / ARCSEC),
@@ -187,20 +200,6 @@ def _columns(log: EncoderLog) -> tuple[ColumnReport, ...]:
             low, high = float(np.min(values)), float(np.max(values))
             reports.append(ColumnReport(role, names.get(role, role), unit, low, high))
     return tuple(sorted(reports, key=lambda one: one.role != "time"))
-
-
-def _channel(role: str, name: str, channel: Channel) -> ColumnReport:
-    return ColumnReport(
-        role=role,
-        name=name,
-        unit=channel.unit,
-        low=float(channel.reading.min()),
-        high=float(channel.reading.max()),
-        resolution_arcsec=channel.resolution / ARCSEC or None,
-        turns=channel.turns,
-        modulus=channel.modulus,
-        wraps=channel.wraps,
-    )
 
 
 MOST_LINES = 12

@@ -1,7 +1,7 @@
 """Preview of a log without a pair file: columns, rate, turns, ratio, and commands to fit it."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import combinations
@@ -18,7 +18,7 @@ from ..base.files.text_tables import key_values, text_table
 from ..base.shown_text import one_line, shown_name
 from ..base.units import ARCSEC, REV, per_turn, radians_of
 from ..pair.schema import PairSpec, as_ratio
-from .channel.unwrap import find_modulus, kept_rows, step_of, unwrap, wrap_steps
+from .channel.unwrap import find_modulus, kept_rows, step_of, unwrap, whole, wrap_steps
 from .checks.sampling import Sampling, sampling_of
 from .readers.column_names import (
     ANGLES,
@@ -191,7 +191,10 @@ def preview_log(
     found = search.result()
     roles = {index: role for role, index in search.roles.items()}
     arrays, unread = _readable(search)
-    size = _size(arrays, roles)
+    lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
+    usual = Counter(map(len, arrays.values())).most_common(1)[0][0]
+    shaft = next((role for role in (*SHAFTS, "transmission_error") if role in lengths), "")
+    size = lengths.get(shaft, usual)
     others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
     if ROW_INDEX in roles:
         arrays[ROW_INDEX] = np.arange(size)
@@ -278,7 +281,7 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
             c.unit,
             f"{c.low:.9g}",
             f"{c.high:.9g}",
-            _turns(c),
+            "constant" if c.low == c.high else None if c.turns is None else f"{c.turns:.4g}",
             None if c.resolution_arcsec is None else f"{c.resolution_arcsec:.3g}",
             f"{c.wraps} at {c.modulus:.6g}" if c.modulus is not None else "no",
         )
@@ -286,13 +289,6 @@ def column_table(columns: "Sequence[ColumnReport]") -> str:
     ]
     heads = ["used as", "column", "unit", "lowest", "highest", "turns", ("step", "″"), "wraps"]
     return text_table(rows, heads, align="lllrrrrr")
-
-
-def _turns(column: ColumnReport) -> str | None:
-    """Return the turns of a column as text, or that it never changes."""
-    if column.low == column.high:
-        return "constant"
-    return None if column.turns is None else f"{column.turns:.4g}"
 
 
 def sampling_rows(sampling: Sampling, rows: int) -> list[tuple[str, str]]:
@@ -346,15 +342,6 @@ def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
     return dict(sorted(arrays.items())), notes
 
 
-def _size(arrays: Mapping[int, np.ndarray], roles: Mapping[int, str]) -> int:
-    """Return the length of the record: that of a shaft, or the most frequent length."""
-    lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
-    for role in (*SHAFTS, "transmission_error"):
-        if role in lengths:
-            return lengths[role]
-    return Counter(map(len, arrays.values())).most_common(1)[0][0]
-
-
 def _report(
     name: str, role: str | None, values: Real[np.ndarray, " n"], found: Roles
 ) -> tuple[ColumnReport, Real[np.ndarray, " n"] | None]:
@@ -371,8 +358,7 @@ def _report(
     shaft = role in SHAFTS or (role is None and unit in ANGLES)
     if not shaft or unit is None or not np.isfinite(values).all() or np.ptp(values) < LEAST_RANGE:
         return plain, None
-    if unit == "counts" and np.all(values == np.rint(values)):
-        values = values.astype(np.int64)
+    values = whole(values) if unit == "counts" else values
     radians = radians_of(unit, counts, lead) if unit in SHAFT_UNITS else None
     modulus = find_modulus(values, per_turn(unit, counts) if unit in SHAFT_UNITS else None)
     wraps = 0

@@ -44,7 +44,8 @@ def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> 
 
     The module docstring says how the standard error is estimated.
     """
-    blocks = _blocks(len(driving))
+    edges = np.linspace(0, len(driving), min(BLOCKS, len(driving) // 2) + 1).astype(np.int64)
+    blocks = [slice(start, stop) for start, stop in itertools.pairwise(edges.tolist())]
     level, lift = driving.mean(), driven.mean()
     sums = []
     travel = 0.0
@@ -52,7 +53,7 @@ def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> 
         x, y = driving[block] - level, driven[block] - lift
         sums.append((len(x), x.sum(), y.sum(), x @ x, x @ y))
         travel += float(np.abs(np.diff(driven[block.start : block.stop + 1])).sum())
-    size, sx, sy, sxx, sxy = np.array(sums).T
+    _, _, _, sxx, sxy = columns = np.array(sums).T
     value = float(sxy.sum() / sxx.sum())
     square = 0.0
     for block in blocks:
@@ -60,8 +61,25 @@ def slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> 
         square += float(residual @ residual)
     independent = min(float(len(driving)), max(1.0, travel / REV))
     by_residual = math.sqrt(square / float(sxx.sum()) / independent)
-    by_orders = _change_by_orders(driving, driven, value)
-    return value, max(by_residual, _jackknife(size, sx, sy, sxx, sxy), by_orders)
+    # The slopes without one block each, whose scatter is the standard error of the jackknife.
+    n, mx, my, mxx, mxy = (part.sum() - part for part in columns)
+    spread = n * mxx - mx * mx
+    usable = spread > 0
+    slopes, by_blocks = (n * mxy - mx * my)[usable] / spread[usable], 0.0
+    if len(slopes) > 1:
+        scatter = np.sum((slopes - slopes.mean()) ** 2)
+        by_blocks = float(np.sqrt((len(slopes) - 1) / len(slopes) * scatter))
+    # The change of the slope when first orders of both shafts are fitted as well; if they are
+    # larger than `LARGEST_ORDER`, it is reduced in proportion.
+    thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
+    x, y = driving[thin], driven[thin]
+    middle = x - x.mean()
+    orders = np.stack([np.ones_like(x), middle, np.cos(x), np.sin(x), np.cos(y), np.sin(y)])
+    # The residual of `value` instead of y, because the change is as small as its last digits.
+    solution = least_squares(orders.T, y - y.mean() - value * middle, len(x) * _EPSILON)
+    amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
+    by_orders = abs(float(solution[1])) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
+    return value, max(by_residual, by_blocks, by_orders)
 
 
 def exact_slope(driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"]) -> float | None:
@@ -92,47 +110,6 @@ def computed_text(slope: float) -> str:
         f"the driven angle is {slope:.9g} times the driving angle to the last digit: one of both"
         " columns was computed from the other and not measured"
     )
-
-
-def _blocks(count: int) -> list[slice]:
-    """Divide `count` samples into the blocks of the jackknife."""
-    edges = np.linspace(0, count, min(BLOCKS, count // 2) + 1).astype(np.int64).tolist()
-    return [slice(start, stop) for start, stop in itertools.pairwise(edges)]
-
-
-def _change_by_orders(
-    driving: Float[np.ndarray, " n"], driven: Float[np.ndarray, " n"], value: float
-) -> float:
-    """Return the change of the slope `value` when first orders of both shafts are fitted as well.
-
-    If their amplitude exceeds `LARGEST_ORDER`, the change is reduced in proportion.
-    """
-    thin = slice(None, None, max(1, len(driving) // MOST_ROWS))
-    x, y = driving[thin], driven[thin]
-    middle = x - x.mean()
-    columns = np.stack([np.ones_like(x), middle, np.cos(x), np.sin(x), np.cos(y), np.sin(y)])
-    # The residual of `value` instead of y, because the change is as small as its last digits.
-    solution = least_squares(columns.T, y - y.mean() - value * middle, len(x) * _EPSILON)
-    amplitude = max(math.hypot(*solution[2:4]), math.hypot(*solution[4:6]))
-    return abs(float(solution[1])) * min(1.0, LARGEST_ORDER / max(amplitude, 1e-300))
-
-
-def _jackknife(
-    size: Float[np.ndarray, " blocks"],
-    sx: Float[np.ndarray, " blocks"],
-    sy: Float[np.ndarray, " blocks"],
-    sxx: Float[np.ndarray, " blocks"],
-    sxy: Float[np.ndarray, " blocks"],
-) -> float:
-    """Return the delete-one-block jackknife standard error of the slope from sums of blocks."""
-    n, mx, my, mxx, mxy = (part.sum() - part for part in (size, sx, sy, sxx, sxy))
-    spread = n * mxx - mx * mx
-    usable = spread > 0
-    slopes = (n * mxy - mx * my)[usable] / spread[usable]
-    if len(slopes) < 2:
-        return 0.0
-    scatter = np.sum((slopes - slopes.mean()) ** 2)
-    return float(np.sqrt((len(slopes) - 1) / len(slopes) * scatter))
 
 
 MOST_TEETH = 200

@@ -3,9 +3,9 @@ import pytest
 
 from tests.logs.profiles import DEG
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.channel.channel import RawChannel, make_channel
+from vttig_jax.logs.channel.channel import make_channel
 from vttig_jax.logs.source import Source
-from vttig_jax.pair.schema import Encoder
+from vttig_jax.pair.schema import Encoder, LogLayout
 
 pytestmark = pytest.mark.smoke
 
@@ -13,9 +13,9 @@ ENCODER = Encoder(counts_per_rev=90_000)
 SOURCE = Source("log.csv", {"driving": "a_counts"}, lambda row: row + 2)
 
 
-def channel(values, unit="counts", encoder=ENCODER, zero="start", time=None):
+def channel(values, unit="counts", encoder=ENCODER, layout=LogLayout(), time=None):
     time = np.arange(len(values)) / 1000.0 if time is None else time
-    return make_channel("driving", RawChannel(values, unit, 1), encoder, time, zero, SOURCE)
+    return make_channel("driving", values, unit, encoder, time, layout, SOURCE)
 
 
 RAMP = np.arange(0, 1_000_000, 45)
@@ -33,7 +33,7 @@ def test_counts_beyond_2_to_the_40_lose_nothing():
     near, _ = channel(RAMP)
     np.testing.assert_array_equal(far.angle, near.angle)
     np.testing.assert_array_equal(far.reading - 2**50, RAMP)
-    zero, _ = channel(RAMP + 2**42, zero="reading")
+    zero, _ = channel(RAMP + 2**42, layout=LogLayout(zero="reading"))
     turns, rest = zero.turns_and_rest()
     np.testing.assert_array_equal(turns, (RAMP + 2**42) // 90_000)
     np.testing.assert_allclose(rest, (RAMP + 2**42) % 90_000 * (2 * np.pi / 90_000), rtol=1e-15)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tests.logs.profiles import counts, drive, geared, played, spec, trapezoid
+from tests.logs.profiles import counts, drive, geared, of_degrees, played, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.encoder_log import EncoderLog
 
@@ -47,15 +47,14 @@ def tendon(first_deg=0.0):
 def test_a_standstill_behind_every_reversal_is_a_gap_and_others_are_none():
     pair = drive("1/1")
     for first_deg in (0.0, 2.0):
-        assert len(EncoderLog.from_arrays(*tendon(first_deg), pair=pair, unit="deg")) == 6000
+        assert len(of_degrees(*tendon(first_deg), pair)) == 6000
     time, driving, driven = tendon()
     with pytest.raises(LogError, match="the driving channel stands still"):
-        EncoderLog.from_arrays(time, driven, driving, pair=pair, unit="deg")
+        of_degrees(time, driven, driving, pair)
     turn = int(np.argmax(driving[:1000]))
     driven[turn:] = driven[turn]
-    shown = (column[:1200] for column in (time, driving, driven))
     with pytest.raises(LogError, match="the driven channel stands still"):
-        EncoderLog.from_arrays(*shown, pair=pair, unit="deg")
+        of_degrees(time[:1200], driving[:1200], driven[:1200], pair)
 
 
 def test_saturated():
@@ -67,5 +66,4 @@ def test_saturated():
 def test_a_wrong_ratio_and_a_coarse_encoder_are_no_standstill():
     coarse = spec(driven_encoder={"counts_per_rev": 36})
     assert len(log(second=SECOND // 60)) == len(log(second=SECOND // 2500, pair=coarse))
-    worm = EncoderLog.from_arrays(TIME, ANGLE, ANGLE / 225, pair=drive("1/225"), unit="deg")
-    assert len(worm) == len(TIME)
+    assert len(of_degrees(TIME, ANGLE, ANGLE / 225, drive("1/225"))) == len(TIME)

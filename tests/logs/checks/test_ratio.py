@@ -3,7 +3,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from tests.logs.profiles import counts, drive, geared, spec, trapezoid
+from tests.logs.profiles import drive, geared, of_counts, spec, trapezoid
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.checks.ratio import APART, DEVIATIONS, SHIFT_TURNS, check_ratio, seen_ratio
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -14,7 +14,7 @@ WHEEL, _ = geared(ANGLE, noise=0.001)
 
 
 def log(driving=ANGLE, driven=WHEEL, pair=None):
-    return EncoderLog.from_arrays(TIME, counts(driving), counts(driven), pair=pair or spec())
+    return of_counts(TIME, driving, driven, pair)
 
 
 def of_angles(driving, driven, ratio="9/16", unit="rad", time=None):

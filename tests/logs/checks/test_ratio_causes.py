@@ -5,9 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from tests.logs.profiles import drive
+from tests.logs.profiles import drive, of_degrees
 from vttig_jax.logs.checks.ratio import SeenRatio, check_ratio, seen_ratio
-from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.slope import likely_fraction, ratio_option
 
 pytestmark = pytest.mark.smoke
@@ -24,7 +23,7 @@ def log(given: str, true: float, driving=STEADY, *, delay_s=0.0, drift=0.0, seed
     error = 0.2 * np.cos(angle + 1) + 0.1 * np.cos(true * angle)
     late = true * (driving - delay_s * np.gradient(driving, TIME))
     driven = late + error + noise + drift * TIME
-    return EncoderLog.from_arrays(TIME, driving, driven, pair=drive(given), unit="deg")
+    return of_degrees(TIME, driving, driven, drive(given))
 
 
 @pytest.mark.parametrize("driving", [STEADY, BOTH_WAYS], ids=["steady", "both ways"])

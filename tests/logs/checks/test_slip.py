@@ -4,7 +4,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from tests.logs.profiles import counts, drive, geared, late, spec, trapezoid
+from tests.logs.profiles import (
+    counts,
+    drive,
+    geared,
+    late,
+    of_counts,
+    of_degrees,
+    spec,
+    trapezoid,
+)
 from vttig_jax.base.errors import LogError
 from vttig_jax.logs.checks.slip import Slip, find_slips, refuse_slip
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -22,11 +31,7 @@ def rig(slip=0.0, at=0.0, length=0.0, share=0.0, delay=0.0, **motion):
     driven = driven + slip * np.clip((time - at) / max(length, 1e-9), 0, 1)
     if share:
         driven, _ = late(time, driven, share=share)
-    return EncoderLog.from_arrays(time, counts(angle), counts(driven), pair=spec())
-
-
-def of_degrees(time, angle, driven, pair=None):
-    return EncoderLog.from_arrays(time, angle, driven, pair=pair or spec(), unit="deg")
+    return of_counts(time, angle, driven)
 
 
 def slips_of(log) -> tuple[Slip, ...]:

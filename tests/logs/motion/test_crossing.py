@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.logs.profiles import drive, played
+from tests.logs.profiles import drive, flanks, of_degrees, played
 from vttig_jax.base.units import DEG
 from vttig_jax.identify.identification import fit
 from vttig_jax.logs.encoder_log import EncoderLog
@@ -23,7 +23,7 @@ SINES = 150.0 * np.sin(1.3 * TIME) + 60.0 * np.sin(2.9 * TIME)
 
 
 def log_of(time: np.ndarray, driving: np.ndarray, driven: np.ndarray) -> EncoderLog:
-    return EncoderLog.from_arrays(time, driving, driven, pair=drive("1/8"), unit="deg")
+    return of_degrees(time, driving, driven, drive("1/8"))
 
 
 def noise(count: int, noise_deg: float = 0.003) -> np.ndarray:
@@ -40,19 +40,16 @@ def reducer(gap_deg: float, driving: np.ndarray = SINES) -> tuple[EncoderLog, np
     return log_of(TIME, driving, driven + noise(len(TIME))), (driven - lower) / gap_deg
 
 
-def inside(log: EncoderLog, share: np.ndarray, segments) -> int:
+def inside(share: np.ndarray, segments) -> int:
     """Number of used samples that are on neither flank."""
-    used = np.zeros(len(log), bool)
-    for segment in segments.segments:
-        used[segment.start : segment.stop] = True
-    return int(np.sum(used & (share > 0.001) & (share < 0.999)))
+    return int(np.sum((flanks(segments) != 0) & (share > 0.001) & (share < 0.999)))
 
 
 def test_no_sample_of_the_gap_is_used():
     log, share = reducer(0.4)
     plain, found = find_segments(log), assigned_segments(log)
-    assert inside(log, share, plain) > 100
-    assert inside(log, share, found) == 0
+    assert inside(share, plain) > 100
+    assert inside(share, found) == 0
     assert found.masked > plain.masked
     assert any("cross the gap" in note for note in found.notes)
 
@@ -79,7 +76,7 @@ def test_a_flank_is_not_given_up():
     assert find_segments(log, 6.4 * DEG).backward == 0
     found = assigned_segments(log)
     assert found.forward and found.backward and not found.unclear
-    assert inside(log, share, find_segments(log)) > inside(log, share, found) == 0
+    assert inside(share, find_segments(log)) > inside(share, found) == 0
 
 
 def test_strokes_hardly_longer_than_the_crossing_show_no_flank():
@@ -88,7 +85,7 @@ def test_strokes_hardly_longer_than_the_crossing_show_no_flank():
     log, share = reducer(3.3, driving)
     found = assigned_segments(log)
     assert "log longer strokes" in found.unclear and found.notes[-1] == found.unclear
-    assert inside(log, share, found) == 0
+    assert inside(share, found) == 0
     result = fit(log, pair_from_spec(drive("1/8")))
     assert result.checks.gap_over_angles_covered.value is None
     assert result.warnings[0] == found.unclear
@@ -118,9 +115,9 @@ def test_at_one_speed_the_crossings_show_the_gap(silent):
     """Speed and direction are the same column there, so that no step shows it."""
     log, share = one_speed(8.0, silent=silent)
     plain, found = find_segments(log), assigned_segments(log)
-    assert inside(log, share, plain) > 20 and seen_gap(log, plain) == 0.0
+    assert inside(share, plain) > 20 and seen_gap(log, plain) == 0.0
     assert 7.0 < crossed_gap(log, plain) / DEG < 9.0
-    assert inside(log, share, found) == 0
+    assert inside(share, found) == 0
     assert 1.9 * 8.0 < RATIO * found.crossing / DEG < 2.1 * 8.0
     assert found.forward > 100 and found.backward > 100
 

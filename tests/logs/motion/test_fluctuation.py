@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.logs.profiles import DEG, counts, spec
-from vttig_jax.logs.encoder_log import EncoderLog
+from tests.logs.profiles import DEG, of_counts
 from vttig_jax.logs.motion.segments import find_segments, steady
 
 RATE = 30.0
@@ -14,8 +13,7 @@ RAMPED = np.interp(TIME, [0, 2, 38, 40], [0, 1, 1, 0])
 
 def logged(speed):
     """A log polled at 30 Hz of a speed in degrees per second."""
-    angle = np.cumsum(speed) / RATE
-    return EncoderLog.from_arrays(TIME, counts(angle), counts(0.5625 * angle), pair=spec())
+    return of_counts(TIME, np.cumsum(speed) / RATE)
 
 
 def swinging(speed, swing):

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.logs.profiles import DEG, drive
+from tests.logs.profiles import DEG, drive, flanks, of_degrees
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments, overrunning_segments
 from vttig_jax.logs.motion.segments import Segments, find_segments
@@ -53,13 +53,6 @@ def flown(limit, noise=0.003, **columns) -> tuple[EncoderLog, np.ndarray]:
     return log, contact
 
 
-def flanks(found: Segments) -> np.ndarray:
-    state = np.zeros(found.read, np.int8)
-    for segment in found.segments:
-        state[segment.start : segment.stop] = 1 if segment.flank == "A" else -1
-    return state
-
-
 def agreement(found: Segments, contact: np.ndarray) -> float:
     state = flanks(found)
     return float(np.mean(state[state != 0] == contact[state != 0]))
@@ -97,8 +90,7 @@ def test_a_steady_log_has_no_overrun():
     """A log of constant speed has too few braked samples for a comparison."""
     time = np.arange(3000) / RATE
     angle = 360.0 * time
-    driven = RATIO * angle + 0.02 * np.sin(angle * DEG)
-    log = EncoderLog.from_arrays(time, angle, driven, pair=drive("9/16"), unit="deg")
+    log = of_degrees(time, angle, RATIO * angle + 0.02 * np.sin(angle * DEG))
     assert overrunning_segments(log, find_segments(log)) is None
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.logs.profiles import geared, spec, trapezoid
+from tests.logs.profiles import geared, of_degrees, trapezoid
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import find_ramps
 from vttig_jax.logs.motion.segments import AFTER_REVERSAL, Segments, find_segments
@@ -15,8 +15,7 @@ RATE = 500.0
 
 def _log(ramp: float = 0.5, passes: int = 2, reversal: float = 1800.0, **columns) -> EncoderLog:
     time, angle, _ = trapezoid(rate=RATE, reversal=reversal, ramp=ramp, dwell=1.0, passes=passes)
-    driven, _ = geared(angle)
-    return EncoderLog.from_arrays(time, angle, driven, pair=spec(), unit="deg", **columns)
+    return of_degrees(time, angle, geared(angle)[0], **columns)
 
 
 @pytest.mark.parametrize("passes", [1, 2, 3])

@@ -3,24 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.logs.profiles import DEG, counts, drive, geared, spec, trapezoid
+from tests.logs.profiles import DEG, counts, drive, flanks, geared, trapezoid
+from tests.logs.profiles import of_counts as logged
 from vttig_jax.logs.channel.speed import smooth_speed
-from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.segments import Segments, find_segments, steady
 from vttig_jax.logs.read import read_log
-
-
-def logged(time, angle, driven=None, **options):
-    wheel = 0.5625 * angle if driven is None else driven
-    return EncoderLog.from_arrays(time, counts(angle), counts(wheel), pair=spec(), **options)
-
-
-def flanks(found: Segments) -> np.ndarray:
-    state = np.zeros(found.read, int)
-    for s in found.segments:
-        assert not state[s.start : s.stop].any()
-        state[s.start : s.stop] = 1 if s.flank == "A" else -1
-    return state
 
 
 def assert_on_flanks(found: Segments, flank: np.ndarray) -> np.ndarray:

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.logs.profiles import counts, drive, geared, spec, trapezoid
+from tests.logs.profiles import counts, drive, geared, of_degrees, spec, trapezoid
+from tests.logs.profiles import flanks as states
 from vttig_jax import read_log
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.motion.flank_assignment import assigned_segments
@@ -19,18 +20,14 @@ def table(angle, interval=None, **columns):
     count = len(angle)
     took = np.random.default_rng(0).uniform(8.0, 15.0, count) if interval is None else interval
     time = np.cumsum(np.broadcast_to(took, count))
-    driven = angle + np.sin(np.radians(angle))
-    return EncoderLog.from_arrays(time, angle, driven, pair=drive("1"), unit="deg", **columns)
+    return of_degrees(time, angle, angle + np.sin(np.radians(angle)), drive("1"), **columns)
 
 
 def flanks(log):
     """The flank of every reading, as one letter each."""
     found = assigned_segments(log)
     assert found.still
-    text = ["-"] * len(log)
-    for one in found.segments:
-        text[one.start : one.stop] = one.flank * (one.stop - one.start)
-    return "".join(text)
+    return "".join("-AB"[one] for one in states(found))
 
 
 BACK, AGAIN = np.append(PLACES, PLACES[-2::-1]), np.append(PLACES, PLACES[::-1])
@@ -70,8 +67,7 @@ def test_words_decide_and_what_they_contradict_is_said():
 
 def test_a_shaft_that_turns_is_no_table():
     time, angle, _ = trapezoid(rate=100.0)
-    driven, _ = geared(angle)
-    log = EncoderLog.from_arrays(time, angle, driven, pair=drive("9/16"), unit="deg")
+    log = of_degrees(time, angle, geared(angle)[0])
     assert not assigned_segments(log).still
     assert assigned_segments(log, still=True).still
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
+from operator import itemgetter
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real
@@ -15,10 +16,19 @@ from jaxtyping import Bool, Float, Int, Real
 from ...base.errors import LogError
 from ...base.numerics.counting import pieces
 from ...base.units import DEG, LENGTH_UNITS, REV, per_turn, radians_of
-from ...pair.schema import Encoder, as_fraction
+from ...pair.schema import Encoder, LogLayout, as_fraction
 from ..source import LEAST_RANGE, Source
 from .speed import is_at_standstill, repeats, spikes, stalls, steps_of, usual_step, without_spikes
-from .unwrap import digits_note, find_modulus, step_of, stray_jump, unwrap, wrap_steps
+from .unwrap import (
+    EXACT_FLOAT,
+    digits_note,
+    find_modulus,
+    step_of,
+    stray_jump,
+    unwrap,
+    whole,
+    wrap_steps,
+)
 
 GAP = 5.001
 """Sampling intervals longer than this many median intervals are gaps in time (chosen)."""
@@ -27,100 +37,100 @@ _FROZEN = 30
 """A channel with at least this many equal readings before a jump was frozen (chosen)."""
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Description of a channel for unwrapping: role, unit, source in the log, modulus and scale.
+def _continuous(
+    channel: "Channel",
+    role: str,
+    given: int | None,
+    turn: int | float | None,
+    time: Real[np.ndarray, " n"],
+    source: Source,
+) -> tuple["Channel", list[str]]:
+    """Return a channel with unwrapped readings, spikes, modulus and number of wraps, and notes.
 
-    **Arguments**
-    - `role`: "driving" or "driven". `unit`: unit of the readings.
-    - `modulus`: modulus in the pair file, or None. `per_turn`: units per revolution.
-    - `radians`: angle of one unit of the readings in rad, including the scale.
-    """
-
-    role: str
-    unit: str
-    source: Source
-    modulus: int | None
-    per_turn: int | float | None
-    radians: float
-
-
-@dataclass(frozen=True, eq=False)
-class Continuous:
-    """Unwrapped `readings` with their `spikes` (true at a spike), modulus and number of wraps."""
-
-    readings: Real[np.ndarray, " n"]
-    spikes: Bool[np.ndarray, " n"]
-    modulus: int | float | None
-    wraps: int
-    notes: tuple[str, ...]
-
-
-def make_continuous(
-    values: Real[np.ndarray, " n"], time: Real[np.ndarray, " n"], origin: Origin
-) -> Continuous:
-    """Unwrap the readings with the modulus of the pair file or with a detected one.
+    The modulus is `given`, that of the pair file, or a detected one; `turn` is a revolution in the
+    unit of the readings. Spikes keep their values and are reported in a note.
 
     **Raises** `LogError` for readings beyond the modulus, steps that are not wraps, and pauses that
-    hide wraps. Spikes keep their values and are reported in a note.
+    hide wraps.
     """
-    quantum = 1.0 if origin.unit == "counts" else 0.0
-    turn = None if origin.per_turn is None else float(origin.per_turn)
-    if is_at_standstill(steps_of(values, turn), time, clock="time" in origin.source.columns):
+    values, quantum = channel.reading, 1.0 if channel.unit == "counts" else 0.0
+    if is_at_standstill(steps_of(values, turn), time, clock="time" in source.columns):
         # There is no motion that a reading could contradict, and a step tells no wrap.
-        return Continuous(values, np.zeros(len(values), bool), None, 0, ())
+        return channel, []
     raw_spikes = spikes(values, time, quantum)
     steady = values
     if raw_spikes.any():  # the last value before each spike replaces it
         last = np.maximum.accumulate(np.where(raw_spikes, -1, np.arange(len(values))))
         steady = values[np.where(last < 0, int(np.argmin(raw_spikes)), last)]
         del last
-    given = origin.modulus
     if given is not None and np.ptp(steady) >= given:
         raise LogError(
             f"readings span {np.ptp(steady)} counts, more than the modulus {given} of the pair"
             " file; correct or remove `modulus`.",
-            where=origin.source.at(origin.role),
+            where=source.at(role),
         )
+
+    def attempt(
+        base: Real[np.ndarray, " n"], modulus: int | float | None
+    ) -> tuple[float, int, Bool[np.ndarray, " n"]]:
+        """Return the cost, the wraps and the spikes if `values` are unwrapped where `base` wraps.
+
+        The cost is the total travel without spikes plus one fast step (95 % quantile of the steps)
+        for each spike.
+        """
+        wraps = 0 if modulus is None else int(np.count_nonzero(wrap_steps(base, modulus)))
+        readings, outliers, cost = values, raw_spikes, 0.0
+        if wraps:
+            readings = _unwrapped(values, base, modulus)
+            outliers = spikes(readings, time, quantum)
+        if base is not values or raw_spikes.any():
+            readings = without_spikes(readings, time, outliers)
+            travel = np.diff(readings).astype(np.float64, copy=False)
+            del readings
+            np.abs(travel, out=travel)
+            cost = float(travel.sum())
+            fast = np.quantile(travel, 0.95, overwrite_input=True)
+            cost = float(cost + (quantum + fast) * outliers.sum())
+        return cost, wraps, outliers
+
     bases = [steady] if steady is values else [steady, values]
-    moduli = [given] if given is not None else [find_modulus(b, origin.per_turn) for b in bases]
+    moduli = [given] if given is not None else [find_modulus(base, turn) for base in bases]
     # Spikes can hide or imitate a modulus, and a counter that dithers at its wrap looks like them.
-    best, wraps, outliers, modulus, chosen, base = np.inf, 0, raw_spikes, None, values, values
-    for tried, base in product(dict.fromkeys(moduli), bases):
-        cost, wraps_of, spikes_of = _attempt(values, base, time, tried, quantum, raw_spikes)
-        if cost < best:
-            best, wraps, outliers, chosen, modulus = cost, wraps_of, spikes_of, base, tried
-    candidate, modulus = modulus, modulus if wraps else None
-    readings = _unwrapped(values, chosen, modulus)
-    del steady, bases, base, chosen  # before other arrays take memory
+    ways = product(dict.fromkeys(moduli), bases)
+    tried = ((*attempt(base, modulus), base, modulus) for modulus, base in ways)
+    _, wraps, outliers, base, candidate = min(tried, key=itemgetter(0))
+    modulus = candidate if wraps else None
+    readings = _unwrapped(values, base, modulus)
+    del steady, bases, base, ways, tried  # before other arrays take memory
     repetition = repeats(readings, quantum)
     stalled = stalls(readings, time, quantum, 2 * repetition)
     if stalled.any():
         outliers = stalled | spikes(without_spikes(readings, time, stalled), time, quantum)
     smooth = without_spikes(readings, time, outliers)
-    _refuse_step(smooth, time, quantum, candidate, origin)
+    found = {"reading": readings, "modulus": modulus, "wraps": wraps}
+    channel = replace(channel, **found, spikes=outliers if outliers.any() else None)
+    _refuse_lost_turns(channel, smooth, time, candidate, role, source)
     notes = []
     if repetition > 1:
         delay = 0.5 * (repetition - 1)
         notes.append(
-            f"{origin.role}: while it moves every reading stands {repetition} times: the channel is"
+            f"{role}: while it moves every reading stands {repetition} times: the channel is"
             f" sampled at 1/{repetition} of the rate, which delays it by {delay:g} samples"
             f" ({1e3 * delay * np.median(np.diff(time)):.3g} ms) on average; log both channels at"
             " one rate, or expect that much in `delay_s`"
         )
     if modulus is not None:
-        _refuse_blind_pause(smooth, time, modulus, origin)
         how = "as given" if given is not None else "detected from the jumps"
         notes.append(
-            f"{origin.role}: wraps at {modulus:g} {origin.unit} ({how}), unwrapped {wraps} times"
+            f"{role}: wraps at {modulus:g} {channel.unit} ({how}), unwrapped {wraps} times"
         )
-    left = "interpolates" if origin.role == "driving" else "leaves out"
+    left = "interpolates" if role == "driving" else "leaves out"
     if stalled.any():
         ends = np.flatnonzero(np.diff(stalled, prepend=False, append=False)).reshape(-1, 2)
         first, last = ends[np.argmax(np.diff(time[ends - 1])[:, 0])] - 1
         count = f"{len(ends)} times, the longest" if len(ends) > 1 else "once,"
         notes.append(
-            f"{origin.role}: while it moves it stands still {count} from {time[first]:.6g} s to"
+            f"{role}: while it moves it stands still {count} from {time[first]:.6g} s to"
             f" {time[last]:.6g} s, and then jumps to where it would be: the channel froze or the"
             f" logger stalled; a fit {left} {np.count_nonzero(stalled)} readings"
         )
@@ -129,11 +139,11 @@ def make_continuous(
         number, off = int(np.count_nonzero(others)), np.abs(readings - smooth)[others].max()
         verb = "differs" if number == 1 else "differ"
         notes.append(
-            f"{origin.role}: {number} of {len(values)} readings ({number / len(values):.2g}) {verb}"
-            f" from their neighbours by up to {off * abs(origin.radians) / DEG:.3g}°, as late or"
-            f" disturbed readings do; a fit {left} them"
+            f"{role}: {number} of {len(values)} readings ({number / len(values):.2g}) {verb} from"
+            f" their neighbours by up to {off * abs(channel.radians_per_unit) / DEG:.3g}°, as late"
+            f" or disturbed readings do; a fit {left} them"
         )
-    return Continuous(readings, outliers, modulus, wraps, tuple(notes))
+    return channel, notes
 
 
 def _unwrapped(
@@ -151,96 +161,63 @@ def _unwrapped(
     rows = np.flatnonzero(values != base)
     offset = values[rows] - base[rows]
     if np.issubdtype(values.dtype, np.integer):
-        whole = int(modulus)
-        readings[rows] += (offset + whole // 2) % whole - whole // 2
+        size = int(modulus)
+        readings[rows] += (offset + size // 2) % size - size // 2
     else:
         readings[rows] = readings[rows] + offset - modulus * np.rint(offset / modulus)
     return readings
 
 
-def _attempt(
-    values: Real[np.ndarray, " n"],
-    base: Real[np.ndarray, " n"],
-    time: Real[np.ndarray, " n"],
-    modulus: int | float | None,
-    quantum: float,
-    raw_spikes: Bool[np.ndarray, " n"],
-) -> tuple[float, int, Bool[np.ndarray, " n"]]:
-    """Return the cost, the wraps and the spikes if `values` are unwrapped where `base` wraps.
-
-    The cost is the total travel without spikes plus one fast step (95 % quantile of the steps) for
-    each spike. `quantum` is the step of the readings, 0 if they have none.
-    """
-    wraps = 0 if modulus is None else int(np.count_nonzero(wrap_steps(base, modulus)))
-    readings, outliers, cost = values, raw_spikes, 0.0
-    if wraps:
-        readings = _unwrapped(values, base, modulus)
-        outliers = spikes(readings, time, quantum)
-    if base is not values or raw_spikes.any():
-        readings = without_spikes(readings, time, outliers)
-        travel = np.diff(readings).astype(np.float64, copy=False)
-        del readings
-        np.abs(travel, out=travel)
-        cost = float(travel.sum())
-        fast = np.quantile(travel, 0.95, overwrite_input=True)
-        cost = float(cost + (quantum + fast) * outliers.sum())
-    return cost, wraps, outliers
-
-
-def _refuse_step(
+def _refuse_lost_turns(
+    channel: "Channel",
     smooth: Real[np.ndarray, " n"],
     time: Real[np.ndarray, " n"],
-    quantum: float,
     modulus: int | float | None,
-    origin: Origin,
+    role: str,
+    source: Source,
 ) -> None:
-    """Raise `LogError` for a jump after which the readings do not return.
+    """Raise `LogError` for a jump of the readings that stays, and for a pause that hides wraps.
 
-    The causes are a counter reset, an index reload, a frozen channel or an unknown modulus.
+    The causes of a jump are a counter reset, an index reload, a frozen channel or an unknown
+    modulus; `modulus` is the one that was tried. In a pause that hides wraps the shaft may turn by
+    over 0.4 of the modulus.
+
+    **Arguments**
+    - `channel`: the unwrapped channel. `smooth`: its readings without spikes.
     """
-    row = stray_jump(smooth, time, quantum)
-    if row is None:
-        return
-    frozen = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
-    if frozen >= _FROZEN:
+    unit = channel.unit
+    row = stray_jump(smooth, time, 1.0 if unit == "counts" else 0.0)
+    if row is not None:
+        frozen = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
+        if frozen >= _FROZEN:
+            raise LogError(
+                f"the {role} channel stands still for {frozen} samples from"
+                f" {time[row - frozen]:.9g} s to {time[row - 1]:.9g} s and then jumps, so it froze;"
+                " cut these lines out and fit both parts as two logs.",
+                where=source.at(role, row - frozen),
+            )
         raise LogError(
-            f"the {origin.role} channel stands still for {frozen} samples from"
-            f" {time[row - frozen]:.9g} s to {time[row - 1]:.9g} s and then jumps, so it froze;"
-            " cut these lines out and fit both parts as two logs.",
-            where=origin.source.at(origin.role, row - frozen),
+            f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {unit} from one sample to"
+            f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
+            + (f" of {modulus:g}" if modulus is not None else "")
+            + "; cut the log there (--cut)"
+            + (f", or give `modulus` in [{role}] encoder." if unit == "counts" else "."),
+            where=source.at(role, row),
         )
-    raise LogError(
-        f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {origin.unit} from one sample to"
-        f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
-        + (f" of {modulus:g}" if modulus is not None else "")
-        + "; cut the log there (--cut)"
-        + (f", or give `modulus` in [{origin.role}] encoder." if quantum else "."),
-        where=origin.source.at(origin.role, row),
-    )
-
-
-def _refuse_blind_pause(
-    smooth: Real[np.ndarray, " n"],
-    time: Real[np.ndarray, " n"],
-    modulus: int | float,
-    origin: Origin,
-) -> None:
-    """Raise `LogError` if the shaft may turn by over 0.4 of the modulus in a pause of the log."""
+    if channel.modulus is None:
+        return
     interval = np.diff(time)
     step = np.abs(np.diff(smooth)).astype(np.float64)
     for k in np.flatnonzero(interval > GAP * np.median(interval)):
         neighbours = slice(max(0, k - 5), k), slice(k + 1, k + 6)
         before, after = (step[s].sum() / max(interval[s].sum(), 1e-300) for s in neighbours)
-        if max(before, after) * interval[k] > 0.4 * modulus:
+        if max(before, after) * interval[k] > 0.4 * channel.modulus:
             raise LogError(
-                f"the log pauses for {interval[k]:.4g} s while the {origin.role} channel wraps at"
-                f" {modulus:g} {origin.unit}, so whole turns are lost; cut the log there (--cut).",
-                where=origin.source.at(origin.role, int(k) + 1),
+                f"the log pauses for {interval[k]:.4g} s while the {role} channel wraps at"
+                f" {channel.modulus:g} {unit}, so whole turns are lost; cut the log there (--cut).",
+                where=source.at(role, int(k) + 1),
             )
 
-
-EXACT_FLOAT = 2**53
-"""Largest count up to which float64 represents every whole number (53-bit significand)."""
 
 WIDEST = 2**61
 """Limit of the counts; differences of larger int64 counts could overflow."""
@@ -248,22 +225,6 @@ WIDEST = 2**61
 _FAR_OFF = 3.0
 """The first reading is not the origin if it is a spike whose distance from the next valid reading
 exceeds this multiple of the step between the next two valid readings (chosen factor)."""
-
-
-@dataclass(frozen=True)
-class RawChannel:
-    """Column of a log before unwrapping: values in `unit` and the rational scale of the pair file.
-
-    `lead_mm` is the travel in one turn of a column that is a length. `step` is the step (in `unit`)
-    that the readings had before they were interpolated in time; it is 0 for readings that were not
-    interpolated.
-    """
-
-    values: Real[np.ndarray, " n"]
-    unit: str
-    scale: str | int | float = 1
-    step: float = 0.0
-    lead_mm: float | None = None
 
 
 def together(driving: "Channel", driven: "Channel", ratio: float) -> tuple["Channel", "Channel"]:
@@ -368,68 +329,69 @@ class Channel:
 
 def make_channel(
     role: str,
-    raw: RawChannel,
+    values: Real[np.ndarray, " n"],
+    unit: str,
     encoder: Encoder,
     time: Float[np.ndarray, " n"],
-    zero: str,
+    layout: LogLayout,
     source: Source,
+    step: float = 0.0,
 ) -> tuple[Channel, tuple[str, ...]]:
     """Unwrap a column, set its scale and zero angle, and return the channel and notes.
 
-    The notes are sentences on assumptions. With `zero` = "start" the angle is zero at the first
-    valid reading, otherwise at the reading 0.
+    `values` are in `unit`, with the scale, the lead and the zero of `layout`: if the latter is
+    "start" the angle is zero at the first valid reading, otherwise at the reading 0. `step` is that
+    of `Channel`. The notes are sentences on assumptions.
 
     **Raises** `LogError` for counts without counts per revolution, constant readings, readings
     beyond the given modulus, jumps that are not wraps, and pauses that hide wraps.
     """
-    values, notes = _exact_values(role, raw, source)
-    is_integer = np.issubdtype(values.dtype, np.integer)
-    radians = radians_of(raw.unit, encoder.counts_per_rev, raw.lead_mm)
+    notes = []
+    if unit != "counts":
+        values = values.astype(np.float64, copy=False)
+    else:
+        values = _exact_counts(role, values, source)
+        if values.dtype.kind == "f":
+            notes.append(f"{role}: counts are not whole numbers, read as interpolated counts")
+    radians = radians_of(unit, encoder.counts_per_rev, layout.lead_mm)
     if radians is None:
         cure = f"add `encoder = {{ counts_per_rev = … }}` to [{role}]"
-        if raw.unit in LENGTH_UNITS:
+        if unit in LENGTH_UNITS:
             cure = "give --lead-mm, the travel in one turn, or `lead_mm` in [log]"
         raise LogError(
-            f"the {role} channel is in {raw.unit}, and nothing says how many make a turn; {cure}.",
+            f"the {role} channel is in {unit}, and nothing says how many make a turn; {cure}.",
             where=source.at(role),
         )
     if np.ptp(values) < LEAST_RANGE:
-        raise _constant(role, f"at {values[0]} {raw.unit}", source)
-    given = encoder.modulus if raw.unit == "counts" else None
+        raise _constant(role, f"at {values[0]} {unit}", source)
+    given = encoder.modulus if unit == "counts" else None
     if encoder.modulus is not None and given is None:
-        notes.append(f"{role}: `modulus` counts do not apply to a column in {raw.unit}")
-    scale = as_fraction(str(raw.scale), f"log.{role}_scale")
-    radians = encoder.sign * radians * scale.numerator / scale.denominator
-    continuous = make_continuous(
-        values,
-        time,
-        Origin(
-            role=role,
-            unit=raw.unit,
-            source=source,
-            modulus=given,
-            per_turn=per_turn(raw.unit, encoder.counts_per_rev),
-            radians=radians,
+        notes.append(f"{role}: `modulus` counts do not apply to a column in {unit}")
+    scale = as_fraction(str(getattr(layout, f"{role}_scale")), f"log.{role}_scale")
+    whole_turns = values.dtype.kind == "i" and scale == 1
+    channel, told = _continuous(
+        Channel(
+            reading=values,
+            radians_per_unit=encoder.sign * radians * scale.numerator / scale.denominator,
+            origin=0,
+            unit=unit,
+            per_turn=encoder.counts_per_rev if whole_turns else None,
+            step=step,
         ),
+        role,
+        given,
+        per_turn(unit, encoder.counts_per_rev),
+        time,
+        source,
     )
-    if np.ptp(continuous.readings[~continuous.spikes]) == 0:
-        single = np.count_nonzero(continuous.spikes)
+    steady = channel.reading if channel.spikes is None else channel.reading[~channel.spikes]
+    if np.ptp(steady) == 0:
+        single = len(values) - len(steady)
         raise _constant(role, f"apart from {single} single readings", source)
-    channel = Channel(
-        reading=continuous.readings,
-        radians_per_unit=radians,
-        origin=_first_reading(continuous) if zero == "start" else 0,
-        unit=raw.unit,
-        per_turn=encoder.counts_per_rev
-        if is_integer and raw.unit == "counts" and scale == 1
-        else None,
-        modulus=continuous.modulus,
-        wraps=continuous.wraps,
-        spikes=continuous.spikes if continuous.spikes.any() else None,
-        step=raw.step,
-    )
-    notes += digits_note(role, values, abs(radians))
-    return channel, (*notes, *continuous.notes)
+    notes += digits_note(role, values, abs(channel.radians_per_unit))
+    if layout.zero == "start":
+        channel = replace(channel, origin=_first_reading(channel))
+    return channel, (*notes, *told)
 
 
 def _constant(role: str, how: str, source: Source) -> LogError:
@@ -440,44 +402,42 @@ def _constant(role: str, how: str, source: Source) -> LogError:
     )
 
 
-def _first_reading(channel: Continuous) -> int | float:
+def _first_reading(channel: Channel) -> int | float:
     """Return the reading that defines angle zero: the first reading, unless it is a far spike.
 
     Then it is the first valid reading, because a far spike would shift the phases of all orders.
     """
-    valid = np.flatnonzero(~channel.spikes)[:2]
-    if channel.spikes[0] and len(valid) == 2:
-        first, second = channel.readings[valid].astype(np.float64)
-        if abs(channel.readings[0] - first) > _FAR_OFF * abs(second - first):
-            return channel.readings[valid[0]].item()
-    return channel.readings[0].item()
+    first = channel.reading[0]
+    if channel.spikes is not None and channel.spikes[0]:
+        valid = channel.reading[np.flatnonzero(~channel.spikes)[:2]].astype(np.float64)
+        if len(valid) == 2 and abs(first - valid[0]) > _FAR_OFF * abs(valid[1] - valid[0]):
+            return channel.reading[int(np.argmin(channel.spikes))].item()
+    return first.item()
 
 
-def _exact_values(role: str, raw: RawChannel, source: Source) -> tuple[np.ndarray, list[str]]:
-    """Return the values (whole counts as int64, all other values as float64) and notes."""
-    values = raw.values
-    if raw.unit != "counts":
-        return values.astype(np.float64, copy=False), []
-    if np.issubdtype(values.dtype, np.integer):
-        values = values.astype(np.int64, copy=False)
-        too_large = (values >= WIDEST) | (values <= -WIDEST)
-        if too_large.any():
-            row = int(np.argmax(too_large))
+def _exact_counts(
+    role: str, values: Real[np.ndarray, " n"], source: Source
+) -> Real[np.ndarray, " n"]:
+    """Return counts as int64 if they are whole numbers, and else as float64."""
+    values = whole(values)
+    if values.dtype.kind == "f":
+        if np.abs(values).max() >= EXACT_FLOAT:
             raise LogError(
-                f"{values[row]} counts are more than any encoder has; correct the reading or remove"
-                " the line.",
-                where=source.at(role, row),
+                "counts beyond 2^53 lose their last digits as floating-point numbers; write them as"
+                " integers.",
+                where=source.at(role, int(np.argmax(np.abs(values)))),
             )
-        return values, []
-    if np.abs(values).max() >= EXACT_FLOAT:
+        return values
+    values = values.astype(np.int64, copy=False)
+    too_large = (values >= WIDEST) | (values <= -WIDEST)
+    if too_large.any():
+        row = int(np.argmax(too_large))
         raise LogError(
-            "counts beyond 2^53 lose their last digits as floating-point numbers; write them as"
-            " integers.",
-            where=source.at(role, int(np.argmax(np.abs(values)))),
+            f"{values[row]} counts are more than any encoder has; correct the reading or remove"
+            " the line.",
+            where=source.at(role, row),
         )
-    if np.all(values == np.rint(values)):
-        return values.astype(np.int64), []
-    return values, [f"{role}: counts are not whole numbers, read as interpolated counts"]
+    return values
 
 
 FAR = 5 * DEG

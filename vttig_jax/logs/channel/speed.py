@@ -13,7 +13,6 @@ chosen values.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Real, Shaped
@@ -74,7 +73,8 @@ def smooth_speed(
         return int(np.clip(needed, 1, longest))
 
     top = _top_speed(time, angle, max(1, count // 100), interval)
-    quantum = max(resolution, 2.0 * _noise(time, angle))
+    noise = robust_deviation(bends(angle, time)[1:-1]) / np.sqrt(1.5)
+    quantum = max(resolution, 2.0 * noise)
     half = half_window(quantum, top)
     if half >= _FINER and count >= _FEWEST:
         fine_quantum = max(resolution, 2.0 * cubic_noise(time, angle))
@@ -115,16 +115,8 @@ def runs(state: Shaped[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]) -> list[t
     return list(pairwise(edges))
 
 
-def _noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
-    """Return a robust standard deviation of the angle noise in rad.
-
-    It comes from the deviation of each sample from the line between its two neighbours.
-    """
-    return robust_deviation(bends(angle, time)[1:-1]) / np.sqrt(1.5)
-
-
 def cubic_noise(time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]) -> float:
-    """Return the noise like `_noise`, but an acceleration does not increase it.
+    """Return a robust standard deviation of the angle noise in rad; no acceleration increases it.
 
     It comes from the deviation of samples from the cubic through their four neighbours. At most
     20 000 samples are used.
@@ -162,7 +154,7 @@ _RESTS = 0.9
 """Least share of steps behind which a shaft rests for at least one more reading (chosen)."""
 
 
-def steps_of(values: Real[np.ndarray, " n"], turn: float | None) -> Float[np.ndarray, " m"]:
+def steps_of(values: Real[np.ndarray, " n"], turn: int | float | None) -> Float[np.ndarray, " m"]:
     """Return the steps between readings, the shortest way where they wrap at `turn`."""
     step = np.diff(values.astype(np.float64, copy=False))
     if turn is not None and len(step) and float(np.ptp(values)) < turn:
@@ -320,23 +312,41 @@ def _detect(
         return mask
     near = np.convolve(rough, np.ones(2 * HALF + 1, bool), mode="same")
     usual = float(np.median(time[2 * LAG :] - time[: -2 * LAG], overwrite_input=True))
-    slope = _Slope(angle, time, 1e-3 * usual if usual > 0 else 1.0)
+    least, last = 1e-3 * usual if usual > 0 else 1.0, count - 2 * LAG - 1
+
+    def slope(rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """Return the median, within ±`REACH` samples, of the slopes over ±`LAG` samples.
+
+        At the ends of the log the slopes are mirrored.
+        """
+        first = np.clip(rows - LAG, 0, last)[:, None] + np.arange(-REACH, REACH + 1)
+        first = last - np.abs(last - np.abs(first))
+        rise = angle[first + 2 * LAG] - angle[first]
+        run = time[first + 2 * LAG] - time[first]
+        return np.median(rise / np.maximum(run, least), axis=1)
+
     interval = np.median(np.diff(time), overwrite_input=True)
     size = np.zeros(count)
     for part in _places(near):
         ahead = _window(part, HALF, count)
-        ahead = angle[ahead] - slope.at(part)[:, None] * (time[ahead] - time[part, None])
+        ahead = angle[ahead] - slope(part)[:, None] * (time[ahead] - time[part, None])
         size[part] = np.abs(angle[part] - np.median(ahead, axis=1))
     large = size > floor
     if not large.any():
         return mask
     for rows in _places(large):
         around = NEIGHBOUR_FACTOR * np.median(size[_window(rows, HALF, count)], axis=1)
-        moved_by = INTERVAL_SHARE * np.abs(slope.at(rows)) * interval
+        moved_by = INTERVAL_SHARE * np.abs(slope(rows)) * interval
         rows = rows[size[rows] > np.maximum(around, moved_by)]
         # A sample at a change of motion lies on the line of one side; a spike lies off both.
         for side in (-1, 1):
-            rows = rows[np.abs(_from_side_line(angle, time, slope, rows, side)) > 0.5 * size[rows]]
+            near = rows[:, None] + side * np.arange(1, 2 * HALF)
+            inside = (near[:, -1] >= 0) & (near[:, -1] < count)  # enough samples for a line
+            near = np.clip(near, 0, count - 1)
+            own = slope(np.clip(rows + side * (REACH + 1), 0, count - 1))
+            ahead = angle[near] - own[:, None] * (time[near] - time[rows, None])
+            off = np.abs(angle[rows] - np.median(ahead, axis=1)) > 0.5 * size[rows]
+            rows = rows[off | ~inside]
         mask[rows] = True
     return mask
 
@@ -412,53 +422,10 @@ def robust_deviation(values: Float[np.ndarray, " n"]) -> float:
     return float(np.median(np.abs(values, out=values), overwrite_input=True)) / 0.6745
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Slope:
-    """Local slope of `angle` over `time`; `least` is the least time that counts."""
-
-    angle: Float[np.ndarray, " n"]
-    time: Float[np.ndarray, " n"]
-    least: float
-
-    def at(self, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-        """Return the slope at the samples `rows`.
-
-        It is the median, within ±`REACH` samples, of the slopes from `LAG` before to `LAG` after.
-        At the ends of the log the slopes are mirrored.
-        """
-        last = len(self.angle) - 2 * LAG - 1
-        first = np.clip(rows - LAG, 0, last)[:, None] + np.arange(-REACH, REACH + 1)
-        first = last - np.abs(last - np.abs(first))
-        rise = self.angle[first + 2 * LAG] - self.angle[first]
-        run = self.time[first + 2 * LAG] - self.time[first]
-        return np.median(rise / np.maximum(run, self.least), axis=1)
-
-
 def _window(rows: Int[np.ndarray, " m"], half: int, count: int) -> Int[np.ndarray, "m w"]:
     """Return indices of 2 `half` + 1 samples around each row, shifted inwards at the ends."""
     start = np.clip(rows - half, 0, count - 2 * half - 1)
     return start[:, None] + np.arange(2 * half + 1)
-
-
-def _from_side_line(
-    angle: Float[np.ndarray, " n"],
-    time: Float[np.ndarray, " n"],
-    slope: _Slope,
-    rows: Int[np.ndarray, " m"],
-    side: int,
-) -> Float[np.ndarray, " m"]:
-    """Return the deviations of the samples `rows` from the line before (−1) or after (+1) them.
-
-    At the ends of the log, without enough samples for a line, the deviation is infinite.
-    """
-    count = len(angle)
-    near = rows[:, None] + side * np.arange(1, 2 * HALF)
-    inside = (near[:, -1] >= 0) & (near[:, -1] < count)
-    near = np.clip(near, 0, count - 1)
-    side_slope = slope.at(np.clip(rows + side * (REACH + 1), 0, count - 1))
-    ahead = angle[near] - side_slope[:, None] * (time[near] - time[rows, None])
-    return np.where(inside, angle[rows] - np.median(ahead, axis=1), np.inf)
 
 
 SHORTEST = 4
@@ -547,23 +514,16 @@ def repeats(readings: Real[np.ndarray, " n"], quantum: float) -> int:
     fast = travel > max(LEAST_STALL / 3 * quantum * span, 0.1 * float(travel.max()))
     moving = np.zeros(len(readings), bool)
     moving[span // 2 : -span // 2] = fast
-    spacing = _spacing(readings, moving)
-    if len(spacing) < span:
-        return 1
-    usual = int(np.median(spacing))
-    regular = np.count_nonzero(spacing == usual) >= REGULAR * len(spacing)
-    return usual if usual > 1 and regular else 1
-
-
-def _spacing(
-    readings: Real[np.ndarray, " n"], moving: Bool[np.ndarray, " n"]
-) -> Int[np.ndarray, " m"]:
-    """Return the number of samples from each change of the reading to the next, in motion."""
     found, last = [np.zeros(0, np.int32)], np.zeros(0, np.int64)
-    for part in pieces(len(readings) - 1):
+    for part in pieces(len(readings) - 1):  # samples from each change to the next, in motion
         change = np.flatnonzero(np.diff(readings[part.start : part.stop + 1])) + part.start + 1
         change = np.append(last, change)
         both = moving[change[:-1]] & moving[change[1:]]
         found.append(np.diff(change)[both].astype(np.int32))
         last = change[-1:]
-    return np.concatenate(found)
+    spacing = np.concatenate(found)
+    if len(spacing) < span:
+        return 1
+    usual = int(np.median(spacing))
+    regular = np.count_nonzero(spacing == usual) >= REGULAR * len(spacing)
+    return usual if usual > 1 and regular else 1

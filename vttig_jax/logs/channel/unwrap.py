@@ -24,9 +24,25 @@ LARGEST_COUNTER = 2**53
 """Smallest and largest modulus in counts that is detected as a power of two (chosen). Readings with
 a range beyond the largest one contain a wrong reading."""
 
+EXACT_FLOAT = 2**53
+"""Largest count up to which float64 represents every whole number (53-bit significand)."""
+
 MAX_ROUGHNESS = 0.15
 """A modulus is accepted if unwrapping leaves less than this fraction of the roughness at the jumps
 (chosen); see `_roughness`."""
+
+
+def whole(readings: Real[np.ndarray, " n"]) -> Real[np.ndarray, " n"]:
+    """Return readings that are whole numbers as int64, and other readings unchanged.
+
+    Therefore a log does not store the same counts in two types.
+    """
+    if readings.dtype.kind != "f" or not np.isfinite(readings).all():
+        return readings
+    largest = max(readings.max(initial=0.0), -readings.min(initial=0.0))
+    if largest >= EXACT_FLOAT or not np.all(readings == np.rint(readings)):
+        return readings
+    return readings.astype(np.int64)
 
 
 def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.ndarray, " steps"]:

@@ -18,7 +18,7 @@ import tomllib
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -120,14 +120,11 @@ _LEAST = DEG  # least c, rad of the driving shaft (chosen)
 _LONGEST = 0.9  # largest c, as a share of the travel of the driving shaft (chosen)
 
 
-class FollowedMotion(NamedTuple):
-    """Angles of both shafts in rad at the same samples, the driven one without lost motion."""
-
-    driving: Float[np.ndarray, " m"]
-    driven: Float[np.ndarray, " m"]
+Followed = tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]
+"""Angles of the driving and of the driven shaft in rad at the same samples."""
 
 
-def without_lost_motion(log: EncoderLog) -> FollowedMotion:
+def without_lost_motion(log: EncoderLog) -> Followed:
     """Return φ₁ and φ₂ − k s at up to `_MOST_ROWS` evenly spaced samples of a log."""
     rows = slice(None, None, -(-len(log) // _MOST_ROWS))
     driving, driven = log.driving_angle[rows], log.driven_angle[rows]
@@ -139,25 +136,15 @@ def without_lost_motion(log: EncoderLog) -> FollowedMotion:
     def rest(values: np.ndarray) -> np.ndarray:
         return values - basis @ (basis.T @ values)
 
-    left = rest(driven)
-    places = _places(driving, np.concatenate([crossings, crossings]))
+    places = np.empty((len(driving), 2 * _TRIALS))
+    places[0] = np.repeat([0.0, 1.0], _TRIALS)  # s at the start
+    for row, moved in enumerate(np.diff(driving)[:, None] / np.tile(crossings, 2)):
+        np.clip(places[row] + moved, 0.0, 1.0, out=places[row + 1])
     free = rest(places)
     size = np.maximum(np.sum(free**2, axis=0), 1e-300)
-    lost = free.T @ left / size
+    lost = free.T @ rest(driven) / size
     best = int(np.argmax(lost**2 * size))
-    return FollowedMotion(driving, driven - lost[best] * places[:, best])
-
-
-def _places(
-    driving: Float[np.ndarray, " m"], crossings: Float[np.ndarray, " trials"]
-) -> Float[np.ndarray, "m trials"]:
-    """Return s for every trial; the first half starts with s = 0 and the second with s = 1."""
-    step = np.diff(driving)[:, None] / crossings
-    places = np.empty((len(driving), len(crossings)))
-    places[0] = np.repeat([0.0, 1.0], len(crossings) // 2)
-    for row, moved in enumerate(step):
-        np.clip(places[row] + moved, 0.0, 1.0, out=places[row + 1])
-    return places
+    return driving, driven - lost[best] * places[:, best]
 
 
 SHIFT_TURNS, MOST_TOLERANCE = 0.015, 0.01
@@ -244,15 +231,21 @@ class SeenRatio:
                 if not self.is_doubtful:
                     return f"{seen}, as given ({given})."
                 off, share = self.deviations, self.seen / float(self.given) - 1
+                rounded = max(self.given.numerator, self.given.denominator) > MOST_TEETH
+                known = self.cause in ("delay", "drift") or not rounded
+                why = self._said("why", self.cause if known else "rounded")
                 return (
                     f"{seen}, {abs(off):.1f} standard errors {'above' if off > 0 else 'below'} the"
-                    f" given {self.given} ({1e6 * share:+.3g} ppm){self._astray}{self._why}"
+                    f" given {self.given} ({1e6 * share:+.3g} ppm){self._astray}{why}"
                 )
             fits = f"{self.better} fits, so write that if these are the teeth: {self._option}."
             biases = "which biases gap, delay and orders"
             return f"{seen}, {given} given{self._astray}, {biases}; {fits}"
         log_has = f"the log's is {self._said('difference', self.verdict)}"
-        return f"{seen}, but {given} is given{self._astray}; {log_has}; {self._cure}."
+        far = abs(float(self.given) - 1) > 2 * TOLERANCE
+        divided = far and abs(self.seen - 1) < TOLERANCE and self.verdict == "differs"
+        cure = self._said("cure", "divided" if divided else self.verdict)
+        return f"{seen}, but {given} is given{self._astray}; {log_has}; {cure}."
 
     def _said(self, kind: str, slug: str) -> str:
         """Return a text of `_TEXTS` with the numbers of this ratio."""
@@ -260,29 +253,14 @@ class SeenRatio:
         seen = self.seen or 0.0
         found = likely_fraction(abs(seen), self.std or 0.0) if seen else None
         near = f"{seen:.6g}" if found is None else f"{found if seen > 0 else -found}"
-        words = dict(zip(("turns", "inverse"), self._inverse, strict=True))
+        inverse = 1 / self.given
+        if max(inverse.numerator, inverse.denominator) > MOST_TEETH and seen:
+            # The given ratio is a rounded decimal, and its inverse would be a wrong ratio.
+            inverse = likely_fraction(abs(seen), self.std or 0.0) or inverse
+        words = {"turns": f"{inverse.denominator}:{inverse.numerator}", "inverse": str(inverse)}
         words |= {"lead": self.lead, "option": self._option, "decimal": decimal, "near": near}
         words["said"] = "is" if self.cause == "ratio" else "may be"
         return _TEXTS[kind][slug].format(given=self.given, scale=1 / self.given, **words)
-
-    @property
-    def _cure(self) -> str:
-        """Advice to the user on options or entries of the pair file to change."""
-        far = abs(float(self.given) - 1) > 2 * TOLERANCE
-        divided = far and abs((self.seen or 0.0) - 1) < TOLERANCE and self.verdict == "differs"
-        return self._said("cure", "divided" if divided else self.verdict)
-
-    @property
-    def _inverse(self) -> tuple[str, str]:
-        """Inverse of the given ratio, as text "driving turns:driven turns" and as speed ratio.
-
-        If the given ratio is a rounded decimal, the inverse is replaced by the ratio in the log as
-        a simple fraction.
-        """
-        found = 1 / self.given
-        if max(found.numerator, found.denominator) > MOST_TEETH and self.seen:
-            found = likely_fraction(abs(self.seen), self.std or 0.0) or found
-        return f"{found.denominator}:{found.numerator}", str(found)
 
     @property
     def _option(self) -> str:
@@ -297,13 +275,6 @@ class SeenRatio:
         degrees = abs(self.seen - float(self.given)) * self.travel / DEG
         return f", off by {degrees:.3g}° of the driven shaft over this log"
 
-    @property
-    def _why(self) -> str:
-        """Text on what explains a ratio of the log that is a little off, and what to do."""
-        rounded = max(self.given.numerator, self.given.denominator) > MOST_TEETH
-        known = self.cause in ("delay", "drift") or not rounded
-        return self._said("why", self.cause if known else "rounded")
-
 
 def seen_ratio(log: EncoderLog) -> SeenRatio:
     """Estimate the ratio of driven to driving speed by regression over the log, with a verdict.
@@ -314,7 +285,7 @@ def seen_ratio(log: EncoderLog) -> SeenRatio:
     return _seen(log, _followed(log))
 
 
-def _seen(log: EncoderLog, followed: FollowedMotion | None) -> SeenRatio:
+def _seen(log: EncoderLog, followed: Followed | None) -> SeenRatio:
     """Return `seen_ratio` from the angles of `_followed`."""
     if followed is None:
         return SeenRatio(None, None, log.ratio, "none")
@@ -344,7 +315,7 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     ratio = _seen(log, followed)
     if followed is not None and ratio.seen is not None:
         travel = float(np.ptp(log.driven_angle))
-        scatter = float(np.std(followed.driven - ratio.seen * followed.driving))
+        scatter = float(np.std(followed[1] - ratio.seen * followed[0]))
         if not _turn_together(log, scatter):
             raise LogError(
                 f"the two channels do not turn together: {np.degrees(scatter):.3g}° rms of the"
@@ -357,7 +328,7 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     return ratio
 
 
-def _followed(log: EncoderLog) -> FollowedMotion | None:
+def _followed(log: EncoderLog) -> Followed | None:
     """Return driving and driven angle, rad, for the slope of one over the other.
 
     They are those of the log. If the slope leaves so much that the shafts do not seem to turn
@@ -370,7 +341,7 @@ def _followed(log: EncoderLog) -> FollowedMotion | None:
     middle = driving - driving.mean()
     rest = driven - float(driven @ middle / (middle @ middle)) * middle
     if _turn_together(log, float(np.std(rest))):
-        return FollowedMotion(driving, driven)
+        return driving, driven
     return without_lost_motion(log)
 
 
@@ -389,12 +360,8 @@ def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict
         off = abs(seen - value)
         return off <= tolerance * abs(value) + SURELY * std or off <= DEVIATIONS * std
 
-    candidates: dict[Verdict, float] = {
-        "agrees": given,
-        "sign": -given,
-        "swapped": 1 / given,
-        "swapped_sign": -1 / given,
-    }
+    candidates: dict[Verdict, float] = {"agrees": given, "sign": -given}
+    candidates |= {"swapped": 1 / given, "swapped_sign": -1 / given}
     for verdict, value in candidates.items():
         if fits(value):
             return verdict

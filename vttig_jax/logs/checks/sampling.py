@@ -248,44 +248,35 @@ def order_spectrum(
         ]
         if not shafts:
             continue
-        amplitudes, highest = _flank_spectrum(log, on_flank, shafts)
-        lines += [OrderLine(*term, flank, value) for term, value in amplitudes]
+        terms: dict[object, tuple[str, int]] = {}
+        for shaft in shafts:
+            speed = log.ratio if shaft == "driven" else 1
+            for order in range(1, HIGHEST + 1):
+                terms.setdefault(order * speed, (shaft, order))
+        candidates = list(terms.values())
+        gram, highest = _gram(log, on_flank, candidates), HIGHEST
+        while highest:
+            chosen = [k for k, (_, order) in enumerate(candidates) if order <= highest]
+            columns = [0, 1, *(c for k in chosen for c in (2 + 2 * k, 3 + 2 * k))]
+            matrix, right = gram[np.ix_(columns, columns)], gram[columns, -1]
+            size = np.sqrt(np.diag(matrix))
+            size[size == 0] = 1.0
+            matrix = matrix / np.outer(size, size)
+            if np.linalg.eigvalsh(matrix)[0] >= SEPARABLE:
+                solution = np.linalg.solve(matrix, right / size) / size
+                amplitudes = np.hypot(solution[2::2], solution[3::2]) / ARCSEC
+                found = zip(chosen, amplitudes.tolist(), strict=True)
+                lines += [OrderLine(*candidates[k], flank, arcsec) for k, arcsec in found]
+                break
+            highest -= 1
         if highest < HIGHEST:
             orders = f"only orders 1 to {highest}" if highest else "no orders"
             notes.append(f"flank {flank}: {orders} can be told apart over its few turns")
     return tuple(lines), tuple(notes)
 
 
-def _flank_spectrum(
-    log: EncoderLog, segments: Sequence[Segment], shafts: Sequence[str]
-) -> tuple[list[tuple[tuple[str, int], float]], int]:
-    speeds = {"driving": 1, "driven": log.ratio}
-    terms: dict[object, tuple[str, int]] = {}
-    for shaft in shafts:
-        for order in range(1, HIGHEST + 1):
-            terms.setdefault(order * speeds[shaft], (shaft, order))
-    candidates = list(terms.values())
-    gram = _gram(log, segments, shafts, candidates)
-    for highest in range(HIGHEST, 0, -1):
-        chosen = [k for k, (_, order) in enumerate(candidates) if order <= highest]
-        columns = [0, 1, *(c for k in chosen for c in (2 + 2 * k, 3 + 2 * k))]
-        matrix, right = gram[np.ix_(columns, columns)], gram[columns, -1]
-        size = np.sqrt(np.diag(matrix))
-        size[size == 0] = 1.0
-        matrix = matrix / np.outer(size, size)
-        if np.linalg.eigvalsh(matrix)[0] < SEPARABLE:
-            continue
-        solution = np.linalg.solve(matrix, right / size) / size
-        amplitudes = np.hypot(solution[2::2], solution[3::2]) / ARCSEC
-        return [(candidates[k], float(a)) for k, a in zip(chosen, amplitudes, strict=True)], highest
-    return [], 0
-
-
 def _gram(
-    log: EncoderLog,
-    segments: Sequence[Segment],
-    shafts: Sequence[str],
-    terms: Sequence[tuple[str, int]],
+    log: EncoderLog, segments: Sequence[Segment], terms: Sequence[tuple[str, int]]
 ) -> Float[np.ndarray, "p p"]:
     """Return the Gram matrix of the columns 1, t, cos and sin of every term, and the TE (last)."""
     index = np.concatenate([np.arange(s.start, s.stop) for s in segments])
@@ -300,7 +291,7 @@ def _gram(
         part = slice(start, start + CHUNK)
         rows = np.empty((size, len(index[part])))
         rows[0], rows[1], rows[-1] = 1.0, time[part], error[part]
-        waves = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in shafts}
+        waves = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in dict(terms)}
         powers = {shaft: np.vander(x, HIGHEST + 1, increasing=True) for shaft, x in waves.items()}
         for k, (shaft, order) in enumerate(terms):
             power = powers[shaft][:, order]

@@ -126,7 +126,7 @@ def find_steps(
         return []
     if rival is not None and series.judged(rival, without)[1] > score + _BETTER:
         return []
-    return _measured(values, columns, series.sharpened(places, without), least)
+    return series.measured(series.sharpened(places, without), least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +227,30 @@ class _Series:
             sharp = trials[int(np.argmax(found))]
         return sharp
 
+    def measured(self, places: list[int], least: float) -> list[Step]:
+        """Fit steps at `places` with the columns; return those of at least the size `least`."""
+        values, columns, (count, width) = self.values, self.columns, self.columns.shape
+        steps = _steps(places, count)
+        design = np.hstack([columns, steps])
+        solution = np.linalg.lstsq(design, values, rcond=1e-9)[0]
+        residual = values - design @ solution
+        sigma = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
+        sigma *= np.sqrt(count / max(count - _basis(design).shape[1], 1))
+        power = max(float(residual @ residual), 1e-300)
+        correlation = np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.95)
+        found = []
+        for k, place in enumerate(places):
+            size = float(solution[width + k])
+            if abs(size) < max(least, 1e-12 * float(np.ptp(values))):
+                continue
+            level = residual + size * steps[:, k]
+            others = _basis(np.delete(design, width + k, axis=1))
+            remainder = _without(others, steps[:, k])
+            std = sigma * np.sqrt((1 + correlation) / (1 - correlation) / (remainder @ remainder))
+            base = float(np.median(level[max(0, place - NEAR) : place]))
+            found.append(Step(place, size, float(std), base, solution[:width]))
+        return found
+
     def _design(
         self, shape: Float[np.ndarray, " w"], places: list[int]
     ) -> Float[np.ndarray, "w q"]:
@@ -280,36 +304,6 @@ def _without(
 
 def _basis(columns: Float[np.ndarray, "w p"]) -> Float[np.ndarray, "w r"]:
     return orthonormal_basis(columns, 1e-6)
-
-
-def _measured(
-    values: Float[np.ndarray, " w"],
-    columns: Float[np.ndarray, "w p"],
-    places: list[int],
-    least: float,
-) -> list[Step]:
-    """Fit steps at `places` together with `columns`; return those of at least the size `least`."""
-    count, width = columns.shape
-    steps = _steps(places, count)
-    design = np.hstack([columns, steps])
-    solution = np.linalg.lstsq(design, values, rcond=1e-9)[0]
-    residual = values - design @ solution
-    sigma = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
-    sigma *= np.sqrt(count / max(count - _basis(design).shape[1], 1))
-    power = max(float(residual @ residual), 1e-300)
-    correlation = np.clip(residual[1:] @ residual[:-1] / power, 0.0, 0.95)
-    found = []
-    for k, place in enumerate(places):
-        size = float(solution[width + k])
-        if abs(size) < max(least, 1e-12 * float(np.ptp(values))):
-            continue
-        level = residual + size * steps[:, k]
-        others = _basis(np.delete(design, width + k, axis=1))
-        remainder = _without(others, steps[:, k])
-        std = sigma * np.sqrt((1 + correlation) / (1 - correlation) / (remainder @ remainder))
-        base = float(np.median(level[max(0, place - NEAR) : place]))
-        found.append(Step(place, size, float(std), base, solution[:width]))
-    return found
 
 
 MOST_ROWS = 40_000
@@ -396,7 +390,10 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
     effects = effects_of(log, rows, group, forward)
     residual = _huber_residual(effects, log.transmission_error[rows])
     size = np.diff([*edges, len(rows)])
-    medians = _medians(residual, edges, size)
+    medians = np.empty(len(size))
+    for length in np.unique(size):  # windows of one length are the rows of a table
+        windows = size == length
+        medians[windows] = np.median(residual[edges[windows, None] + np.arange(length)], axis=1)
     means = np.add.reduceat(effects, edges, axis=0) / size[:, None]
     # Least size in rad of the driven shaft: half the scatter of the residual, a multiple of the
     # rounding error, and one count of both encoders, whose rounding may differ from pass to pass.
@@ -408,7 +405,13 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
     scatter = 0.5 * float(np.median(np.abs(residual))) / 0.6745
     least, found = max(scatter, _DIGITS * log.rounding, counts), []
     for step in find_steps(medians, means, least, rival=means[:, 0]):
-        row = _first_row_after(rows, residual, edges, step, effects @ step.coefficients)
+        # The first sample after the step, within two windows of it: the best split of `level` has
+        # the largest sum of `side` behind it.
+        low, high = (int(edges[np.clip(step.window + k, 0, len(edges) - 1)]) for k in (-2, 2))
+        level = (residual - effects @ step.coefficients)[low:high] - step.base
+        side = np.clip(level / step.size - 0.5, -0.5, 0.5)
+        after = side.sum() - np.concatenate([[0.0], np.cumsum(side)])[:-1]
+        row = int(rows[low + int(np.argmax(after))])
         found.append(Slip(float(log.time[row]), row, step.size / DEG, step.std / DEG))
     return tuple(found)
 
@@ -462,11 +465,16 @@ def _huber_residual(
 ) -> Float[np.ndarray, " m"]:
     """Return the residual of a Huber fit of `error` by `effects`; outliers have little influence.
 
-    The fit uses one random row of every few neighbouring rows. `find_steps` fits the coefficients
-    again together with the steps. Every iteration solves the weighted normal equations for a
-    correction of the coefficients, which removes rounding errors of earlier iterations.
+    The fit uses one random row of every few neighbouring rows, about `_FITTED` rows per column. The
+    choice is random, so that outliers at equal distances are not taken every time. `find_steps`
+    fits the coefficients again together with the steps. Every iteration solves the weighted normal
+    equations for a correction of the coefficients, which removes rounding errors of earlier
+    iterations.
     """
-    few = _drawn(*effects.shape)
+    count, columns = effects.shape
+    step = max(1, count // (_FITTED * columns))
+    first = np.arange(0, count - step + 1, step)
+    few = first + np.random.default_rng(0).integers(step, size=len(first))
     table, left, weight = effects[few], error[few], np.ones(len(few))
     changes = []
     for _ in range(_HUBER_STEPS):
@@ -479,30 +487,6 @@ def _huber_residual(
     return error - effects @ changes[0] - effects @ np.sum(changes[1:], axis=0)
 
 
-def _drawn(count: int, columns: int) -> Int[np.ndarray, " few"]:
-    """Return the indices of one random row from each block of neighbouring rows.
-
-    `count` and `columns` are the numbers of rows and columns. About `_FITTED` rows per column are
-    drawn if there are so many. The choice within a block is random, so that outliers at equal
-    distances are not drawn every time.
-    """
-    step = max(1, count // (_FITTED * columns))
-    first = np.arange(0, count - step + 1, step)
-    return first + np.random.default_rng(0).integers(step, size=len(first))
-
-
-def _medians(
-    values: Float[np.ndarray, " m"], starts: Int[np.ndarray, " w"], size: Int[np.ndarray, " w"]
-) -> Float[np.ndarray, " w"]:
-    """Return the median of every window; a window has `size` values from index `starts` on."""
-    found = np.empty(len(size))
-    for length in np.unique(size):
-        windows = size == length
-        rows = starts[windows, None] + np.arange(length)
-        found[windows] = np.median(values[rows], axis=1)
-    return found
-
-
 def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:
     """Return the first index of every window; windows have similar length, each in one segment."""
     length = max(LEAST, len(segment_of) // WINDOWS)
@@ -512,24 +496,3 @@ def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:
         parts = max(1, (stop - start) // length)
         edges += [start + (stop - start) * k // parts for k in range(parts)]
     return np.array(edges, np.int64)
-
-
-def _first_row_after(
-    rows: Int[np.ndarray, " m"],
-    residual: Float[np.ndarray, " m"],
-    edges: Int[np.ndarray, " w"],
-    step: Step,
-    correction: Float[np.ndarray, " m"],
-) -> int:
-    """Return the index in the log of the first sample after the step.
-
-    It is searched within two windows of `step`. `correction` is the change of the fitted TE by the
-    coefficients that were fitted together with the step.
-    """
-    low = int(edges[max(step.window - 2, 0)])
-    high = int(edges[min(step.window + 2, len(edges) - 1)])
-    level = (residual - correction)[low:high] - step.base
-    side = np.clip(level / step.size - 0.5, -0.5, 0.5)
-    # The best split has the largest sum of `side` after it.
-    after = side.sum() - np.concatenate([[0.0], np.cumsum(side)])[:-1]
-    return int(rows[low + int(np.argmax(after))])

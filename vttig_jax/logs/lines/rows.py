@@ -7,9 +7,8 @@ of unknown frequency) are fitted by least squares together with regressors.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
-from itertools import groupby, pairwise
-from operator import attrgetter
+from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -103,25 +102,26 @@ class Rows:
 
         Both columns are averaged over the angle `width` over which the row itself was averaged.
         """
-        return lru_cache(_KNOWN)(partial(_wave, self.turns, self.width))
+        turns, width, averaged = self.turns, self.width, self.width.any()
+
+        def wave(cycles: float) -> Wave:
+            angle = cycles * turns
+            angle -= np.rint(angle)  # NumPy is faster for small angles
+            angle *= REV
+            table = np.empty((2, len(angle)))
+            np.cos(angle, out=table[0])
+            np.sin(angle, out=table[1])
+            if averaged:
+                table *= np.sinc(cycles * width)
+            return table.T
+
+        return lru_cache(_KNOWN)(wave)
 
     def slope(self, cycles: float) -> Wave:
         """Return the derivatives of the columns of a line with respect to its frequency."""
         cosine, sine = self.wave(cycles).T
         turns = REV * self.turns
         return np.stack([-turns * sine, turns * cosine]).T
-
-
-def _wave(turns: Float[np.ndarray, " n"], width: Float[np.ndarray, " n"], cycles: float) -> Wave:
-    angle = cycles * turns
-    angle -= np.rint(angle)  # NumPy is faster for small angles
-    angle *= REV
-    table = np.empty((2, len(angle)))
-    np.cos(angle, out=table[0])
-    np.sin(angle, out=table[1])
-    if width.any():
-        table *= np.sinc(cycles * width)
-    return table.T
 
 
 def stack(runs: Sequence[Stretch], highest: float) -> Rows:
@@ -154,29 +154,20 @@ def stack(runs: Sequence[Stretch], highest: float) -> Rows:
     turns = np.concatenate([run.angle for run, _ in ordered]) / REV
     origin = float(turns.mean()) if len(turns) else 0.0
     starts = (0, *np.cumsum([len(run.value) for run, _ in ordered]).tolist())
+    nuisance, first = [], 0
+    for members in groups.values():  # runs of a group are neighbours
+        parts = [run.nuisance for run, _ in ordered[first : first + len(members)]]
+        rows = slice(starts[first], starts[first + len(parts)])
+        nuisance.append((rows, np.concatenate(parts)))
+        first += len(parts)
     return Rows(
         turns=turns - origin,
         origin=origin,
         width=np.concatenate([width for _, width in ordered]),
         value=np.concatenate([run.value for run, _ in ordered]),
-        nuisance=_by_group([run for run, _ in ordered], starts),
+        nuisance=tuple(nuisance),
         starts=starts,
     )
-
-
-def _by_group(
-    runs: Sequence[Stretch], starts: Sequence[int]
-) -> tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]:
-    """Return the slice of rows and the regressors of every group; runs of a group are neighbours.
-
-    `starts` holds the index of the first row of every run, and the number of rows at the end.
-    """
-    blocks, first = [], 0
-    for _, members in groupby(runs, key=attrgetter("group")):
-        parts = [run.nuisance for run in members]
-        blocks.append((slice(starts[first], starts[first + len(parts)]), np.concatenate(parts)))
-        first += len(parts)
-    return tuple(blocks)
 
 
 def highest_resolved(runs: Sequence[Stretch], rows_per_cycle: float = 2.0) -> float:

@@ -184,7 +184,10 @@ class _Search:
             taps = noise_filter(self.rows, self.plain.after(frequencies))
             regression = self.plain.whitened(taps)
             frequencies = regression.refine(frequencies, self._lowest)
-            level = self._level(regression, frequencies)
+            height = self.spectrum.height(regression.after(frequencies), taps)
+            level = noise_level(self.spectrum, height, frequencies, near=frequencies).at(
+                frequencies
+            )
             scores = self._scores(regression, frequencies, level)
             worst = int(np.argmin(scores))
             if self._alarm(float(scores[worst])) <= self.false_alarm:
@@ -225,28 +228,15 @@ class _Search:
             return np.full(len(frequencies), np.inf)
         used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
         rows = len(self.rows.value)
-        without = [self._misfit_without(regression, frequencies, k) for k in range(len(drops))]
+        without = []
+        for others in (np.delete(frequencies, k) for k in range(len(drops))):
+            taps = filter_of_order(self.rows, self.plain.after(others), len(regression.taps) - 1)
+            without.append(self.plain.whitened(taps).misfit(others))
         gain = np.log(np.maximum(np.array(without) / misfit, 1.0))
         ratio = 0.5 * max(rows - used, 1) * gain
         usual, freedom = level
         nearby = relative_height(0.5 * drops / usual, freedom)
         return np.where(freedom >= _LEAST_FREEDOM, np.minimum(ratio, nearby), ratio)
-
-    def _misfit_without(
-        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], line: int
-    ) -> float:
-        """Return the sum of squares without the line of index `line`.
-
-        The whitening filter is fitted again without this line and has the same order.
-        """
-        others = np.delete(frequencies, line)
-        residual = self.plain.after(others)
-        taps = filter_of_order(self.rows, residual, len(regression.taps) - 1)
-        return self.plain.whitened(taps).misfit(others)
-
-    def _level(self, regression: LineRegression, frequencies: Float[np.ndarray, " k"]) -> _Level:
-        height = self.spectrum.height(regression.after(frequencies), regression.taps)
-        return noise_level(self.spectrum, height, frequencies, near=frequencies).at(frequencies)
 
     @property
     def _lowest(self) -> float:
@@ -546,6 +536,13 @@ class Spectrum:
         return 1 / (self.span * self.step)
 
     @property
+    def knots(self) -> Int[np.ndarray, " k"]:
+        """Indices of the frequencies at which the noise level is fitted."""
+        count = len(self.cycles)
+        apart = max(round(_KNOT_DISTANCE * self.per_cell), 1)
+        return np.unique(np.append(np.arange(0, count, apart), count - 1))
+
+    @property
     def step(self) -> float:
         """Distance of two frequencies, cycles per revolution."""
         return float(self.cycles[1] - self.cycles[0])
@@ -650,6 +647,7 @@ def noise_level(
     lines: Float[np.ndarray, " k"],
     *,
     near: Float[np.ndarray, " m"] | None = None,
+    roughly: bool = False,
 ) -> Level:
     """Return the noise level, fitted as a power of the frequency within 40 cells around each knot.
 
@@ -659,58 +657,15 @@ def noise_level(
     gamma family with logarithmic link. Heights above five times the level count as five times the
     level. Frequencies within one cell of one of `lines` (cycles per revolution) are excluded, and
     so are those that the regressors explain. If frequencies `near` are given, only the knots on
-    both sides of each of them are fitted; the level is valid there only.
+    both sides of each of them are fitted; the level is valid there only. `roughly` takes every
+    second knot, and one frequency per cell.
     """
-    knots = _knots(spectrum)
+    cycles, per_cell, knots, stride = spectrum.cycles, spectrum.per_cell, spectrum.knots, 1
     if near is not None:
-        right = np.searchsorted(spectrum.cycles[knots], near)
+        right = np.searchsorted(cycles[knots], near)
         knots = knots[np.unique(np.clip([right - 1, right], 0, len(knots) - 1))]
-    return _level(spectrum, height, lines, knots)
-
-
-def may_be_highest(
-    spectrum: Spectrum,
-    height: Float[np.ndarray, " f"],
-    lines: Float[np.ndarray, " k"],
-    places: Int[np.ndarray, " p"],
-) -> Bool[np.ndarray, " p"]:
-    """Return for each of `places` whether its height may be the highest of all `places`.
-
-    Heights are compared relative to the noise level. `places` are indices of frequencies in
-    `spectrum.cycles`, and the other arguments are those of `noise_level`. The level is only
-    roughly estimated here, from few frequencies. The exact level is then needed only at the places
-    for which the result is true.
-    """
-    knots = _knots(spectrum)
-    if len(knots) <= _MANY_KNOTS or not len(places):
-        return np.ones(len(places), bool)
-    few = np.append(knots[:-1:2], knots[-1])
-    level = _level(spectrum, height, lines, few, stride=max(round(spectrum.per_cell), 1))
-    usual, freedom = level.at(spectrum.cycles[places])
-    relative = height[places] / usual
-    least = relative_height(relative / _ROUGHLY, freedom).max()
-    return relative_height(relative * _ROUGHLY, freedom) >= least
-
-
-def _knots(spectrum: Spectrum) -> Int[np.ndarray, " k"]:
-    """Return the indices of the frequencies at which the noise level is fitted."""
-    count = len(spectrum.cycles)
-    apart = max(round(_KNOT_DISTANCE * spectrum.per_cell), 1)
-    return np.unique(np.append(np.arange(0, count, apart), count - 1))
-
-
-def _level(
-    spectrum: Spectrum,
-    height: Float[np.ndarray, " f"],
-    lines: Float[np.ndarray, " k"],
-    knots: Int[np.ndarray, " q"],
-    stride: int = 1,
-) -> Level:
-    """Return the level at the knots, fitted to every `stride`-th frequency of their windows.
-
-    `knots` are indices in `spectrum.cycles`. The other arguments are those of `noise_level`.
-    """
-    cycles, per_cell = spectrum.cycles, spectrum.per_cell
+    if roughly:
+        knots, stride = np.append(knots[:-1:2], knots[-1]), max(round(per_cell), 1)
     usable = (spectrum.remaining >= LEAST_REMAINING) & (height > 0)
     for line in lines:
         usable &= np.abs(cycles - line) * spectrum.span >= 1
@@ -739,6 +694,28 @@ def _level(
     intercept, inverse = found
     freedom = np.clip(stride / np.maximum(inverse * per_cell, 1e-12), 0.0, size / per_cell)
     return Level(cycles[knots], intercept, freedom)
+
+
+def may_be_highest(
+    spectrum: Spectrum,
+    height: Float[np.ndarray, " f"],
+    lines: Float[np.ndarray, " k"],
+    places: Int[np.ndarray, " p"],
+) -> Bool[np.ndarray, " p"]:
+    """Return for each of `places` whether its height may be the highest of all `places`.
+
+    Heights are compared relative to the noise level. `places` are indices of frequencies in
+    `spectrum.cycles`, and the other arguments are those of `noise_level`. The level is only
+    roughly estimated here, from few frequencies. The exact level is then needed only at the places
+    for which the result is true.
+    """
+    if len(spectrum.knots) <= _MANY_KNOTS or not len(places):
+        return np.ones(len(places), bool)
+    level = noise_level(spectrum, height, lines, roughly=True)
+    usual, freedom = level.at(spectrum.cycles[places])
+    relative = height[places] / usual
+    least = relative_height(relative / _ROUGHLY, freedom).max()
+    return relative_height(relative * _ROUGHLY, freedom) >= least
 
 
 def _gamma_regression(

@@ -36,7 +36,6 @@ from ..channel.speed import Speed, is_at_standstill
 from ..encoder_log import EncoderLog
 from .segments import (
     AFTER_REVERSAL,
-    MotionPhase,
     Segment,
     Segments,
     find_segments,
@@ -136,67 +135,46 @@ def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
     if not turns:
         return 0.0
     angle = log.driving_angle
-    rows, leg, sense = _rows(moving, turns)
-    origin = angle[[moving[0].start, *(moving[k].start for k in turns)]]
-    travel = np.abs(angle[rows] - origin[leg])
-    stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
-    shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
-    gap = 0.0
-    for longest in (share * stroke for share in shares):
-        # The place of the teeth is known after a reversal or after the longest crossing.
-        known = ~log.spikes[rows] & ((leg > 0) | (travel > longest))
-        gap = _crossing_of(log, rows[known], sense[known], travel[known], longest)
-        if 0 < gap < longest * float(log.ratio):
-            break  # a longer crossing would be seen at the limit
-    return gap
-
-
-def _crossing_of(
-    log: EncoderLog,
-    rows: Int[np.ndarray, " m"],
-    sense: Int[np.ndarray, " m"],
-    travel: Float[np.ndarray, " m"],
-    longest: float,
-) -> float:
-    """Return the gap whose crossing takes up to the travel `longest`, rad; 0 without evidence.
-
-    `rows` are samples in motion, `sense` their direction, ±1, and `travel` in rad is that since the
-    start of their leg.
-    """
-    ratio = float(log.ratio)
-    if len(rows) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(sense)) < 2:
-        return 0.0
-    basis = orthonormal_basis(columns_of(log, rows, log.driving_speed.value[rows]), 1e-9)
-
-    def squares(values: Float[np.ndarray, " m"]) -> float:
-        rest = values - basis @ (basis.T @ values)
-        return float(rest @ rest)
-
-    error = log.transmission_error[rows] - np.mean(log.transmission_error[rows])
-    trials = ratio * np.geomspace(AFTER_REVERSAL, longest, _TRIALS)
-    found = []
-    for gap in trials:
-        left = np.minimum(ratio * travel, gap)
-        found.append(squares(error - np.where(sense > 0, gap - left, left)))
-    best = int(np.argmin(found))
-    evidence = len(rows) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
-    return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
-
-
-def _rows(
-    moving: list[MotionPhase], turns: list[int]
-) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-    """Return evenly spaced samples in motion, their leg, and their direction of motion, ±1.
-
-    A leg is the motion between two reversals, counted from 0.
-    """
     start, stop = np.array([(phase.start, phase.stop) for phase in moving]).T
     before = np.concatenate([[0], np.cumsum(stop - start)])
     place = np.arange(0, before[-1], max(1, -(-int(before[-1]) // _MOST_CROSSED)))
     phase = np.searchsorted(before, place, side="right") - 1
-    leg = np.searchsorted(turns, phase, side="right")
-    sense = np.array([1 if one.kind == "forward" else -1 for one in moving])
-    return start[phase] + place - before[phase], leg, sense[phase]
+    rows = start[phase] + place - before[phase]  # evenly spaced samples in motion
+    leg = np.searchsorted(turns, phase, side="right")  # motion between two reversals, from 0
+    sense = np.array([1 if one.kind == "forward" else -1 for one in moving])[phase]
+    origin = angle[[moving[0].start, *(moving[k].start for k in turns)]]
+    travel = np.abs(angle[rows] - origin[leg])
+    stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
+    shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
+    ratio, gap = float(log.ratio), 0.0
+
+    def crossing(longest: float) -> float:
+        """Return the gap whose crossing takes up to the travel `longest`, or 0 without evidence."""
+        # The place of the teeth is known after a reversal or after the longest crossing.
+        known = ~log.spikes[rows] & ((leg > 0) | (travel > longest))
+        used, way, since = rows[known], sense[known], travel[known]
+        if len(used) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(way)) < 2:
+            return 0.0
+        basis = orthonormal_basis(columns_of(log, used, log.driving_speed.value[used]), 1e-9)
+
+        def squares(values: Float[np.ndarray, " m"]) -> float:
+            rest = values - basis @ (basis.T @ values)
+            return float(rest @ rest)
+
+        error = log.transmission_error[used] - np.mean(log.transmission_error[used])
+        trials, found = ratio * np.geomspace(AFTER_REVERSAL, longest, _TRIALS), []
+        for gap in trials:
+            left = np.minimum(ratio * since, gap)
+            found.append(squares(error - np.where(way > 0, gap - left, left)))
+        best = int(np.argmin(found))
+        evidence = len(used) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
+        return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
+
+    for share in shares:
+        gap = crossing(share * stroke)
+        if 0 < gap < share * stroke * ratio:
+            break  # a longer crossing would be seen at the limit
+    return gap
 
 
 _QUANTILES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
@@ -236,9 +214,19 @@ def overrunning_segments(
         return None
     motion = np.sign(speed.value).astype(np.int8)
     braking = _braking(log, speed, half, np.arange(len(log)))
-    limit, place = _profiled(
-        log, motion=motion, braking=braking, limit=limit, gap=gap, rows=rows, columns=columns
-    )
+    tried: dict[float, tuple[float, np.ndarray]] = {}  # limit → sum of squares, place in the gap
+    for factor in _FACTORS:
+        best = min(tried, key=lambda one: tried[one][0], default=limit)
+        for trial in (one for one in (best, best * factor, best / factor) if one not in tried):
+            width = gap
+            for _ in range(_ROUNDS):
+                place = _place(log, motion, braking - trial, max(width, 1e-6) / float(log.ratio))
+                design = np.column_stack([columns, place[rows]])
+                solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
+                tried[trial] = float(np.sum((error - design @ solution) ** 2)), place
+                width = float(solution[-1])
+    limit = min(tried, key=lambda one: tried[one][0])
+    place = tried[limit][1]
     found = [
         fit_student_noise(error, np.column_stack([columns, each])).log_likelihood
         for each in (place[rows], (sense[rows] < 0).astype(np.float64))
@@ -281,46 +269,6 @@ def _braking(
     low, high = np.maximum(rows - half, 0), np.minimum(rows + half, len(log) - 1)
     elapsed = np.maximum(log.time[high] - log.time[low], 1e-300)
     return -np.sign(speed.value[rows]) * (speed.value[high] - speed.value[low]) / elapsed
-
-
-def _profiled(
-    log: EncoderLog,
-    motion: Int[np.ndarray, " n"],
-    braking: Float[np.ndarray, " n"],
-    limit: float,
-    gap: float,
-    rows: Int[np.ndarray, " m"],
-    columns: Float[np.ndarray, "m p"],
-) -> tuple[float, Float[np.ndarray, " n"]]:
-    """Return the limit in rad/s² with the least sum of squares, and the load's place in the gap.
-
-    The place is given at every sample: 0 on flank A, 1 on flank B.
-
-    **Arguments**
-    - `motion`: sign of the speed. `braking`: deceleration of the driving shaft, rad/s².
-    - `limit`, `gap`: first estimates, rad/s² of the driving shaft and rad of the driven shaft.
-    - `rows`, `columns`: samples of the comparison and their design matrix.
-    """
-    error, ratio = log.transmission_error[rows], float(log.ratio)
-    found: dict[float, tuple[float, float, np.ndarray]] = {}
-
-    def tried(trial: float) -> float:
-        width = gap
-        for _ in range(_ROUNDS):
-            place = _place(log, motion, braking - trial, max(width, 1e-6) / ratio)
-            design = np.column_stack([columns, place[rows]])
-            solution = np.linalg.lstsq(design, error, rcond=1e-9)[0]
-            square, width = float(np.sum((error - design @ solution) ** 2)), float(solution[-1])
-            found[trial] = square, width, place
-        return found[trial][0]
-
-    for factor in _FACTORS:
-        best = min(found, key=lambda one: found[one][0], default=limit)
-        for trial in (best, best * factor, best / factor):
-            if trial not in found:
-                tried(trial)
-    best = min(found, key=lambda one: found[one][0])
-    return best, found[best][2]
 
 
 def _place(
@@ -464,41 +412,34 @@ def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:
         if crossing <= _WIDER * found.crossing:
             break
         beyond = find_segments(log, crossing)
-        if _flanks_of(beyond) == _flanks_of(found):
+        flanks = [{segment.flank for segment in one.segments} for one in (beyond, found)]
+        if flanks[0] == flanks[1]:
             return beyond
     return found
-
-
-def _flanks_of(found: Segments) -> set[str]:
-    return {segment.flank for segment in found.segments}
 
 
 def _torque_fits_better(log: EncoderLog, by_torque: Segments, by_motion: Segments) -> bool:
     """Return whether flanks by the torque explain the transmission error better than by the motion.
 
-    Both models have a step between the flanks. If both assignments nearly agree, return True.
+    Both linear models have an offset, speed, torque, first orders, and a backlash ≥ 0 between the
+    flanks. If both assignments nearly agree, return True.
     """
+    assert log.torque is not None  # checked by the caller
     torque, motion = (flank_rows(log, one)[0] for one in (by_torque, by_motion))
     both = np.flatnonzero((torque != 0) & (motion != 0))
     if np.mean(torque[both] != motion[both]) < _DISAGREEING:
         return True
     rows = both[:: max(1, len(both) // _MOST_SAMPLES)]
-    torque_misfit, motion_misfit = (_misfit(log, rows, flank[rows]) for flank in (torque, motion))
-    return torque_misfit < _BETTER * motion_misfit
-
-
-def _misfit(log: EncoderLog, rows: np.ndarray, flank: Int[np.ndarray, " m"]) -> float:
-    """Return the residual sum of squares of a linear model of the transmission error at `rows`.
-
-    The model has an offset, speed, torque, first orders, and a backlash ≥ 0 between the flanks.
-    `flank` is +1 on flank A and −1 on flank B.
-    """
-    assert log.torque is not None  # checked by the caller
     columns = columns_of(log, rows, log.driving_speed.value[rows])
     columns = np.column_stack([columns, log.torque[rows]])
     error = log.transmission_error[rows] - np.mean(log.transmission_error[rows])
-    squares, step = squares_with_step(error, columns, flank)
-    return squares if step >= 0 else squares_with_step(error, columns, np.zeros_like(flank))[0]
+    misfits = []
+    for flank in (torque[rows], motion[rows]):
+        squares, step = squares_with_step(error, columns, flank)
+        if step < 0:
+            squares = squares_with_step(error, columns, np.zeros_like(flank))[0]
+        misfits.append(squares)
+    return misfits[0] < _BETTER * misfits[1]
 
 
 @dataclass(frozen=True)

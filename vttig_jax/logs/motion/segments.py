@@ -236,10 +236,25 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     speed = log.smooth_speed(angle)
     sense = _sense(speed, angle, cut)
     spans = runs(sense, cut)
-    motion = tuple(_motion(a, b, int(sense[a]), time, angle) for a, b in spans)
+    kinds: dict[int, Kind] = {1: "forward", 0: "dwell", -1: "backward"}
+    motion = tuple(
+        MotionPhase(a, b, kinds[int(sense[a])], _mean_speed(a, b, time, angle)) for a, b in spans
+    )
     moving = [(m.start, m.stop) for m in motion if m.kind != "dwell"]
     flank = _flank(log, sense)
-    starts = _starts(flank, _moving_on(time, angle, speed.value, cut, moving), moving)
+    flips = np.flatnonzero(flank)
+    flips = flips[1:][np.diff(flank[flips]) != 0].tolist()
+    starts = set[int](flips)  # where the flank changes or a run begins
+    for start, stop in moving:
+        goes_on = start == 0
+        if start and cut[start]:
+            # In a gap in time, as a logger of changes has it, the shaft stood still if it was
+            # slower there than a share of the top speed of the run.
+            over = abs(angle[start] - angle[start - 1]) / (time[start] - time[start - 1])
+            goes_on = over > RAGGED * float(np.abs(speed.value[start:stop]).max())
+        if not goes_on:
+            starts.add(start)
+    starts = sorted(starts)
     known = (flank != 0) & (sense != 0) & ~_crossing(starts, angle, crossing)
     edges = cut.copy()
     edges[[start for start, _ in spans]] = True
@@ -289,13 +304,6 @@ def _sense(
     return sense
 
 
-def _motion(
-    start: int, stop: int, sense: int, time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]
-) -> MotionPhase:
-    kinds: dict[int, Kind] = {1: "forward", 0: "dwell", -1: "backward"}
-    return MotionPhase(start, stop, kinds[sense], _mean_speed(start, stop, time, angle))
-
-
 def _mean_speed(
     start: int, stop: int, time: Float[np.ndarray, " n"], angle: Float[np.ndarray, " n"]
 ) -> float:
@@ -343,44 +351,6 @@ def _flank(log: EncoderLog, sense: Int8[np.ndarray, " n"]) -> Int8[np.ndarray, "
         by_torque = np.where(loaded, np.sign(log.torque), 0).astype(np.int8)
         flank = by_torque if log.direction is None else np.where(flank == by_torque, flank, 0)
     return flank.astype(np.int8)
-
-
-def _starts(
-    flank: Int8[np.ndarray, " n"], gaps: Sequence[int], moving: list[tuple[int, int]]
-) -> list[int]:
-    """Return, in ascending order, the indices where the flank changes or a run begins.
-
-    The runs `moving` are those of one direction. A run that goes on over a gap in time, at one of
-    the samples `gaps`, is not included.
-    """
-    starts: set[int] = {start for start, _ in moving} - set(gaps)
-    known = np.flatnonzero(flank)
-    flips = np.flatnonzero(np.diff(flank[known]))
-    starts.update(known[flips + 1].tolist())
-    return sorted(starts)
-
-
-def _moving_on(
-    time: Float[np.ndarray, " n"],
-    angle: Float[np.ndarray, " n"],
-    speed: Float[np.ndarray, " n"],
-    cut: Bool[np.ndarray, " n"],
-    moving: list[tuple[int, int]],
-) -> list[int]:
-    """Return the starts of the runs that go on over a gap in time before them.
-
-    The shaft stood still in the gap if it was slower there than `RAGGED` times the top speed of the
-    run. A logger that writes only changes has such gaps.
-    """
-    found = []
-    for start, stop in moving:
-        if start == 0:
-            found.append(start)
-        elif cut[start]:
-            over = abs(angle[start] - angle[start - 1]) / (time[start] - time[start - 1])
-            if over > RAGGED * float(np.abs(speed[start:stop]).max()):
-                found.append(start)
-    return found
 
 
 def _crossing(

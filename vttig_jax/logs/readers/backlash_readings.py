@@ -178,23 +178,18 @@ def read_backlash_readings(
     columns = {role: _column(table, role, driving) for role in UNITS}
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     lines = np.array([number for number, _ in table.rows()], np.int64)
-    angle, backlash = (
-        _radians(role, one, table.names[index], _size(table, index, unit, lead_mm), source, lines)
-        for (role, (index, unit)), one in zip(columns.items(), values, strict=True)
-    )
+    found = []
+    for (role, (index, unit)), one in zip(columns.items(), values, strict=True):
+        name, radians = table.names[index], radians_of(unit, None, lead_mm)
+        if radians is None:
+            raise LogError(
+                f"{unit} is a length; give --radius-mm, the radius in mm at which a dial gauge"
+                " stands, or --lead-mm, the travel of a linear axis in one turn.",
+                where=f"{source}: column `{name}`",
+            )
+        found.append(_radians(role, one, name, radians, source, lines))
+    angle, backlash = found
     return BacklashReadings(driving_scale * angle, backlash, source, digest, lines)
-
-
-def _size(table: TextTable, index: int, unit: str, lead_mm: float | None) -> float:
-    """Return the angle in rad of a reading 1 of a column."""
-    radians = radians_of(unit, None, lead_mm)
-    if radians is None:
-        raise LogError(
-            f"{unit} is a length; give --radius-mm, the radius in mm at which a dial gauge stands,"
-            " or --lead-mm, the travel of a linear axis in one turn.",
-            where=f"{table.source}: column `{table.names[index]}`",
-        )
-    return radians
 
 
 def _column(table: TextTable, role: str, driving: str | None) -> tuple[int, str]:

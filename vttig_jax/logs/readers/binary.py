@@ -223,18 +223,13 @@ def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
 def _columns(name: str, data: bytes, source: str) -> Iterator[tuple[str, np.ndarray]]:
     _check_header(data[:4096], len(data), f"{source}: array `{name}`")
     array = np.load(io.BytesIO(data), allow_pickle=False)
-    if array.dtype.names:
-        for field in array.dtype.names:
-            yield from _plain(f"{name}.{field}", array[field])
-    else:
-        yield from _plain(name, array)
-
-
-def _plain(name: str, array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    if array.dtype.kind == "M":
-        yield f"{name} [s]", since_first(array)
-    elif array.dtype.kind in "biuf":
-        yield from matrix_columns(name, array)
+    fields = array.dtype.names
+    parts = [(f"{name}.{one}", array[one]) for one in fields] if fields else [(name, array)]
+    for full, part in parts:
+        if part.dtype.kind == "M":
+            yield f"{full} [s]", since_first(part)
+        elif part.dtype.kind in "biuf":
+            yield from matrix_columns(full, part)
 
 
 def _check_header(head: bytes, size: int, where: str) -> None:
@@ -300,18 +295,12 @@ def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
                 continue
             if values.dtype.kind not in "biuf":
                 continue
-            own = channel.properties
+            own = dict(channel.properties)
             unit = next((own[k] for k in TDMS_UNIT_KEYS if k in own), "")
-            full = f"{name} [{unit}]" if unit else name
-            yield ClockedColumn(full, values, _time(dict(channel.properties), len(values)))
-
-
-def _time(properties: dict, size: int) -> np.ndarray | None:
-    """Return the times of the samples of a waveform in s; None if the channel is no waveform."""
-    step = properties.get("wf_increment")
-    if not isinstance(step, int | float) or not step > 0:
-        return None
-    return float(properties.get("wf_start_offset", 0.0)) + step * np.arange(size)
+            time, step = None, own.get("wf_increment")
+            if isinstance(step, int | float) and step > 0:  # the channel is a waveform
+                time = float(own.get("wf_start_offset", 0.0)) + step * np.arange(len(values))
+            yield ClockedColumn(f"{name} [{unit}]" if unit else name, values, time)
 
 
 _DICTIONARY, _BATCH = 2, 3  # kinds of messages in Arrow's `Message.fbs`
@@ -398,7 +387,11 @@ def arrow_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
         name = f"{field.name} [{unit.decode('utf-8', 'replace')}]" if unit else field.name
         kinds = pa.types.is_timestamp, pa.types.is_time, pa.types.is_duration
         if any(is_kind(field.type) for is_kind in kinds):
-            yield f"{field.name} [s]", _seconds(pa, column)
+            whole = column.cast(pa.int32() if field.type.bit_width == 32 else pa.int64())
+            stamps = whole.fill_null(0).to_numpy().astype(f"timedelta64[{field.type.unit}]")
+            missing = whole.is_null().to_numpy(zero_copy_only=False)
+            stamps = np.where(missing, np.timedelta64("NaT"), stamps)
+            yield f"{field.name} [s]", since_first(stamps)
         elif pa.types.is_integer(field.type) or pa.types.is_floating(field.type):
             yield name, np.asarray(column.to_numpy())
         elif pa.types.is_decimal(field.type):
@@ -427,45 +420,35 @@ def _arrow_table(pa: Any, path: Path, data: bytes) -> Any:
         return stream.read_all()
 
 
-def _seconds(pa: Any, column: Any) -> np.ndarray:
-    """Return stamps in s since the first stamp; a missing stamp is NaN."""
-    whole = column.cast(pa.int32() if column.type.bit_width == 32 else pa.int64())
-    stamps = whole.fill_null(0).to_numpy().astype(f"timedelta64[{column.type.unit}]")
-    missing = whole.is_null().to_numpy(zero_copy_only=False)
-    return since_first(np.where(missing, np.timedelta64("NaT"), stamps))
-
-
 _HEADER = 64
 """Address (byte position) of the first block in all versions of MDF."""
 
 _LINKS: dict[bytes, tuple[set[bytes], ...]] = {
     b"##HD": ({b"##DG"}, {b"##FH"}, {b"##CH"}, {b"##AT"}, {b"##EV"}),
-    b"##DG": ({b"##DG"}, {b"##CG"}),
+    b"##DG": ({b"##DG"}, {b"##CG"}, set()),  # the last link leads to data, perhaps a list of them
     b"##CG": ({b"##CG"}, {b"##CN"}),
     b"##CN": ({b"##CN"}, {b"##CN", b"##CA"}),
     b"##CA": ({b"##CN", b"##CA"},),
     b"##CH": ({b"##CH"}, {b"##CH"}),
+    b"##HL": ({b"##DL", b"##LD"},),
     **{kind: ({kind},) for kind in (b"##FH", b"##AT", b"##EV", b"##DL", b"##LD")},
 }
-"""MDF 4: kind of a block → kinds to which its first links lead (ASAM MDF 4.1, chapter 5)."""
+"""MDF 4: kind of a block → kinds to which its first links lead (ASAM MDF 4.1, chapter 5); none for
+any kind."""
 
-_DATA_LINK = 2
-"""Index of the link from a data group (DG) to its data, which may be a list."""
-
-_LINKS_3: dict[bytes, tuple[tuple[int, bytes], ...]] = {
-    b"HD": ((4, b"DG"),),
-    b"DG": ((4, b"DG"), (8, b"CG")),
-    b"CG": ((4, b"CG"), (8, b"CN")),
-    b"CN": ((4, b"CN"),),
+_LINKS_3: dict[bytes, tuple[tuple[int, set[bytes]], ...]] = {
+    b"HD": ((4, {b"DG"}),),
+    b"DG": ((4, {b"DG"}), (8, {b"CG"})),
+    b"CG": ((4, {b"CG"}), (8, {b"CN"})),
+    b"CN": ((4, {b"CN"}),),
 }
 """MDF 3: kind of a block → byte offsets of its links, and the kinds to which they lead."""
 
 
 def check_links(data: bytes) -> None:
     """Raise `ValueError` for a circular list of blocks or a block of the wrong kind."""
-    links = _links_4 if data[_HEADER : _HEADER + 2] == b"##" else _links_3
     open_blocks, done = {_HEADER}, set[int]()
-    road = [(_HEADER, links(data, _HEADER))]
+    road = [(_HEADER, _links(data, _HEADER))]
     while road:
         place, following = road[-1]
         target = next(following, None)
@@ -477,40 +460,27 @@ def check_links(data: bytes) -> None:
             raise ValueError(f"the block at byte {target} follows itself")
         elif target not in done:
             open_blocks.add(target)
-            road.append((target, links(data, target)))
+            road.append((target, _links(data, target)))
 
 
-def _links_4(data: bytes, place: int) -> Iterator[int]:
-    """Yield the addresses of the blocks to which the block of MDF 4 at byte `place` links."""
-    kind = data[place : place + 4]
-    if kind not in _LINKS and kind != b"##HL":
-        return
-    (count,) = struct.unpack_from("<Q", data, place + 16)
-    for slot, kinds in enumerate(_LINKS.get(kind, ({b"##DL", b"##LD"},))):
-        if slot < count:
-            yield from _target(data, place + 24 + 8 * slot, kinds)
-    if kind == b"##DG" and count > _DATA_LINK:
-        yield from _target(data, place + 24 + 8 * _DATA_LINK, None)
+def _links(data: bytes, place: int) -> Iterator[int]:
+    """Yield the addresses of the blocks to which the block at byte `place` links.
 
-
-def _target(data: bytes, place: int, kinds: set[bytes] | None) -> Iterator[int]:
-    (target,) = struct.unpack_from("<Q", data, place)
-    if not 0 < target <= len(data) - 24:  # no address, or one that the reader cannot follow
-        return
-    if kinds is not None and data[target : target + 4] not in kinds:
-        raise ValueError(f"a block of the wrong kind at byte {target}")
-    yield target
-
-
-def _links_3(data: bytes, place: int) -> Iterator[int]:
-    """Yield the addresses of the blocks to which the block of MDF 3 at byte `place` links."""
-    order = ">" if data[24:26] != b"\0\0" else "<"
-    for offset, kind in _LINKS_3.get(data[place : place + 2], ()):
-        if place + offset + 4 > len(data):
-            continue
-        (target,) = struct.unpack_from(f"{order}I", data, place + offset)
-        if 0 < target < len(data):
-            if data[target : target + 2] != kind:
+    An address beyond the data is none, or one that the reader cannot follow.
+    """
+    if data[_HEADER : _HEADER + 2] == b"##":
+        form, size, end = "<Q", 4, len(data) - 23
+        links = _LINKS.get(data[place : place + 4], ())
+        (count,) = struct.unpack_from("<Q", data, place + 16) if links else (0,)
+        places = [(place + 24 + 8 * slot, kinds) for slot, kinds in enumerate(links[:count])]
+    else:
+        form, size, end = f"{'>' if data[24:26] != bytes(2) else '<'}I", 2, len(data)
+        links = _LINKS_3.get(data[place : place + 2], ())
+        places = [(place + at, kinds) for at, kinds in links if place + at + 4 <= len(data)]
+    for at, kinds in places:
+        (target,) = struct.unpack_from(form, data, at)
+        if 0 < target < end:
+            if kinds and data[target : target + size] not in kinds:
                 raise ValueError(f"a block of the wrong kind at byte {target}")
             yield target
 

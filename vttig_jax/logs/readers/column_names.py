@@ -202,7 +202,15 @@ def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
     **Raises** `LogError` if no column or several columns match.
     """
     if number := number_of(name):
-        return _index_of_number(number, name, names, source)
+        if name in names and names.index(name) != number - 1:
+            raise LogError(
+                f"`{name}` is the number of a column and the name of another; rename the latter.",
+                where=source,
+            )
+        if number > len(names):
+            told = f"there is no column {name}; the log has {len(names)} ({listed(names)})."
+            raise LogError(told, where=source)
+        return number - 1
     wanted = _normalised(name)
     end = re.escape(wanted) + "$"
     tests = (
@@ -230,19 +238,6 @@ def index_of(name: str, role: str, names: Sequence[str], source: str) -> int:
         f" {role}=NAME or in [log]{rate}.",
         where=source,
     )
-
-
-def _index_of_number(number: int, name: str, names: Sequence[str], source: str) -> int:
-    if name in names and names.index(name) != number - 1:
-        raise LogError(
-            f"`{name}` is the number of a column and the name of another; rename the latter.",
-            where=source,
-        )
-    if number > len(names):
-        raise LogError(
-            f"there is no column {name}; the log has {len(names)} ({listed(names)}).", where=source
-        )
-    return number - 1
 
 
 def default_column(role: str, names: Sequence[str], source: str) -> int | None:

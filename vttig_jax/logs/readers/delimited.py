@@ -22,7 +22,7 @@ from jaxtyping import Real
 
 from ...base.errors import LogError
 from ...pair.schema import LogLayout
-from ..channel.channel import EXACT_FLOAT
+from ..channel.unwrap import EXACT_FLOAT
 from ..source import SKIP
 from .column_names import (
     TIME_UNITS,
@@ -742,6 +742,8 @@ def _headerless(
 ) -> TextTable | None:
     """Return the rows of numbers as a table with columns #1, #2, …, or None without rows.
 
+    A single column may have a name above it.
+
     `starts` is delimiter → index of the first row. `given` is true if the user stated the
     delimiter; a comma between digits is then a delimiter.
     """
@@ -758,7 +760,16 @@ def _headerless(
         if delimiter == "," and marks["decimal"] is None and not given:
             _refuse_ambiguous_commas(table, highest)
         return table
-    return _single_column(lines, tuple(starts), marks)
+    for delimiter in starts:  # a table of one column, whose lines may end with a delimiter
+        for k, line in enumerate(lines[:PREAMBLE]):
+            if not line.strip() or line.lstrip().startswith(COMMENTS):
+                continue
+            fields = split(line, delimiter)
+            if (delimiter or "") in line and len(fields) == 1 and looks_like_number(fields[0]):
+                above = _names(lines[k - 1], delimiter, 1) if k else []
+                names = above if len(above) == 1 else ["#1"]
+                return TextTable(names, lines, k - 1, delimiter, **marks)
+    return None
 
 
 def _refuse_ambiguous_commas(table: TextTable, highest: int) -> None:
@@ -782,25 +793,6 @@ def _refuse_ambiguous_commas(table: TextTable, highest: int) -> None:
         f"`{line}` means {width} columns, or {numbers} with a decimal comma; {CURE}.",
         where=f"{table.source}: line {rows[0][0]}",
     )
-
-
-def _single_column(
-    lines: Lines, candidates: Sequence[str | None], marks: dict[str, Any]
-) -> TextTable | None:
-    """Return a table of one column with or without a name, or None.
-
-    Each line may end with a delimiter.
-    """
-    for delimiter in candidates:
-        for k, line in enumerate(lines[:PREAMBLE]):
-            if not line.strip() or line.lstrip().startswith(COMMENTS):
-                continue
-            fields = split(line, delimiter)
-            if (delimiter or "") in line and len(fields) == 1 and looks_like_number(fields[0]):
-                above = _names(lines[k - 1], delimiter, 1) if k else []
-                names = above if len(above) == 1 else ["#1"]
-                return TextTable(names, lines, k - 1, delimiter, **marks)
-    return None
 
 
 def _no_table(lines: Lines, source: str) -> LogError:

@@ -46,14 +46,13 @@ HEADER = 128
 """Number of bytes before the first element; the last two bytes define the byte order."""
 
 
-def check_tags(data: bytes, budget: MemoryBudget | None = None) -> None:
+def check_tags(data: bytes, budget: MemoryBudget) -> None:
     """Check the tag (type and length) of every element in the bytes of a MATLAB file.
 
     **Raises** `ValueError` for an element of unknown type or beyond the end of its container, and
     `InputError` for elements that take more memory than the budget.
     """
     order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
-    budget = budget or MemoryBudget("the file", len(data))
     place = HEADER
     while place < len(data):
         kind, start, stop = _element(data, place, len(data), order)
@@ -176,12 +175,11 @@ def nested_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     **Raises** `UsageError` for MATLAB tables without the package mat-io, unless the file has plain
     arrays.
     """
-    hdf5 = HDF5_SIGNATURE in (data[:8], data[512:520])
     columns: dict[str, np.ndarray] = {}
     budget = MemoryBudget(str(path), len(data))
-    for name, array in (hdf5_leaves if hdf5 else matlab_leaves)(data, budget):
-        columns.update(matrix_columns(name, array))
-    if check_objects(data, hdf5=hdf5, budget=budget):
+    hdf5 = HDF5_SIGNATURE in (data[:8], data[512:520])
+    has_objects = (_take_hdf5 if hdf5 else _take_matlab)(data, budget, columns)
+    if has_objects:
         try:
             for name, array in object_leaves(path):
                 columns.update(matrix_columns(name, array))
@@ -198,28 +196,38 @@ DEEPEST = 16
 MOST_CELLS = 1000
 """An array with more cells or structs than this is not read (chosen)."""
 
+WORKSPACE = "__function_workspace__"
+"""Name under which SciPy returns the bytes of all objects of a file in format v6 or v7."""
 
-def matlab_leaves(
-    data: bytes, budget: MemoryBudget | None = None
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the name and values of every array of numbers in the bytes of a file.
 
-    Fields of structs are named `s.f`, of arrays of structs `s(2).f`, and cells `c{2}`. Objects
-    (tables, time series, functions), text, complex and sparse arrays are ignored. Damaged bytes
-    raise various exceptions of `scipy.io.loadmat`.
+def _take_matlab(data: bytes, budget: MemoryBudget, columns: dict[str, np.ndarray]) -> bool:
+    """Add the arrays of numbers in the bytes of a file of MATLAB v4 to v7 to `columns`.
+
+    Fields of structs are named `s.f`, of arrays of structs `s(2).f`, and cells `c{2}`. Text,
+    complex and sparse arrays are ignored. Return whether there are objects (tables, time series,
+    functions), whose bytes are then checked. Damaged bytes raise various exceptions of
+    `scipy.io.loadmat`.
     """
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadWarning, matfile_version
 
-    if matfile_version(io.BytesIO(data))[0] == 1:  # 0 is v4, which has no tags
+    tagged = matfile_version(io.BytesIO(data))[0] == 1  # 0 is v4, which has no tags and no objects
+    if tagged:
         check_tags(data, budget)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # objects share the name "None"
         sparse = {"spmatrix": False} if "spmatrix" in signature(loadmat).parameters else {}
         variables = loadmat(io.BytesIO(data), **sparse)  # newer versions of SciPy ask for it
-    for name, value in variables.items():
-        if not name.startswith("__"):
-            yield from leaves(name, value, _numbers)
+    for variable, value in variables.items():
+        if not variable.startswith("__"):
+            for name, array in leaves(variable, value, _numbers):
+                columns.update(matrix_columns(name, array))
+    stored = variables.get(WORKSPACE) if tagged else None
+    if stored is not None:
+        inner = np.asarray(stored, np.uint8).tobytes()
+        # The inner stream has two bytes of version and two of byte order in place of a header.
+        check_tags(bytes(HEADER - 2) + inner[2:4] + inner[8:], budget)
+    return stored is not None
 
 
 def _numbers(path: str, value: Any) -> Leaves:
@@ -268,22 +276,31 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file; in a MATLAB file they follow the header, at byte 512."""
 
 
-def hdf5_leaves(
-    data: bytes, budget: MemoryBudget | None = None
-) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the name and values of every array of numbers in the bytes of a file.
+SUBSYSTEM = "#subsystem#"
+"""Name of the group with the objects of a file in format v7.3."""
 
-    Names are `group/array`, and `group/array.field` for fields of a compound. In MATLAB files the
-    names are those of `matlab_leaves`, with rows and columns as in MATLAB. Links and data in other
-    files are not read. Every group and cell is read only once, even if it contains itself. Damaged
-    bytes raise various exceptions of h5py. An array whose declared size exceeds the memory `budget`
-    raises `InputError` before it is read.
+
+def _take_hdf5(data: bytes, budget: MemoryBudget, columns: dict[str, np.ndarray]) -> bool:
+    """Add the arrays of numbers in the bytes of an HDF5 file to `columns`.
+
+    Return whether there are objects of MATLAB, whose sizes are then checked. Damaged bytes raise
+    various exceptions of h5py. An array whose declared size exceeds the memory `budget` raises
+    `InputError` before it is read.
     """
     import h5py
 
+    def count(_: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            if item.is_virtual or item.external:
+                raise ValueError("data in another file")
+            take_dataset(item, budget)
+
     with h5py.File(io.BytesIO(data), "r") as file:
-        budget = budget or MemoryBudget("the file", len(data))
-        yield from _Walk(h5py, file, data.startswith(b"MATLAB"), budget).members(file, "", 0)
+        for name, array in hdf5_leaves(file, budget, matlab=data.startswith(b"MATLAB")):
+            columns.update(matrix_columns(name, array))
+        if SUBSYSTEM in file:
+            file.visititems(count)
+        return SUBSYSTEM in file
 
 
 def take_dataset(item: Any, budget: MemoryBudget) -> None:
@@ -317,118 +334,73 @@ def take_dataset(item: Any, budget: MemoryBudget) -> None:
     item.id.chunk_iter(check)
 
 
-class _Walk:
-    """Traversal of all groups and arrays of one open file."""
+def hdf5_leaves(
+    file: Any, budget: MemoryBudget, *, matlab: bool
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and values of every array of numbers in an open file.
 
-    def __init__(self, h5py: Any, file: Any, matlab: bool, budget: MemoryBudget):
-        self.h5py, self.file, self.matlab, self.budget = h5py, file, matlab, budget
-        self.seen: set[tuple[int, int]] = set()
+    Names are `group/array`, and `group/array.field` for fields of a compound. In MATLAB files the
+    names are those of `leaves`, with rows and columns as in MATLAB. Links and data in other files
+    are not read. Every group and cell is read only once, even if it contains itself.
+    """
+    import h5py
 
-    def members(self, group: Any, path: str, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+    seen: set[tuple[int, int]] = set()
+
+    def members(group: Any, path: str, depth: int) -> Iterator[tuple[str, np.ndarray]]:
         for name in group:
-            hard = isinstance(group.get(name, getlink=True), self.h5py.HardLink)
-            if not hard or (self.matlab and name.startswith("#")):  # internal data of MATLAB
-                continue
-            yield from self.leaves(group[name], path, name, depth)
+            hard = isinstance(group.get(name, getlink=True), h5py.HardLink)
+            if hard and not (matlab and name.startswith("#")):  # internal data of MATLAB
+                yield from arrays(group[name], path, name, depth)
 
-    def leaves(self, item: Any, path: str, name: str, depth: int) -> Iterator[tuple[str, Any]]:
+    def arrays(item: Any, path: str, name: str, depth: int) -> Iterator[tuple[str, Any]]:
         """Yield the arrays of the member `name` of the group at `path`."""
-        full = f"{path}{'.' if self.matlab else '/'}{name}" if path else name
-        if depth > DEEPEST or self._was_entered(item):
+        if depth > DEEPEST:
             return
-        if isinstance(item, self.h5py.Group):
-            yield from self.members(item, full, depth + 1)
-        if not isinstance(item, self.h5py.Dataset) or item.is_virtual or item.external:
+        full = f"{path}{'.' if matlab else '/'}{name}" if path else name
+        if isinstance(item, h5py.Group) or h5py.check_ref_dtype(item.dtype):
+            about = h5py.h5o.get_info(item.id)  # pyright: ignore
+            place = (int(about.fileno), int(about.addr))
+            if place in seen:
+                return
+            seen.add(place)
+        if isinstance(item, h5py.Group):
+            yield from members(item, full, depth + 1)
+        if not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
             return
-        if self.matlab:
-            yield from self.matlab_leaves(item, path, name, full, depth)
+        if matlab:
+            yield from of_matlab(item, path, name, full, depth)
         elif item.dtype.kind in "biuf":
-            take_dataset(item, self.budget)
+            take_dataset(item, budget)
             yield full, item[()]
         elif item.dtype.names:
             for field in item.dtype.names:
                 if item.dtype[field].kind in "biuf":
-                    take_dataset(item, self.budget)
+                    take_dataset(item, budget)
                     yield f"{full}.{field}", item[field]
 
-    def matlab_leaves(
-        self, item: Any, path: str, name: str, full: str, depth: int
+    def of_matlab(
+        item: Any, path: str, name: str, full: str, depth: int
     ) -> Iterator[tuple[str, Any]]:
         """Yield the arrays of a MATLAB item: data, or references to cells and structs."""
         kind = item.attrs.get("MATLAB_class", b"")
         if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
             return
         if item.dtype.kind in "biuf":
-            take_dataset(item, self.budget)
+            take_dataset(item, budget)
             yield full, item[()].T
-        elif self.h5py.check_ref_dtype(item.dtype) and item.size <= MOST_CELLS:
+        elif h5py.check_ref_dtype(item.dtype) and item.size <= MOST_CELLS:
             for k, reference in enumerate(item[()].T.ravel(order="F"), 1):
                 if kind == b"cell":
-                    yield from self.leaves(self.file[reference], path, f"{name}{{{k}}}", depth + 1)
+                    yield from arrays(file[reference], path, f"{name}{{{k}}}", depth + 1)
                 elif path:
-                    yield from self.leaves(self.file[reference], f"{path}({k})", name, depth + 1)
+                    yield from arrays(file[reference], f"{path}({k})", name, depth + 1)
 
-    def _was_entered(self, item: Any) -> bool:
-        """Return whether a group or an array of references was read before, and mark it as read."""
-        if not isinstance(item, self.h5py.Group) and not self.h5py.check_ref_dtype(item.dtype):
-            return False
-        about = self.h5py.h5o.get_info(item.id)
-        place = (int(about.fileno), int(about.addr))
-        if place in self.seen:
-            return True
-        self.seen.add(place)
-        return False
+    yield from members(file, "", 0)
 
-
-WORKSPACE = "__function_workspace__"
-"""Name under which SciPy returns the bytes of all objects of a file in format v6 or v7."""
-
-SUBSYSTEM = "#subsystem#"
-"""Name of the group with the objects of a file in format v7.3."""
 
 UNIT_KEYS = ("varUnits", "VariableUnits")
 """Names of the attributes with the units of the columns, for a timetable and for a table."""
-
-
-def check_objects(data: bytes, *, hdf5: bool, budget: MemoryBudget) -> bool:
-    """Check the bytes of the objects in a file, and return whether the file has objects.
-
-    Damaged bytes raise various exceptions. **Raises** `InputError` for declared sizes beyond the
-    budget.
-    """
-    if hdf5:
-        return _check_hdf5(data, budget)
-    from scipy.io import loadmat
-    from scipy.io.matlab import matfile_version
-
-    if matfile_version(io.BytesIO(data))[0] != 1:  # v4 has no objects
-        return False
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        stored = loadmat(io.BytesIO(data), variable_names=[WORKSPACE]).get(WORKSPACE)
-    if stored is None:
-        return False
-    inner = np.asarray(stored, np.uint8).tobytes()
-    # The inner stream has two bytes of version and two of byte order in place of a header.
-    check_tags(bytes(HEADER - 2) + inner[2:4] + inner[8:], budget)
-    return True
-
-
-def _check_hdf5(data: bytes, budget: MemoryBudget) -> bool:
-    import h5py
-
-    with h5py.File(io.BytesIO(data), "r") as file:
-        if SUBSYSTEM not in file:
-            return False
-
-        def count(_: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset):
-                if item.is_virtual or item.external:
-                    raise ValueError("data in another file")
-                take_dataset(item, budget)
-
-        file.visititems(count)
-    return True
 
 
 def object_leaves(path: Path) -> Iterator[tuple[str, np.ndarray]]:

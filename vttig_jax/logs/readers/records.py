@@ -127,19 +127,6 @@ def _number(value: Any) -> Any:
     return np.nan if number is None else number
 
 
-def _are_pairs(lines: Sequence[str]) -> bool:
-    """Return whether each of the first lines has the same names, at least two with a number."""
-    first = content(lines)
-    keys = [_KEY.findall(line) for line in first]
-    if len(keys) > 2:
-        del keys[-1]  # it may be cut off
-    if len(keys) < 2 or any(own != keys[0] for own in keys):
-        return False
-    if not 2 <= len(keys[0]) == len(set(keys[0])) <= MOST_COLUMNS:
-        return False
-    return sum(_AMOUNT.match(text) is not None for text in _pairs(first[0])[1]) > 1
-
-
 def _pairs(line: str) -> tuple[list[str], list[str]]:
     """Return names and texts of a line of pairs; a date in front of them has the name `time`."""
     found = list(_KEY.finditer(line))
@@ -155,11 +142,21 @@ def _pairs(line: str) -> tuple[list[str], list[str]]:
 
 
 def read_pairs(text: Lines, source: str) -> Found | None:
-    """Return the columns of a text whose lines are pairs of a name and a value, or None."""
-    if not _are_pairs(text):
+    """Return the columns of a text whose lines are pairs of a name and a value, or None.
+
+    Each of the first lines has the same names, at least two with a number.
+    """
+    head = content(text)
+    keys = [_KEY.findall(line) for line in head]
+    if len(keys) > 2:
+        del keys[-1]  # it may be cut off
+    if len(keys) < 2 or any(own != keys[0] for own in keys):
         return None
-    lines = list(text)
-    names, first = _pairs(next(line for line in lines if line.strip()))
+    if not 2 <= len(keys[0]) == len(set(keys[0])) <= MOST_COLUMNS:
+        return None
+    lines, (names, first) = list(text), _pairs(head[0])
+    if sum(_AMOUNT.match(one) is not None for one in first) < 2:
+        return None
     amounts = map(_AMOUNT.fullmatch, first)
     units = [one[2] if one is not None and unit_in(one[2]) else "" for one in amounts]
     notes = [f"each line has pairs of a name and a value: {', '.join(names)}"]

@@ -29,15 +29,11 @@ _ZSTD = b"\x28\xb5\x2f\xfd"  # first bytes of a frame (RFC 8878); no plain messa
 
 def take_bag(path: Path, budget: MemoryBudget) -> None:
     """Add the unpacked size of one file of a bag to the budget; other kinds of file add nothing."""
-    match path.suffix.lower():
-        case ".mcap":
-            take_mcap(read_regular(path), budget)
-        case ".bag":
-            take_ros1(read_regular(path), budget)
-        case ".db3":
-            take_messages(path, budget)
-        case ".zstd":
-            take_frame(read_regular(path), budget)
+    takes = {".mcap": take_mcap, ".bag": take_ros1, ".zstd": take_frame}
+    if path.suffix.lower() == ".db3":
+        take_messages(path, budget)
+    elif (take := takes.get(path.suffix.lower())) is not None:
+        take(read_regular(path), budget)
 
 
 def take_mcap(data: bytes, budget: MemoryBudget) -> None:

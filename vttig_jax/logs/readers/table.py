@@ -324,7 +324,18 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
     )
     edges = [int(np.count_nonzero(np.diff(one))) for one in (a, b)]
     steps, name = edges[0] > 2 * edges[1], f"quadrature({first},{second})"
-    counts = _steps(a, b) if steps else _quadrature(a, b, f"{table.source}: `{name}`")
+    if steps:  # +1 for each rising edge of STEP where DIR is high, and −1 elsewhere
+        counts = np.concatenate([[0], np.cumsum(np.where(np.diff(a) > 0, 2 * b[1:] - 1, 0))])
+    else:  # +1 for each edge where A leads; the order of the states is 00, 10, 11, 01
+        moves = np.diff((a ^ b) + 2 * b) % 4
+        lost = np.flatnonzero(moves == 2)
+        if lost.size:
+            raise LogError(
+                f"both levels change at once {lost.size} times, first at sample {lost[0] + 1}, so"
+                " that counts are lost; sample at least eight times a period.",
+                where=f"{table.source}: `{name}`",
+            )
+        counts = np.concatenate([[0], np.cumsum(np.where(moves == 3, -1, moves))])
     # Logic analysers export a row for each change of a level; their time is what always rises.
     dated = [] if steps else filter(table.is_dated, range(table.own))
     stamps = [read_stamps(table.texts(k)[: len(a)], lambda _: table.source)[0] for k in dated]
@@ -368,24 +379,3 @@ def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n
     reached = np.flatnonzero(np.diff(level)) + 1
     begins[passed[reached]] = reached
     return level[np.maximum.accumulate(begins)].astype(np.int64)
-
-
-def _quadrature(
-    a: Int64[np.ndarray, " n"], b: Int64[np.ndarray, " n"], where: str
-) -> Int64[np.ndarray, " n"]:
-    """Return the counts of A and B, +1 for each edge where A leads."""
-    moves = np.diff((a ^ b) + 2 * b) % 4  # the order of the states is 00, 10, 11, 01
-    lost = np.flatnonzero(moves == 2)
-    if lost.size:
-        raise LogError(
-            f"both levels change at once {lost.size} times, first at sample {lost[0] + 1}, so that"
-            " counts are lost; sample at least eight times a period.",
-            where=where,
-        )
-    return np.concatenate([[0], np.cumsum(np.where(moves == 3, -1, moves))])
-
-
-def _steps(step: Int64[np.ndarray, " n"], way: Int64[np.ndarray, " n"]) -> Int64[np.ndarray, " n"]:
-    """Return the counts of STEP, +1 for each rising edge where DIR is high, and −1 elsewhere."""
-    rises = np.diff(step) > 0
-    return np.concatenate([[0], np.cumsum(np.where(rises, 2 * way[1:] - 1, 0))])

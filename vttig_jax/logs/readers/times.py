@@ -9,6 +9,7 @@ Stamps become seconds without loss of digits.
 
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date
 from decimal import Decimal
@@ -37,7 +38,6 @@ _BASIC = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)(.*)")
 _MINUTES = re.compile(r"(\d\d?):(\d\d)[.,](\d{1,12})")
 _BETWEEN = re.compile(r"[T ,;_]+")
 _ZONE = re.compile(r"([+-])(\d\d):?(\d\d)?")
-_UTC = ("Z", "UTC", "GMT")
 HOUR_NS = 3_600_000_000_000
 """Nanoseconds in an hour."""
 
@@ -147,35 +147,29 @@ def _shifts_ns(zones: set[str], where: str) -> dict[str, int]:
     """
     if len(zones) == 1:
         return dict.fromkeys(zones, 0)
-    found = {zone: _zone_ns(zone) for zone in zones}
-    known = {zone: shift for zone, shift in found.items() if shift is not None}
-    if len(known) < len(found):
-        names = ", ".join(sorted(zone or "none" for zone in zones))
-        raise LogError(f"the time zone changes ({names}); export the log in UTC.", where=where)
-    return known
-
-
-def _zone_ns(zone: str) -> int | None:
-    """Return the offset from UTC of a zone such as `+02:00` or `Z` in ns; None if it is unknown."""
-    if zone in _UTC:
-        return 0
-    match = _ZONE.fullmatch(zone)
-    if match is None:
-        return None
-    minutes = 60 * int(match[2]) + int(match[3] or 0)
-    return (1 if match[1] == "+" else -1) * minutes * 60_000_000_000
+    shifts = dict.fromkeys(zones & {"Z", "UTC", "GMT"}, 0)
+    for zone in zones - shifts.keys():
+        match = _ZONE.fullmatch(zone)
+        if match is None:
+            names = ", ".join(sorted(zone or "none" for zone in zones))
+            raise LogError(f"the time zone changes ({names}); export the log in UTC.", where=where)
+        minutes = 60 * int(match[2]) + int(match[3] or 0)
+        shifts[zone] = (1 if match[1] == "+" else -1) * minutes * 60_000_000_000
+    return shifts
 
 
 def _days(texts: set[str], where: str) -> dict[str, int]:
     """Return text of a date → day number; all dates of a log have one order of day and month."""
     if texts == {""}:
         return {"": 0}
-    orders = [order for order in ("day first", "month first") if _in_order(texts, order)]
-    if not orders:
+    found: list[dict[str, int]] = []
+    for order in ("day first", "month first"):
+        with suppress(ValueError):
+            days = {text: date(*_year_month_day(text, order)).toordinal() for text in texts}
+            found.append(days)
+    if not found:
         raise LogError(f"`{sorted(texts)[0]}` is no date; correct it.", where=where)
-    found = [_in_order(texts, order) for order in orders]
     first, last = found[0], found[-1]
-    assert first is not None and last is not None  # both are orders that fit
     low = min(first.values()), min(last.values())
     if any(first[text] - low[0] != last[text] - low[1] for text in texts):
         raise LogError(
@@ -184,14 +178,6 @@ def _days(texts: set[str], where: str) -> dict[str, int]:
             where=where,
         )
     return first
-
-
-def _in_order(texts: set[str], order: str) -> dict[str, int] | None:
-    """Return text → day number if every text is a date with its parts in `order`, else None."""
-    try:
-        return {text: date(*_year_month_day(text, order)).toordinal() for text in texts}
-    except ValueError:
-        return None
 
 
 def _year_month_day(text: str, order: str) -> tuple[int, int, int]:
@@ -270,9 +256,6 @@ def check_days(fields: Sequence[str], seconds: Float[np.ndarray, " n"], where: s
 FIRST_S, LAST_S = 978_307_200, 4_102_444_800
 """Seconds from 1970 to 2001 and to 2100; every log was recorded between these years (chosen)."""
 
-FILETIME_OFFSET = 11_644_473_600
-"""Seconds from 1601, the epoch of FILETIME, to 1970."""
-
 FILETIME = "100ns"
 """Unit of FILETIME stamps: 100 nanoseconds since 1601."""
 
@@ -282,7 +265,7 @@ EPOCHS = {
     "ms": (1_000, 0, "milliseconds since 1970"),
     "us": (1_000_000, 0, "microseconds since 1970"),
     "ns": (1_000_000_000, 0, "nanoseconds since 1970"),
-    FILETIME: (10_000_000, FILETIME_OFFSET, "100 ns since 1601 (FILETIME)"),
+    FILETIME: (10_000_000, 11_644_473_600, "100 ns since 1601 (FILETIME)"),
 }
 """Unit of stamps → units per second, seconds from the epoch to 1970, and both as a text for notes.
 The number ranges of the units for 2001 to 2100 do not overlap."""

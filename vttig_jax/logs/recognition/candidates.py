@@ -16,7 +16,7 @@ from jaxtyping import Float, Real
 
 from ...base.errors import LogError, UsageError, VttigError
 from ...base.units import REV
-from ..channel.unwrap import find_modulus, unwrap
+from ..channel.unwrap import find_modulus, unwrap, whole
 from ..readers.column_names import ANGLES, TIME_UNITS, NameReading, bracket_of
 from ..slope import APART, DEVIATIONS, TOLERANCE, slope
 from ..source import LEAST_RANGE
@@ -219,8 +219,7 @@ def turns_of(values: np.ndarray, per_turn: float | None) -> Float[np.ndarray, " 
     `per_turn` is the number of readings per revolution, negative for an inverted encoder.
     """
     assert per_turn is not None  # columns without a unit are asked for before
-    if np.issubdtype(values.dtype, np.floating) and np.all(values == np.rint(values)):
-        values = values.astype(np.int64)
+    values = whole(values)
     modulus = find_modulus(values, abs(per_turn))
     if modulus is not None:
         values = unwrap(values, modulus)
