@@ -60,8 +60,7 @@ def run_table(
     if quantity == "error":
         from .error_table import error_table
 
-        errors = error_table(fit, posterior, step_deg, turns, probability)
-        return RunTable(errors.to_json(out), errors.columns, str(errors))
+        return error_table(fit, posterior, step_deg, turns, probability, out)
     if posterior is not None:
         from ..posterior.summary.bands import band_map
 
