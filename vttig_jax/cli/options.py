@@ -433,6 +433,6 @@ def _reading(
     return ReadingOptions(**reading)
 
 
-Reading = Annotated[ReadingOptions, Gathered(declared(_OfReading), _reading)]
-"""Parameter of a verb that reads a log; `--quadrature ROLE=A,B` is
-`--column ROLE=quadrature(A,B)`, and `--radius-mm` is the `--lead-mm` of its circumference."""
+READING = Gathered(declared(_OfReading), _reading)
+"""Options for reading a log; `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`, and
+`--radius-mm` is the `--lead-mm` of its circumference."""

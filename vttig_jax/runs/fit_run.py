@@ -70,7 +70,7 @@ def readings_alone(
     from ..logs.readers.backlash_readings import read_backlash_readings
     from ..pair.gear_pair import pair_from_spec
 
-    spec = drive.spec() if pair is None else spec_of_file(pair, drive)
+    spec = spec_of_file(pair, drive)
     lead_mm = options.reading.lead_mm or spec.log.lead_mm
     found = read_backlash_readings(readings, decimal=options.reading.decimal, lead_mm=lead_mm)
     return fit_readings(found, pair_from_spec(spec))

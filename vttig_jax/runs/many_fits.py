@@ -86,9 +86,9 @@ class ManyFits:
         for number, log in enumerate(logs):
             if log in logs[:number]:
                 raise UsageError("given twice; give every log once.", where=str(log))
+        spec = spec_of_file(pair, drive)  # says that the ratio is missing
         if pair is not None:
-            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading, block=_BLOCK)
-        drive.spec()  # says that the ratio is missing
+            return cls(tuple(logs), spec, settings, reading, block=_BLOCK)
         failed: LogError | None = None
         for log in logs:
             try:
@@ -96,9 +96,8 @@ class ManyFits:
             except LogError as error:
                 failed = failed or error
                 continue
-            return cls(
-                tuple(logs), found.spec, settings, reading, drive, found.roles.guesses, _BLOCK
-            )
+            guesses = found.roles.guesses
+            return cls(tuple(logs), found.spec, settings, reading, drive, guesses, _BLOCK)
         assert failed is not None  # click asks for at least one log
         raise failed
 

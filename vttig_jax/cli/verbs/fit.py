@@ -15,9 +15,9 @@ from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, readings_alone, resolve, save_fit
 from ...runs.options import RunOptions
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run, require_same_data
-from ..drive_options import GROUPS, Drive, PairFile
+from ..drive_options import GROUPS, Drive
 from ..fit_options import OF_A_FIT, Settings
-from ..options import Argument, Reading, given, need, refuse_results, verb
+from ..options import Argument, given, need, refuse_results, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ def command(
     output: Output,
     *,
     logs: Annotated[tuple[Path, ...], Argument("[LOG]...")],
-    pair: PairFile,
     run_path: Annotated[Path | None, "--run", "Repeat the run of this run.toml."],
     out: Annotated[Path | None, "Run folder to write."],
     overwrite: Annotated[bool, "Replace the fit that is in --out."],
@@ -67,7 +66,6 @@ def command(
         "Exit with 4 unless this parameter is determined; a warning tells one that may be zero.",
     ],
     drive: Drive,
-    reading: Reading,
     settings: Settings,
 ) -> None:
     """Identify the eccentricity and phase of both gears and the backlash from LOG.
@@ -80,14 +78,14 @@ def command(
     --out no file is written.
     """
     need("out", "overwrite", "no_figures", "report")
-    options = RunOptions(reading, settings)
+    options = RunOptions(drive.reading, settings)
     if report:
         reports.require_bokeh()
     if readings is not None and not logs and run_path is None:
         if out is not None or require:
             raise UsageError("readings alone have no run folder and no parameters; leave that out.")
-        found = readings_alone(readings, pair, drive.request, options)
-        length = _as_length(found.backlash_deg, found.std_deg, reading.lead_mm)
+        found = readings_alone(readings, drive.pair, drive.request, options)
+        length = _as_length(found.backlash_deg, found.std_deg, drive.reading.lead_mm)
         output.emit(found.to_json(), "\n\n".join([str(found), *length]))
         return
     if not (drive.explain_columns or overwrite):
@@ -96,8 +94,8 @@ def command(
         )
     if run_path is None:
         logs = with_standard_input(logs)
-        run = resolve(logs, pair, readings, options, drive.request)
-        if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
+        run = resolve(logs, drive.pair, readings, options, drive.request)
+        if drive.only_explains(output, logs, run.spec, run.guesses):
             return
     else:
         run = _repeated(run_path)

@@ -88,7 +88,7 @@ def command(
     from ...posterior.planning.plan import MOST_TURNS, plan, shortest_run
     from ...runs.stated_drive import spec_of_file
 
-    rig = pair_from_spec(drive.spec() if pair is None else spec_of_file(pair, drive))
+    rig = pair_from_spec(spec_of_file(pair, drive))
     rate_hz = rate_hz or rig.log.sample_rate_hz
     if rate_hz is None:
         unless = "" if pair is None else ", and the pair file has no sample_rate_hz"

@@ -20,12 +20,11 @@ from ...runs.options import RunOptions
 from ...runs.posterior_run import banded_of, write_report
 from ...runs.run import open_run
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run
-from ..drive_options import GROUPS, Drive, PairFile
+from ..drive_options import GROUPS, Drive
 from ..fit_options import OF_A_FIT, Settings
 from ..options import (
     Argument,
     Positive,
-    Reading,
     arguments_as_options,
     exclude_each_other,
     given,
@@ -58,7 +57,6 @@ def command(
     output: Output,
     *,
     logs: Annotated[tuple[Path, ...], Argument("[LOG]...")],
-    pair: PairFile,
     out: Annotated[
         Path | None,
         "Run folder of fit, draws and pictures. Without LOG, or in its place, its fit is sampled.",
@@ -87,7 +85,6 @@ def command(
         "CSV of driving_deg,backlash_deg to check the fit against.",
     ],
     drive: Drive,
-    reading: Reading,
     settings: Settings,
 ) -> None:
     """Sample the posterior of the fit of LOG, or of the fit in a run folder.
@@ -110,8 +107,9 @@ def command(
 
     if logs:
         logs = with_standard_input(logs)
-        run = resolve(logs, pair, readings, RunOptions(reading, settings), drive.request)
-        if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
+        how = RunOptions(drive.reading, settings)
+        run = resolve(logs, drive.pair, readings, how, drive.request)
+        if drive.only_explains(output, logs, run.spec, run.guesses):
             return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
