@@ -23,7 +23,6 @@ from ..pair.gear_pair import Flank
 from ..posterior.summary.bands import Band, streamed_band
 from ..posterior.summary.gap_draws import GapDraws
 from ..posterior.summary.posterior import Posterior, flank_draws, gap_draws
-from .map_table import RunTable
 
 
 class FlankColumns(NamedTuple):
@@ -67,13 +66,13 @@ def error_table(
     turns: float,
     probability: float = 0.95,
     out: Path | None = None,
-) -> RunTable:
-    """Return the transmission error of every measured flank, also where the gap is unknown.
+) -> tuple[dict[str, Any], dict[str, np.ndarray], str]:
+    """Return the transmission error of every measured flank: what makes a `RunTable`.
 
-    The columns are the driving angle, the flanks, then their bands. The mean of an error tells
-    where the encoders read zero and nothing about the gears, and is taken off. If the log
-    determines the gap, the mean of flank A is taken off both flanks, so that TE_B − TE_A is the
-    backlash.
+    There is a table also where the gap is unknown. Its columns are the driving angle, the flanks,
+    then their bands. The mean of an error tells where the encoders read zero and nothing about the
+    gears, and is taken off. If the log determines the gap, the mean of flank A is taken off both
+    flanks, so that TE_B − TE_A is the backlash.
 
     **Arguments**
     - `fit`: fit of a run folder; the table has its orders, except the fractional ones.
@@ -129,7 +128,7 @@ def error_table(
         "transmission_error": {flank: one.to_json() for flank, one in flanks.items()},
         "csv": None if out is None else out.name,
     }
-    return RunTable(record, columns, _text(fit, flanks, record))
+    return record, columns, _text(fit, flanks, record)
 
 
 def _covered(fit: Fit, flanks: Iterable[Flank]) -> str:

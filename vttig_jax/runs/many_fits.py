@@ -146,19 +146,16 @@ class ManyFits:
         pair = self.pair
         for path in paths:
             try:
-                log = self._read_one(path, pair)
+                if self.drive.names_a_drive:
+                    opened = open_log(path, self.drive, self.reading)
+                    require_columns(opened, self.spec, "the first log")
+                    log = opened.log
+                else:
+                    log = read_log(path, pair, **self.reading.keywords())
             except VttigError as error:
                 yield Unread(str(path), error)
                 continue
             yield replace(log, source=name_of_file(path))
-
-    def _read_one(self, path: Path, pair: GearPair | Drive) -> EncoderLog:
-        """Read a log once; raise `LogError` if its columns are read unlike those of the first."""
-        if not self.drive.names_a_drive:
-            return read_log(path, pair, **self.reading.keywords())
-        opened = open_log(path, self.drive, self.reading)
-        require_columns(opened, self.spec, "the first log")
-        return opened.log
 
 
 def fit_files(

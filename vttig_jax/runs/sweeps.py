@@ -47,24 +47,19 @@ def sweep_in_folder(
 
 def _block(number: int, shared: SweepCases) -> tuple[int, int, Rows]:
     """Run a block of the shared cases on a worker; return its number, lane-steps and rows."""
-    steps: list[int] = []
-    rows = _work(shared).run(number, steps.append)
-    return number, sum(steps), rows
-
-
-_WORK: dict[str, SweepWork] = {}
-"""Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
-
-
-def _work(cases: SweepCases) -> SweepWork:
-    key = dumps(cases.header)
+    key, steps = dumps(shared.header), list[int]()
     if key not in _WORK:
         with suppress(ValueError):  # raised where another sweep has already run
             prepare_cpu()
         enable_x64()
         _WORK.clear()
-        _WORK[key] = SweepWork(cases, jax.devices()[:1])
-    return _WORK[key]
+        _WORK[key] = SweepWork(shared, jax.devices()[:1])
+    rows = _WORK[key].run(number, steps.append)
+    return number, sum(steps), rows
+
+
+_WORK: dict[str, SweepWork] = {}
+"""Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
 
 
 def read_sweep(folder: str | Path) -> SweepTable:

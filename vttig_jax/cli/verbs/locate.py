@@ -15,8 +15,6 @@ from ..options import ConstantBacklash, Finite, Positive, RunPath, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...identify.result import Fit
-    from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.turn_location import Located
     from ...pair.gear_pair import ShaftReading
 
@@ -108,6 +106,7 @@ def command(
             raise UsageError(f"give one of --{shaft}-deg and --{shaft}-counts.")
     from ...identify.backlash import contact_map
     from ...kinematics.turn_location import locate
+    from ...pair.gear_pair import GearPair
     from ...runs.zeros import shaft_readings
 
     opened = Run(run_folder)
@@ -122,7 +121,32 @@ def command(
     std = math.hypot(fit.residual_rms_deg * DEG, float(pair.ratio) * driving_std, driven_std)
     found = locate(driving, driven, pair.ratio, contact, std_rad=std, flank=flank)
     _require_certain(found, certainty, flank, fit.source)
-    record = _record(fit, grid, found, flank, certainty)
+    backlash = float(grid.at(found.driving_rad))
+    millimetres = axial = None
+    if isinstance(grid.pair, GearPair):
+        millimetres = backlash * float(grid.pair.reference_radii[1])
+        if thinning := float(grid.pair.thinning):
+            axial = millimetres / thinning
+    runner_up = {"turn": found.runner_up, "probability": found.runner_up_probability}
+    record = {
+        "schema": "vttig.locate/1",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "hunting_turns": found.hunting_turns,
+        "turn": found.turn,
+        "driving_deg": found.driving_rad / DEG,
+        "probability": found.probability,
+        "certainty": certainty,
+        "runner_up": None if found.runner_up is None else runner_up,
+        "flank": flank,
+        "std_arcsec": found.std_rad / ARCSEC,
+        "misfit_arcsec": found.misfit_rad / ARCSEC,
+        "backlash_deg": backlash / DEG,
+        "backlash_mm": millimetres,
+        "axial_mm": axial,
+    }
     output.emit(record, _text(found, record))
 
 
@@ -165,44 +189,6 @@ def _require_certain(found: "Located", certainty: float, flank: Flank | None, so
             f" shafts finer than the {found.std_rad / ARCSEC:.3g}″ reckoned with{more}.",
             where=source,
         )
-
-
-def _record(
-    fit: "Fit",
-    grid: "BacklashMap",
-    found: "Located",
-    flank: Flank | None,
-    certainty: float,
-) -> dict[str, Any]:
-    """Return the object of schema `vttig.locate/1`."""
-    from ...pair.gear_pair import GearPair
-
-    backlash = float(grid.at(found.driving_rad))
-    millimetres = axial = None
-    if isinstance(grid.pair, GearPair):
-        millimetres = backlash * float(grid.pair.reference_radii[1])
-        if thinning := float(grid.pair.thinning):
-            axial = millimetres / thinning
-    runner_up = {"turn": found.runner_up, "probability": found.runner_up_probability}
-    return {
-        "schema": "vttig.locate/1",
-        "pair": fit.pair.name,
-        "source": fit.source,
-        "conditional_on": list(fit.conditional_on),
-        "zero": fit.zero,
-        "hunting_turns": found.hunting_turns,
-        "turn": found.turn,
-        "driving_deg": found.driving_rad / DEG,
-        "probability": found.probability,
-        "certainty": certainty,
-        "runner_up": None if found.runner_up is None else runner_up,
-        "flank": flank,
-        "std_arcsec": found.std_rad / ARCSEC,
-        "misfit_arcsec": found.misfit_rad / ARCSEC,
-        "backlash_deg": backlash / DEG,
-        "backlash_mm": millimetres,
-        "axial_mm": axial,
-    }
 
 
 def _text(found: "Located", record: dict[str, Any]) -> str:
