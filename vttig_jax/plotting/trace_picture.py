@@ -59,8 +59,10 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     name, source = posterior.fit.pair.name, PurePath(posterior.fit.source).name
     heading(figure, "draws: the ensembles should overlap and not drift", name, source)
     ensembles = range(min(len(posterior.draws), len(COLOURS)))
-    look = {"linewidth": 1.4}
-    keys = [Line2D([], [], color=COLOURS[k], label=f"ensemble {k + 1}", **look) for k in ensembles]
+    keys = [
+        Line2D([], [], color=COLOURS[k], linewidth=1.4, label=f"ensemble {k + 1}")
+        for k in ensembles
+    ]
     figure_legend(figure, keys, min(len(keys), _KEYS_PER_ROW))
     return figure
 

@@ -153,28 +153,22 @@ def save_fit(
     path that is not a folder.
     """
     record, folder = record or record_of(fit), Path(folder)
-    refuse_while_sampled(folder)
+    lock = folder / f".{CHECKPOINT}.lock"
+    if lock.exists():
+        from filelock import FileLock, Timeout
+
+        try:
+            with FileLock(lock).acquire(timeout=0):
+                pass
+        except Timeout:
+            raise UsageError(
+                "a sampler is writing to this folder; wait for it or choose another folder.",
+                where=str(folder),
+            ) from None
     with RunFolder(folder, overwrite=overwrite, results=("fit.json",)) as writer:
         if (folder / CHECKPOINT).exists():
             LOGGER.warning("the draws in %s were those of the fit it replaces, and go", folder)
         write_fit(writer, fit, record, figures=figures)
-
-
-def refuse_while_sampled(folder: Path) -> None:
-    """Raise `UsageError` if a sampler is writing to the folder."""
-    lock = folder / f".{CHECKPOINT}.lock"
-    if not lock.exists():
-        return
-    from filelock import FileLock, Timeout
-
-    try:
-        with FileLock(lock).acquire(timeout=0):
-            pass
-    except Timeout:
-        raise UsageError(
-            "a sampler is writing to this folder; wait for it or choose another folder.",
-            where=str(folder),
-        ) from None
 
 
 def write_fit(writer: RunFolder, fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:

@@ -100,7 +100,11 @@ def command(
     else:
         run = _repeated(run_path)
     result, run = perform(run)
-    _check_names(result, require)
+    told = result.parameters | {one.name: one for one in result.regressors}
+    for name in require:
+        if name not in told:
+            known = ", ".join(told)
+            raise UsageError(f"--require {name}: no such parameter; there are {known}.")
     if out is not None:
         save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
@@ -112,7 +116,7 @@ def command(
     gap, lead_mm = result.checks.gap_over_angles_covered, run.options.reading.lead_mm
     parts += _as_length(gap.value, gap.std, lead_mm or run.spec.log.lead_mm)
     output.emit(result.to_json(), "\n\n".join([*parts, *written]))
-    _check_required(result, require)
+    _check_required(result.source, {name: told[name] for name in require})
     if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
         # The result is printed before the error, because its numbers show what the error says.
         output.finish()
@@ -175,21 +179,13 @@ def _repeated(path: Path) -> RunRecord:
     return run
 
 
-def _check_names(result: "Fit", names: tuple[str, ...]) -> None:
-    for name in names:
-        if name not in _named(result):
-            known = ", ".join(_named(result))
-            raise UsageError(f"--require {name}: no such parameter; there are {known}.")
-
-
-def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
+def _check_required(source: str, required: "dict[str, Parameter]") -> None:
     from ...identify.result import doubt
 
-    for name in names:
-        p = _named(result)[name]
+    for name, p in required.items():
         if not p.determined:
             reason = f"{name} is required but undetermined: {p.reason}."
-            raise NoAnswerError(reason, where=result.source)
+            raise NoAnswerError(reason, where=source)
         if not p.significant and name != "ratio":
             LOGGER.warning(
                 "%s is determined, as --require asks, but %s (%s): the log does not certainly tell"
@@ -207,8 +203,3 @@ def _size(parameter: "Parameter") -> str:
     if parameter.upper95 is not None:
         return f"at most {parameter.upper95:.3g} {parameter.unit}"
     return f"{parameter.value:.3g} ± {parameter.std:.2g} {parameter.unit}"
-
-
-def _named(result: "Fit") -> dict[str, "Parameter"]:
-    """Return name → parameter or regressor of a fit."""
-    return result.parameters | {one.name: one for one in result.regressors}

@@ -2,7 +2,7 @@
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.json_io import dumps, read_json
@@ -113,7 +113,8 @@ def command(
         closing_mm=closing_mm,
         out=out,
     )
-    record, shown = found.record | {"run": run.record.digest}, found.text
+    record: dict[str, Any] = found.record | {"run": run.record.digest}
+    shown = found.text
     if posterior is None:
         shown += f"\n\n{_NO_ERROR_BAND if quantity == 'error' else _NO_BAND}"
     elif quantity != "error":

@@ -1,8 +1,6 @@
 """`vttig sample`: sample the posterior of logs, or of the fit in a run folder."""
 
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -124,11 +122,18 @@ def command(
     start |= {name: value for name, value in chosen.items() if value is not None}
     length = {"steps": steps, "until": None if until is None else Until(effective=until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
-    with _interrupts_in_words(out):
+    try:
         # The least number of walkers is known only after the fit.
         with sampling_bar(output) as follow, arguments_as_options():
             posterior = sample(fit, **start, **length, **files, progress=follow)
         _finish(output, out, posterior, figures=not no_figures)
+    except BaseException as error:
+        if not isinstance(error, Exception) and (out / CHECKPOINT).exists():  # an interrupt
+            error.args = (
+                f"interrupted; the draws in {out / CHECKPOINT} are kept: go on with `vttig sample"
+                f" {shlex.quote(str(out))} --resume`.",
+            )
+        raise
 
 
 def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Path, ...], Path]:
@@ -165,20 +170,6 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
         raise NotConvergedError(
             f"the sampler has not converged: {text}.", where=str(out / CHECKPOINT)
         )
-
-
-@contextmanager
-def _interrupts_in_words(out: Path) -> Iterator[None]:
-    """Let an interrupt say what is kept and how to go on."""
-    try:
-        yield
-    except BaseException as error:
-        if not isinstance(error, Exception) and (out / CHECKPOINT).exists():
-            error.args = (
-                f"interrupted; the draws in {out / CHECKPOINT} are kept: go on with `vttig sample"
-                f" {shlex.quote(str(out))} --resume`.",
-            )
-        raise
 
 
 def _fit_of(record: RunRecord, out: Path, *, resume: bool, overwrite: bool, figures: bool) -> "Fit":
