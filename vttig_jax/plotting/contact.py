@@ -151,9 +151,9 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
     tip, root = float(driving.tip_radius), float(np.min(driving.base_radii))
     for radius, name in ((tip, "tip"), (root, "base")):
         ax.axhline(radius, color=MODEL_COLOUR, linewidth=0.6, linestyle="--")
-        place, side = (0.98, radius), "bottom" if name == "base" else "top"
+        side = "bottom" if name == "base" else "top"
         look: dict[str, Any] = {"ha": "right", "va": side, "fontsize": "small"}
-        ax.annotate(name, place, xycoords=("axes fraction", "data"), **look)
+        ax.annotate(name, (0.98, radius), xycoords=("axes fraction", "data"), **look)
     if not math.isnan(half := float(driving.face_width_mm) / 2):
         ax.set_xlim(-1.25 * half, 1.25 * half)
     several = len(chosen) > 1
