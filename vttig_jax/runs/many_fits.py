@@ -27,9 +27,8 @@ from ..logs.recognition.request import DriveRequest
 from ..pair.gear_pair import Drive, GearPair, pair_from_spec, spec_of
 from ..pair.pair_file import spec_table
 from ..pair.schema import PairSpec
-from .cluster import run_blocks
+from .elsewhere import Blocks, run_in_processes, run_on_cluster
 from .options import ReadingOptions
-from .processes import run_in_processes
 from .row_store import FolderNames, SweepFolder, is_complete, read_table
 from .stated_drive import require_columns, spec_of_file
 
@@ -196,11 +195,11 @@ def fit_files(
         # Not the number of blocks left, so that a table is continued in the way it was begun.
         usual = max(1, min(usable_cores(), free_bytes() // _PROCESS_BYTES))
         processes = min(jobs or usual, task.blocks)
-        shared, follow = (task, asked_bytes()), {"done": store.write, "progress": progress}
+        blocks = Blocks(_in_process, (task, asked_bytes()), todo, store.write, progress)
         if dask is not None:
-            run_blocks(dask, _in_process, shared, todo, **follow)
+            run_on_cluster(dask, blocks)
         elif processes > 1:
-            run_in_processes(processes, _in_process, shared, todo, **follow)
+            run_in_processes(processes, blocks)
         else:
             for number in todo:
                 store.write(number, task.columns(number, progress=progress))

@@ -15,7 +15,7 @@ from ..control.scenario.spec import parse_scenario_spec
 from ..control.simulation.case import METRICS
 from ..control.sweeps.sweep import SweepCases, SweepWork, cases_of, sweep
 from ..control.sweeps.table import Rows, SweepTable
-from .cluster import run_blocks
+from .elsewhere import Blocks, run_on_cluster
 from .row_store import HEADER, TABLE, SweepFolder, is_complete, read_table
 
 
@@ -38,9 +38,7 @@ def sweep_in_folder(
         path = Path(out)
         options["store"] = lambda header: SweepFolder(path, header, resume, overwrite)
     if dask is not None:
-        options["elsewhere"] = lambda cases, todo, done, progress: run_blocks(
-            dask, _block, cases, todo, done=done, progress=progress
-        )
+        options["elsewhere"] = lambda *work: run_on_cluster(dask, Blocks(_block, *work))
     table = sweep(spec, pair, folder=folder, controller=controller, maps=maps, **options)
     return table if out is None else replace(table, path=Path(out) / TABLE)
 
