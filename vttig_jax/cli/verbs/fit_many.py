@@ -12,7 +12,7 @@ from ...identify.fit_settings import BATCH
 from ...logs.readers.open_table import with_standard_input
 from ..drive_options import GROUPS, Drive
 from ..fit_options import BatchSettings
-from ..options import Argument, exclude_each_other, need, refuse_existing, verb
+from ..options import Argument, Dask, exclude_each_other, need, refuse_existing, verb
 from ..output import Output
 
 
@@ -46,9 +46,7 @@ def command(
         "Processes that fit blocks of 16 logs at the same time; by default one for each core"
         " and 1.5 GiB of free memory.",
     ],
-    dask: Annotated[
-        str | None, {"metavar": "ADDRESS"}, "Scheduler of dask.distributed to send blocks to."
-    ],
+    dask: Dask,
     drive: Drive,
     settings: BatchSettings,
 ) -> None:

@@ -4,14 +4,12 @@ import math
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import click
-
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.text_tables import key_values
 from ...base.units import ARCSEC, DEG
 from ...pair.schema import Flank
 from ...runs.run import Run
-from ..options import ConstantBacklash, Finite, Positive, RunPath, verb
+from ..options import ConstantBacklash, Finite, Parsed, Positive, RunPath, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -33,28 +31,21 @@ class Reading(NamedTuple):
     step: float
 
 
-class WrittenNumber(click.ParamType):
-    """Option type for a finite number; the step of its last digit is stored too."""
+def _written(text: str) -> Reading:
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        raise ValueError(f"{text!r} is not a number.") from None
+    if not number.is_finite() or not math.isfinite(float(number)):
+        raise ValueError(f"{text!r} is not a finite number.")
+    if abs(number) > _LARGEST_DEG:
+        raise ValueError(f"{text!r} is no reading; it is at most {_LARGEST_DEG:g}°.")
+    exponent = number.as_tuple().exponent
+    assert isinstance(exponent, int)  # true for a finite number
+    return Reading(float(number), 10.0 ** min(exponent, 0))
 
-    name = "number"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Reading:
-        """Return the number and its step, or report a usage error."""
-        if isinstance(value, Reading):
-            return value
-        try:
-            number = Decimal(value.strip())
-        except InvalidOperation:
-            self.fail(f"{value!r} is not a number.", param, ctx)
-        if not number.is_finite() or not math.isfinite(float(number)):
-            self.fail(f"{value!r} is not a finite number.", param, ctx)
-        if abs(number) > _LARGEST_DEG:
-            self.fail(f"{value!r} is no reading; it is at most {_LARGEST_DEG:g}°.", param, ctx)
-        exponent = number.as_tuple().exponent
-        assert isinstance(exponent, int)  # true for a finite number
-        return Reading(float(number), 10.0 ** min(exponent, 0))
+WRITTEN = Parsed("number", _written)
 
 
 @verb(
@@ -68,12 +59,8 @@ def command(
     output: Output,
     *,
     run_folder: RunPath,
-    driving_deg: Annotated[
-        Reading | None, WrittenNumber(), "Reading of the driving encoder, degrees."
-    ],
-    driven_deg: Annotated[
-        Reading | None, WrittenNumber(), "Reading of the driven encoder, degrees."
-    ],
+    driving_deg: Annotated[Reading | None, WRITTEN, "Reading of the driving encoder, degrees."],
+    driven_deg: Annotated[Reading | None, WRITTEN, "Reading of the driven encoder, degrees."],
     driving_counts: Annotated[int | None, "The same in counts, where the pair file has them."],
     driven_counts: Annotated[int | None, "The same in counts, where the pair file has them."],
     reading_std_arcsec: Annotated[

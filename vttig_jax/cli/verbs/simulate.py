@@ -13,7 +13,7 @@ from ...base.errors import ScenarioError, UsageError
 from ...base.files.run_folder import RunFolder, write_files
 from ...base.logger import LOGGER
 from ...runs.map_table import csv_text
-from ..options import Argument, KeyValue, need, once, refuse_out, takes_no, verb
+from ..options import Argument, key_value, need, once, refuse_out, takes_no, verb
 from ..output import Output, print_text
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def command(
     settings: Annotated[
         tuple[tuple[str, Any], ...],
         "--set",
-        KeyValue("key=value", _toml_value),
+        key_value("key=value", _toml_value),
         "Another value for a key of SCENARIO, such as motion.reversal_deg=720; repeatable.",
     ],
     trace: Annotated[Path | None, "CSV of the run to write."],
