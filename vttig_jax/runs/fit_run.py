@@ -17,8 +17,8 @@ from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..base.files.run_folder import RunFolder
 from ..base.logger import LOGGER
 from ..logs.read import read_log
-from ..logs.recognition.request import DriveRequest
-from .options import ReadingOptions, RunOptions
+from ..logs.recognition.request import DriveRequest, ReadingOptions
+from .options import RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import spec_of_file, stated_spec
 

@@ -23,12 +23,11 @@ from ..identify.many.fit_many import Unread, fit_columns, settings_table
 from ..identify.many.table import Columns, FitTable
 from ..logs.encoder_log import EncoderLog
 from ..logs.read import open_log, read_log
-from ..logs.recognition.request import DriveRequest
+from ..logs.recognition.request import DriveRequest, ReadingOptions
 from ..pair.gear_pair import Drive, GearPair, pair_from_spec, spec_of
 from ..pair.pair_file import spec_table
 from ..pair.schema import PairSpec
 from .elsewhere import Blocks, run_in_processes, run_on_cluster
-from .options import ReadingOptions
 from .row_store import FolderNames, SweepFolder, is_complete, read_table
 from .stated_drive import require_columns, spec_of_file
 

@@ -7,10 +7,9 @@ import tomli_w
 
 from ..base.errors import LogError, UsageError
 from ..base.files.atomic_write import os_errors_as_input_errors, replace_file
-from ..logs.recognition.request import DriveRequest
+from ..logs.recognition.request import DriveRequest, ReadingOptions
 from ..pair.pair_file import load_pair_spec, stated_table
 from ..pair.schema import PairSpec
-from .options import ReadingOptions
 
 if TYPE_CHECKING:
     from ..logs.read import OpenLog

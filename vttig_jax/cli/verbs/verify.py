@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ...base.errors import UsageError
-from ...runs.options import ReadingOptions
+from ...logs.recognition.request import ReadingOptions
 from ...runs.run import Run
 from ..axis_options import AXIS, Axis
 from ..options import READING, Argument, RunPath, StepDeg, verb
