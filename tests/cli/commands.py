@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from tests.control.texts import RIG
 from vttig_jax.cli.main import main
 from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
@@ -25,6 +26,20 @@ def fit_into(out: Path, log: Path, pair: Path, *options: str) -> Path:
     arguments = ["fit", log, "--pair", pair, "--out", out, "--no-figures", *options]
     assert main([str(one) for one in arguments]) == 0
     return out
+
+
+def write_sweep(folder: Path, text: str) -> Path:
+    """Write a sweep of the paper's gears, whose text has the place `{rig}`, and their pair file."""
+    write_paper_pair(folder / "pair.toml")
+    path = folder / "sweep.toml"
+    path.write_text(text.format(rig=tomli_w.dumps(RIG)))
+    return path
+
+
+def row_of(text: str, label: str) -> str:
+    """Return what stands behind the name of a row in a report, of which there is one."""
+    (line,) = [line for line in text.splitlines() if line.startswith(f"  {label}  ")]
+    return line.removeprefix(f"  {label}").strip()
 
 
 def table_of(path: Path) -> np.ndarray:

@@ -12,7 +12,7 @@ from tests.cli.commands import write_paper_pair
 from vttig_jax.cli.verbs.demo import log_csv
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig
-from vttig_jax.runs import cluster, many_fits
+from vttig_jax.runs import elsewhere, many_fits
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_refusals(refused, command, rigs, monkeypatch):
     refused(2, "given twice", "fit-many", command[1], command[1], *command[-4:])
     said = refused(3, "none.csv", "fit-many", rigs / "none.csv", *command[-4:])
     assert "cannot be read" in said
-    monkeypatch.setattr(cluster, "_WAIT_S", 0.2)
+    monkeypatch.setattr(elsewhere, "_WAIT_S", 0.2)
     refused(3, "no scheduler answers", *command[:-2], "--dask", "tcp://127.0.0.1:1")
 
 

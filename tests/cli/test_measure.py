@@ -2,13 +2,12 @@ import math
 
 import pytest
 
-from tests.cli.commands import PAPER
+from tests.cli.commands import PAPER, row_of
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
 
 
 def row(text: str, label: str) -> list[str]:
-    (line,) = [line for line in text.splitlines() if line.startswith(f"  {label}  ")]
-    return line.removeprefix(f"  {label}").split()
+    return row_of(text, label).split()
 
 
 def test_prints_table_1_of_the_paper_beside_its_own_numbers(vttig):

@@ -4,17 +4,12 @@ import sys
 import pytest
 from matplotlib.image import imread
 
-from tests.cli.commands import PAPER
+from tests.cli.commands import PAPER, row_of
 from tests.pair.texts import CONTRACT, DRIVE, MINIMAL
 
 COARSE = ("--tolerance-um", "50")
 DRIVING = ("surface", PAPER, "--gear", "driving", "--out")
 DRIVEN = ("surface", PAPER, "--gear", "driven", "--out")
-
-
-def row(text: str, label: str) -> str:
-    (line,) = [line for line in text.splitlines() if line.startswith(f"  {label}  ")]
-    return line.removeprefix(f"  {label}").strip()
 
 
 def test_a_mesh_of_the_papers_gear(vttig, found, tmp_path):
@@ -29,9 +24,9 @@ def test_a_mesh_of_the_papers_gear(vttig, found, tmp_path):
     code, text, err = vttig(*DRIVEN, tmp_path / "driven.stl", *COARSE)
     assert (code, err) == (0, "")
     assert text.startswith("VTTIG rig of the paper, driven gear\n")
-    assert row(text, "format") == "STL" and row(text, "teeth") == "80"
-    assert row(text, "measured error").endswith("µm of 50 µm allowed")
-    assert row(text, "volume").endswith("mm³")
+    assert row_of(text, "format") == "STL" and row_of(text, "teeth") == "80"
+    assert row_of(text, "measured error").endswith("µm of 50 µm allowed")
+    assert row_of(text, "volume").endswith("mm³")
     assert text.rstrip().endswith(f"written to {tmp_path / 'driven.stl'}")
 
 
@@ -56,7 +51,7 @@ def test_a_section(told, found, tmp_path, suffix):
         areas.append(record["area_mm2"])
     assert areas == sorted(areas, reverse=True)
     text = told(*DRIVING, out, "--section-mm", "10", "--overwrite")
-    assert row(text, "section at z") == "10 mm" and row(text, "area").endswith("mm²")
+    assert row_of(text, "section at z") == "10 mm" and row_of(text, "area").endswith("mm²")
 
 
 @pytest.mark.parametrize("suffix", [".step", ".stp"])
@@ -65,7 +60,7 @@ def test_a_solid(told, found, tmp_path, suffix):
     out = tmp_path / f"gear{suffix}"
     call = (*DRIVING, out, "--teeth", "2", *COARSE)
     text = told(*call)
-    assert row(text, "format") == "STEP" and int(row(text, "faces")) > 20
+    assert row_of(text, "format") == "STEP" and int(row_of(text, "faces")) > 20
     record = found(*call, "--overwrite")
     assert record["format"] == "step"
     assert record["volume_mm3"] == pytest.approx(116300 * 2 / 45, rel=1e-3)
@@ -80,7 +75,7 @@ def test_a_picture(told, found, tmp_path):
     pixels = imread(out)
     assert pixels.shape[1] == 1200 and 0.01 < (pixels[..., :3] < 0.9).any(axis=-1).mean() < 0.5
     text = told(*DRIVEN, out, "--overwrite")
-    assert row(text, "format") == "PNG" and "µm" not in text
+    assert row_of(text, "format") == "PNG" and "µm" not in text
 
 
 def test_a_missing_extra_is_named(refused, tmp_path, monkeypatch):

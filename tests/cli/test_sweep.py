@@ -6,8 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 import tomli_w
 
-from tests.cli.commands import write_paper_pair
-from tests.control.texts import RIG
+from tests.cli.commands import write_sweep
 from vttig_jax import enable_x64
 from vttig_jax.control.simulation.case import METRICS
 from vttig_jax.identify.archive import read_fit
@@ -31,10 +30,7 @@ ramp_s = 0.2
 
 @pytest.fixture
 def sweep(tmp_path) -> Path:
-    write_paper_pair(tmp_path / "pair.toml")
-    path = tmp_path / "sweep.toml"
-    path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
-    return path
+    return write_sweep(tmp_path, SWEEP)
 
 
 @pytest.fixture

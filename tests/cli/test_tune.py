@@ -1,10 +1,8 @@
 from pathlib import Path
 
 import pytest
-import tomli_w
 
-from tests.cli.commands import write_paper_pair
-from tests.control.texts import RIG
+from tests.cli.commands import write_sweep
 from vttig_jax.control.scenario.spec import load_sweep_spec
 
 SWEEP = """
@@ -26,10 +24,7 @@ MARGIN = "judgement.margin_mm"
 
 @pytest.fixture
 def sweep(tmp_path) -> Path:
-    write_paper_pair(tmp_path / "pair.toml")
-    path = tmp_path / "sweep.toml"
-    path.write_text(SWEEP.format(rig=tomli_w.dumps(RIG)))
-    return path
+    return write_sweep(tmp_path, SWEEP)
 
 
 @pytest.mark.portable

@@ -7,19 +7,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
+from tests.control.texts import RIG
 from tests.plotting.axes import data
 from vttig_jax.control import Simulation, parse_scenario_spec, simulate
 from vttig_jax.plotting import plot
 from vttig_jax.plotting.simulation import plot_simulation
 from vttig_jax.rig import paper_pair
 
-RIG = {
-    "driving_mm": 0.0226,
-    "driving_phase_deg": 49.5,
-    "driven_mm": 0.0273,
-    "driven_phase_deg": 79.3,
-    "constant_backlash_deg": 0.038,
-}
 FLANK_B, FLANK_A, TRUE = 1, 2, 3
 """Places of the lines in a panel of the transmission error; 0 is what the encoders show."""
 

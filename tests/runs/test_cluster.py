@@ -17,8 +17,7 @@ from tests.control.scenarios import PAIR
 from tests.control.sweep_files import assert_close, small_blocks, sweep_spec
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.control.simulation.case import METRICS
-from vttig_jax.runs import cluster as sweep_dask
-from vttig_jax.runs import sweeps
+from vttig_jax.runs import elsewhere, sweeps
 from vttig_jax.runs.row_store import PARTS
 
 distributed = pytest.importorskip("distributed", reason="needs the extra [dask]")
@@ -65,12 +64,12 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path, monkeypatch):
 
 
 def test_no_scheduler_and_no_extra_are_said(monkeypatch):
-    monkeypatch.setattr(sweep_dask, "_WAIT_S", 0.5)
+    monkeypatch.setattr(elsewhere, "_WAIT_S", 0.5)
     for address in ("tcp://127.0.0.1:9", "nonsense://1"):
         with pytest.raises(InputError, match="no scheduler answers") as caught:
             vttig_jax.sweep(sweep_spec(FEW), PAIR, dask=address)
         assert caught.value.where == address
-    monkeypatch.setattr(sweep_dask, "find_spec", lambda name: None)
+    monkeypatch.setattr(elsewhere, "find_spec", lambda name: None)
     with pytest.raises(UsageError, match=r"pip install vttig-jax\[dask\]"):
         vttig_jax.sweep(sweep_spec(FEW), PAIR, dask="tcp://127.0.0.1:9")
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from vttig_jax.base.errors import InputError
-from vttig_jax.runs.processes import run_in_processes
+from vttig_jax.runs.elsewhere import Blocks, run_in_processes
 
 
 def squared(number, shared):
@@ -35,7 +35,7 @@ def waiting(number, shared):
 
 def run(block, shared, *, blocks=4, progress=lambda steps: None):
     found = {}
-    run_in_processes(2, block, shared, range(blocks), done=found.__setitem__, progress=progress)
+    run_in_processes(2, Blocks(block, shared, range(blocks), found.__setitem__, progress))
     return found
 
 

@@ -10,8 +10,9 @@ from tests.cli.drive import write_drive, write_pair
 from vttig_jax.base.errors import InputError, UsageError
 from vttig_jax.base.files.run_folder import data_sha256
 from vttig_jax.identify.fit_settings import FitSettings
+from vttig_jax.logs.recognition.request import ReadingOptions
 from vttig_jax.pair.pair_file import load_pair_spec
-from vttig_jax.runs.options import ReadingOptions, RunOptions
+from vttig_jax.runs.options import RunOptions
 from vttig_jax.runs.run_file import RunRecord, read_run, require_same_data
 
 pytestmark = pytest.mark.smoke

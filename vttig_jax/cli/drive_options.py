@@ -21,7 +21,7 @@ from ..logs.recognition.request import (
     units_of_options,
 )
 from ..runs.stated_drive import write_pair
-from .options import Gathered, declared
+from .options import READING, Gathered, declared
 from .output import Output
 
 if TYPE_CHECKING:
@@ -44,52 +44,59 @@ def _units(_: click.Context, __: click.Parameter, incomplete: str) -> list[str]:
 
 @dataclass(frozen=True)
 class DriveOptions:
-    """Options of a command that replace a pair file.
+    """What the user says of a drive and its logs: by a pair file, or by options in its place.
 
     **Arguments**
-    - `request`: statements about the drive and the log. - `write_pair`: path to which the
-      equivalent pair file is written, or None.
+    - `pair`: path of the pair file, or None. - `request`: statements about the drive and the log.
+    - `reading`: options for reading the log.
+    - `write_pair`: path to which the equivalent pair file is written, or None.
     - `explain_columns`: whether the command only prints how the columns are read.
     """
 
+    pair: Path | None
     request: DriveRequest
-    write_pair: Path | None = None
-    explain_columns: bool = False
-
-    def tell(self, guesses: "Sequence[Guess]", spec: "PairSpec", output: Output) -> None:
-        """Print the guesses to stderr, unless `-q` is given, and write the requested pair file."""
-        for guess in guesses:
-            output.narrate(str(guess))
-        if self.write_pair is not None:
-            write_pair(self.write_pair, spec)
-            LOGGER.info("written to %s", self.write_pair)
+    reading: ReadingOptions
+    write_pair: Path | None
+    explain_columns: bool
 
     def only_explains(
-        self,
-        output: Output,
-        logs: Sequence[Path],
-        read: "tuple[PairSpec, Sequence[Guess], ReadingOptions]",
+        self, output: Output, logs: Sequence[Path], spec: "PairSpec", guesses: "Sequence[Guess]"
     ) -> bool:
         """With `--explain-columns`, print how the columns of a log are read, and return True.
 
-        Without it, call `tell` and return False. `read` holds the content of the pair file, the
-        guesses and the options for reading.
+        Without it, print the `guesses` to stderr, unless `-q` is given, write the requested pair
+        file with the content `spec`, and return False.
 
         **Raises** `UsageError` for several logs.
         """
         if not self.explain_columns:
-            self.tell(read[1], read[0], output)
+            for guess in guesses:
+                output.narrate(str(guess))
+            if self.write_pair is not None:
+                write_pair(self.write_pair, spec)
+                LOGGER.info("written to %s", self.write_pair)
             return False
         from ..logs.preview import preview_log
 
         first, *others = logs
         if others:
             raise UsageError("--explain-columns explains one log; name one.")
-        spec, guesses, reading = read
-        report = preview_log(first, spec=spec, reading=reading)
+        report = preview_log(first, spec=spec, reading=self.reading)
         report = replace(report, notes=(*map(str, guesses), *report.notes))
         output.emit(report.to_json(), report)
         return True
+
+
+PairFile = Annotated[
+    Path | None,
+    "--pair",
+    "TOML file of the gear pair, in place of --ratio or --teeth and the options below them.",
+]
+"""Parameter of a verb without a log. It excludes the options that describe the drive."""
+
+
+class _OfPair(NamedTuple):
+    pair: PairFile
 
 
 class _OfRatio(NamedTuple):
@@ -140,15 +147,24 @@ class _OfLog(NamedTuple):
     ]
 
 
-def _drive(write_pair: Path | None, explain_columns: bool, **stated: Any) -> DriveOptions:
-    return DriveOptions(DriveRequest(**stated), write_pair, explain_columns)
+def _drive(
+    pair: Path | None, write_pair: Path | None, explain_columns: bool, **stated: Any
+) -> DriveOptions:
+    read = {option.name: stated.pop(option.name) for option in READING.options}
+    request, reading = DriveRequest(**stated), READING.make(**read)
+    return DriveOptions(pair, request, reading, write_pair, explain_columns)
 
 
 Ratio = Annotated[DriveRequest, Gathered(declared(_OfRatio), DriveRequest)]
 """Parameter of a verb without a log: what its options say of the drive."""
 
-Drive = Annotated[DriveOptions, Gathered([*declared(_OfRatio), *declared(_OfLog)], _drive)]
-"""Parameter of a verb that reads logs: what its options say in place of a pair file."""
+Drive = Annotated[
+    DriveOptions,
+    Gathered(
+        [*declared(_OfPair), *declared(_OfRatio), *declared(_OfLog), *READING.options], _drive
+    ),
+]
+"""Parameter of a verb that reads logs: all that is said of them, and of their drive."""
 
 GROUPS = {
     "The drive": ("ratio", "teeth", "counts", "inverted", "driving_rpm", "pair", "write_pair"),
@@ -162,14 +178,6 @@ GROUPS = {
     ),
 }
 """Title in the help → parameters, for every verb that reads logs."""
-
-
-PairFile = Annotated[
-    Path | None,
-    "--pair",
-    "TOML file of the gear pair, in place of --ratio or --teeth and the options below them.",
-]
-"""Parameter of a verb; it excludes the options that describe the drive."""
 
 
 def gears_of(spec: "PairSpec", path: Path, lack: str) -> "GearPair":

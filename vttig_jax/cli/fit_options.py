@@ -16,44 +16,36 @@ from ..identify.fit_settings import (
 )
 from ..runs.options import settings_of
 from .drive_options import GROUPS
-from .options import POSITIVE, Gathered
+from .options import POSITIVE, Gathered, Parsed
 
 _UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(s|ms|us|µs)?")
 
 
-class TimeParam(click.ParamType):
-    """Option type for a time: a number with a unit, a plain number of `unit`, or one of `words`.
+def time_type(name: str, unit: str, words: tuple[str, ...] = ()) -> Parsed:
+    """Return the option type for a time: a number with a unit, or one of `unit`, or a word.
 
     With words it is a delay of either sign; without them it must be positive.
     """
 
-    def __init__(self, name: str, unit: str, words: tuple[str, ...] = ()):
-        self.name, self.unit, self.words = name, unit, words
+    def parse(text: str) -> str | float:
+        if text in words:
+            return text
+        match = _NUMBER.fullmatch(text.strip())
+        seconds = float(match[1]) * _UNITS_S[match[2] or unit] if match else math.nan
+        if words and not abs(seconds) <= LONGEST_DELAY_S:
+            raise ValueError(
+                f"{text!r} is neither {', '.join(words)} nor a number of seconds, or one with its"
+                f" unit, such as 0.5ms, within ±{LONGEST_DELAY_S:g} s."
+            )
+        if not words and not 0 < seconds < math.inf:
+            raise ValueError(
+                f"{text!r} is no positive time; give milliseconds, or a number with its unit, such"
+                " as 0.5ms or 0.0005s."
+            )
+        return float(f"{seconds / _UNITS_S[unit]:.15g}")  # 0.0005 s is 0.5 ms
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> str | float:
-        """Return the word or the time in `unit`, or report a usage error."""
-        if value in self.words:
-            return value
-        match = _NUMBER.fullmatch(str(value).strip())
-        seconds = float(match[1]) * _UNITS_S[match[2] or self.unit] if match else math.nan
-        if self.words and not abs(seconds) <= LONGEST_DELAY_S:
-            self.fail(
-                f"{value!r} is neither {', '.join(self.words)} nor a number of seconds, or"
-                f" one with its unit, such as 0.5ms, within ±{LONGEST_DELAY_S:g} s.",
-                param,
-                ctx,
-            )
-        if not self.words and not 0 < seconds < math.inf:
-            self.fail(
-                f"{value!r} is no positive time; give milliseconds, or a number with its unit, such"
-                " as 0.5ms or 0.0005s.",
-                param,
-                ctx,
-            )
-        return float(f"{seconds / _UNITS_S[self.unit]:.15g}")  # 0.0005 s is 0.5 ms
+    return Parsed(name, parse)
 
 
 def _option(field: Field) -> click.Parameter:
@@ -72,11 +64,11 @@ def _kind(field: Field) -> dict[str, Any]:
     words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
     numbers = [kind for kind in kinds if get_origin(kind) is Annotated]
     if words and numbers:
-        return {"type": TimeParam("delay", "s", words)}
+        return {"type": time_type("delay", "s", words)}
     if words:
         return {"type": click.Choice(words)}
     if field.name.endswith("_ms"):
-        return {"type": TimeParam("milliseconds", "ms")}
+        return {"type": time_type("milliseconds", "ms")}
     if numbers:
         bounds = get_args(numbers[0])[1]
         limits = bounds.gt is None

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
+from itertools import takewhile
 
 import click
 
@@ -138,7 +139,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         except BaseException as error:
             code, message, where = _explain(error, narrator)
-            _report(code, message, where, error, as_json=_wants_json(arguments))
+            _report(
+                code, message, where, error, as_json="--json" in takewhile("--".__ne__, arguments)
+            )
             try:
                 sys.stdout.flush()
             except OSError:  # what cannot be written would fail again when the interpreter ends
@@ -205,12 +208,6 @@ def _report(code: int, message: str, where: str, error: BaseException, *, as_jso
         failure = {"schema": "vttig.error/1", "exit": code, "message": message, "where": where}
         with suppress(OSError, VttigError):  # the error may be that stdout cannot be written
             print_json(failure)
-
-
-def _wants_json(arguments: list[str]) -> bool:
-    """Return whether `--json` is among the options, even if the other options are invalid."""
-    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    return "--json" in options
 
 
 def _tolerate_encodings() -> None:

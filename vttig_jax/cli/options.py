@@ -37,31 +37,35 @@ class Finite(click.FloatRange):
         return "" if self.min is None and self.max is None else super()._describe_range()
 
 
-class KeyValue(click.ParamType):
-    """Option type KEY=VALUE, or KEY alone where a value is `optional` and then None.
+class Parsed(click.ParamType):
+    """Option type whose value `parse` makes of a text; it raises `ValueError` with the sentence."""
 
-    `parse` returns the value of a text, and raises `ValueError` for a wrong text; it gets the key
-    too, for its message.
-    """
+    def __init__(self, name: str, parse: Callable[[str], Any]):
+        self.name, self.parse = name, parse
 
-    def __init__(self, name: str, parse: Callable[[str, str], Any], *, optional: bool = False):
-        self.name, self.parse, self.optional = name, parse, optional
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, Any]:
-        """Return the key and the value, or report a usage error."""
-        if isinstance(value, tuple):
-            return value
-        key, equals, text = (part.strip() for part in value.partition("="))
-        if self.optional and not equals:
-            return key, None
-        if not (key and equals and text):
-            self.fail(f"{value!r} is not of the form {self.name}.", param, ctx)
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the value, or report a usage error; a default is no text."""
         try:
-            return key, self.parse(key, text)
+            return self.parse(value) if isinstance(value, str) else value
         except ValueError as error:
             self.fail(str(error), param, ctx)
+
+
+def key_value(name: str, parse: Callable[[str, str], Any], *, optional: bool = False) -> Parsed:
+    """Return the option type KEY=VALUE, or KEY alone where a value is `optional` and then None.
+
+    `parse` gets the text of the value, and the key for its message.
+    """
+
+    def pair(text: str) -> tuple[str, Any]:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if optional and not equals:
+            return key, None
+        if not (key and equals and value):
+            raise ValueError(f"{text!r} is not of the form {name}.")
+        return key, parse(key, value)
+
+    return Parsed(name, pair)
 
 
 def once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -104,6 +108,10 @@ RunPath = Annotated[Path, Argument("RUN")]
 """Parameter of a verb that reads a run folder."""
 
 ConstantBacklash = Annotated[NotNegative | None, "Replaces the fitted one."]
+
+Dask = Annotated[
+    str | None, {"metavar": "ADDRESS"}, "Scheduler of dask.distributed to send blocks to."
+]
 
 
 def declared(function: Callable[..., Any]) -> list[click.Parameter]:
@@ -433,6 +441,6 @@ def _reading(
     return ReadingOptions(**reading)
 
 
-Reading = Annotated[ReadingOptions, Gathered(declared(_OfReading), _reading)]
-"""Parameter of a verb that reads a log; `--quadrature ROLE=A,B` is
-`--column ROLE=quadrature(A,B)`, and `--radius-mm` is the `--lead-mm` of its circumference."""
+READING = Gathered(declared(_OfReading), _reading)
+"""Options for reading a log; `--quadrature ROLE=A,B` is `--column ROLE=quadrature(A,B)`, and
+`--radius-mm` is the `--lead-mm` of its circumference."""

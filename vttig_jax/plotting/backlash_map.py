@@ -148,19 +148,20 @@ def plot_band_map(
     if turns is not None and not turns > 0:
         raise ValueError(f"Argument `turns` must be positive, but is {turns:g}.")
     last = min(turns or np.inf, banded.turns) * 360.0
-    if ax is not None:
-        _add_title(ax, banded, _draw(ax, banded, (0.0, last)))
-        return figure_of(ax)
-    figure = new_figure(6.6)
-    whole, close_up = figure.subplots(2, 1)
-    _add_title(whole, banded, _draw(whole, banded, (0.0, last)))
+    whole, *below = [ax] if ax is not None else new_figure(6.6).subplots(2, 1)
+    keys = _draw(whole, banded, (0.0, last))
+    seen, pair = "backlash, and where it is smallest", banded.map.pair
+    words = seen, pair.name, _span(banded.turns, pair.hunting_turns)
+    title(whole, *words, legend_rows=math.ceil(len(keys) / 2))
+    legend(whole, keys)
     middle = banded.smallest.place[0] / DEG
     span = min(_CLOSE_UP_DEG, 360.0 * banded.turns)
     start = float(np.clip(middle - span / 2, 0.0, max(360.0 * banded.turns - span, 0.0)))
-    _draw(close_up, banded, (start, start + span))
-    around = start <= middle <= start + span
-    title(close_up, "around the smallest gap" if around else "part of the map")
-    return figure
+    for close_up in below:
+        _draw(close_up, banded, (start, start + span))
+        around = start <= middle <= start + span
+        title(close_up, "around the smallest gap" if around else "part of the map")
+    return figure_of(whole)
 
 
 def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Artist]:
@@ -196,10 +197,3 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     panel(ax, y="backlash [° of the driven gear]")
     driving_axis(ax)
     return keys
-
-
-def _add_title(ax: Axes, banded: BandedMap, handles: list[Artist]) -> None:
-    turns, period = banded.turns, banded.map.pair.hunting_turns
-    seen, rows = "backlash, and where it is smallest", math.ceil(len(handles) / 2)
-    title(ax, seen, banded.map.pair.name, _span(turns, period), legend_rows=rows)
-    legend(ax, handles)

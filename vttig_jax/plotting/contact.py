@@ -1,10 +1,10 @@
 """Picture of the contact of two gears: the teeth in mesh and the contact lines of the flanks."""
 
 import math
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Complex
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
@@ -71,8 +71,8 @@ def plot_contact(contacts: Contacts, pair: GearPair | None = None, *, place: int
     _draw_mesh(left, contacts, place)
     _draw_flank(right, contacts, place)
     angle = contacts.driving_angle[place] / DEG
-    name = "" if pair is None else pair.name
-    heading(figure, "contact", name or "gear pair", f"flank {contacts.flank} at {angle:g}°")
+    name = (pair and pair.name) or "gear pair"
+    heading(figure, "contact", name, f"flank {contacts.flank} at {angle:g}°")
     return figure
 
 
@@ -93,7 +93,9 @@ def _draw_mesh(ax: Axes, contacts: Contacts, place: int) -> None:
         (driven, driven_centre, turned, True, driven_z, "driven"),
     )
     for number, (tooth, centre, turn, flipped, height, name) in enumerate(outlines):
-        outline = _outline(tooth, height, flipped)
+        radius, clockwise = section_curve(gear_profile(tooth), _COUNTS, np.array([height]))
+        # The tooth points along the x axis; a flipped one is seen from the other side.
+        outline = radius[0] * np.exp((1j if flipped else -1j) * clockwise[0])
         pitch = 2 * math.pi / tooth.teeth
         nearest = round(((math.pi if flipped else 0.0) - turn) / pitch)
         for step in range(nearest - _TEETH, nearest + _TEETH + 1):
@@ -133,16 +135,6 @@ def _touch_points(driving: Tooth, contacts: Contacts, place: int, centre: comple
     return points
 
 
-def _outline(tooth: Tooth, z: float, flipped: bool) -> Complex[np.ndarray, " n"]:
-    """Return the outline of a tooth in the section `z`, mm, as complex numbers x + jy.
-
-    The tooth points along the x axis; if `flipped`, it is seen from the other side.
-    """
-    radius, clockwise = section_curve(gear_profile(tooth), _COUNTS, np.array([z]))
-    sense = 1.0 if flipped else -1.0
-    return radius[0] * np.exp(1j * sense * clockwise[0])
-
-
 def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
     """Draw the driving flank (radius over z) with the contact lines of angles within one pitch."""
     driving = contacts.model.teeth[0]
@@ -159,16 +151,11 @@ def _draw_flank(ax: Axes, contacts: Contacts, place: int) -> None:
     tip, root = float(driving.tip_radius), float(np.min(driving.base_radii))
     for radius, name in ((tip, "tip"), (root, "base")):
         ax.axhline(radius, color=MODEL_COLOUR, linewidth=0.6, linestyle="--")
-        ax.annotate(
-            name,
-            (0.98, radius),
-            xycoords=("axes fraction", "data"),
-            ha="right",
-            va="bottom" if name == "base" else "top",
-            fontsize="small",
-        )
+        side = "bottom" if name == "base" else "top"
+        look: dict[str, Any] = {"ha": "right", "va": side, "fontsize": "small"}
+        ax.annotate(name, (0.98, radius), xycoords=("axes fraction", "data"), **look)
     if not math.isnan(half := float(driving.face_width_mm) / 2):
         ax.set_xlim(-1.25 * half, 1.25 * half)
-    several = f"{len(chosen)} angles within a pitch, light to dark"
-    words = several if len(chosen) > 1 else "one angle"
+    several = len(chosen) > 1
+    words = f"{len(chosen)} angles within a pitch, light to dark" if several else "one angle"
     panel(ax, words, x="z [mm]", y="radius on the driving gear [mm]")

@@ -77,7 +77,12 @@ def plot_corner(posterior: Posterior, *, names: Sequence[str] | None = None) -> 
     heading(figure, "posterior: the draws beside the fit", name, source)
     figure.align_ylabels(axes[1:, 0])
     figure.align_xlabels(axes[-1])
-    _add_legend(figure)
+    keys = [
+        Patch(color=COLOURS[0], alpha=0.45, label="draws"),
+        Line2D([], [], color=MODEL_COLOUR, linewidth=0.9, label="fit (Laplace): 68 % and 95 %"),
+        Line2D([], [], linestyle="none", label="x = e cos θ, y = e sin θ of size e, phase θ"),
+    ]
+    figure_legend(figure, keys, 1, loc="upper right", bbox_to_anchor=(0.98, 0.93))
     return figure
 
 
@@ -131,18 +136,12 @@ def _draw_ellipses(
 ) -> None:
     if np.isnan(covariance).any():
         return
-    for level in _LEVELS:
-        ring = _ellipse(covariance, level)
-        ax.plot(value[0] + ring[0], value[1] + ring[1], color=MODEL_COLOUR, linewidth=0.9)
-
-
-def _ellipse(covariance: Float[np.ndarray, "2 2"], level: float) -> Float[np.ndarray, "2 n"]:
-    """Return the ellipse that contains the probability `level` of a Gaussian around zero."""
     values, vectors = np.linalg.eigh(covariance)
     turn = np.linspace(0, 2 * np.pi, 121)
-    radius = np.sqrt(-2 * np.log(1 - level))
-    half = radius * np.sqrt(np.maximum(values, 0.0))
-    return vectors @ (half[:, None] * np.stack([np.cos(turn), np.sin(turn)]))
+    for level in _LEVELS:
+        half = np.sqrt(-2 * np.log(1 - level)) * np.sqrt(np.maximum(values, 0.0))
+        ring = vectors @ (half[:, None] * np.stack([np.cos(turn), np.sin(turn)]))
+        ax.plot(value[0] + ring[0], value[1] + ring[1], color=MODEL_COLOUR, linewidth=0.9)
 
 
 def _ticks(ax: Axes, left: bool, bottom: bool, count: int) -> None:
@@ -156,12 +155,3 @@ def _ticks(ax: Axes, left: bool, bottom: bool, count: int) -> None:
     for axis in (ax.xaxis, ax.yaxis):
         axis.get_offset_text().set_visible(False)
     ax.ticklabel_format(useOffset=False, style="plain")
-
-
-def _add_legend(figure: Figure) -> None:
-    keys = [
-        Patch(color=COLOURS[0], alpha=0.45, label="draws"),
-        Line2D([], [], color=MODEL_COLOUR, linewidth=0.9, label="fit (Laplace): 68 % and 95 %"),
-        Line2D([], [], linestyle="none", label="x = e cos θ, y = e sin θ of size e, phase θ"),
-    ]
-    figure_legend(figure, keys, 1, loc="upper right", bbox_to_anchor=(0.98, 0.93))

@@ -1,7 +1,5 @@
 """Profile and helix diagrams of measured flanks, and the pitch deviation of every tooth."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -19,9 +17,6 @@ _FLANKS = "A", "B"
 _TRACES = 3  # traces per panel
 _SPLINE_POINTS = 201  # points of each spline curve; a chosen value
 _ROW_IN = 2.3  # height of a row, inch
-
-NamedMap = tuple[str, str, FlankMap]
-"""Gear ("driving" or "driven"), flank ("A" or "B") and the map of this flank."""
 
 
 def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Figure:
@@ -53,7 +48,12 @@ def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Fig
 
     ```
     """
-    maps = list(_maps(deviations))
+    maps = [
+        (gear, flank, flank_map)
+        for gear in _GEARS
+        for flank, flank_map in zip(_FLANKS, getattr(deviations, gear), strict=True)
+        if flank_map is not None
+    ]
     pitches = [
         (gear, np.asarray(values))
         for gear in _GEARS
@@ -79,13 +79,6 @@ def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Fig
     name = "" if pair is None else pair.name
     heading(figure, "deviations of the flanks", name)
     return figure
-
-
-def _maps(deviations: Deviations) -> Iterator[NamedMap]:
-    for gear in _GEARS:
-        for flank, flank_map in zip(_FLANKS, getattr(deviations, gear), strict=True):
-            if flank_map is not None:
-                yield gear, flank, flank_map
 
 
 def _draw_map(profile: Axes, helix: Axes, flank_map: FlankMap, name: str) -> None:

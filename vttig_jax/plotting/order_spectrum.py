@@ -41,7 +41,11 @@ def plot_orders(fit: Fit, *, log: bool = True) -> Figure:
     axes[0].set_ylabel("amplitude at the driven gear [arcsec]")
     largest = f"{top.shaft} {top.order:.5g}, {top.amplitude_arcsec:.3g}″"
     heading(figure, f"order spectrum: the largest is {largest}", fit.pair.name)
-    _add_legend(figure, fit.orders)
+    flanks = sorted({o.flank for o in fit.orders})
+    keys = [Patch(color=FLANK_COLOURS[flank], label=f"flank {flank}") for flank in flanks]
+    if not all(o.significant for o in fit.orders):
+        keys.append(Patch(facecolor="none", edgecolor="0.4", label="not significant"))
+    figure_legend(figure, keys, len(keys))
     return figure
 
 
@@ -82,12 +86,3 @@ def _scale(ax: Axes, orders: tuple[Order, ...], log: bool) -> None:
     ax.set_yscale("log", nonpositive="clip")
     ax.set_ylim(min(positive) / 3, 3.0 * max(o.amplitude_arcsec + o.std_arcsec for o in orders))
     ax.yaxis.set_major_formatter("{x:g}")
-
-
-def _add_legend(figure: Figure, orders: tuple[Order, ...]) -> None:
-    """Add one legend for all panels below them."""
-    flanks = sorted({o.flank for o in orders})
-    handles = [Patch(color=FLANK_COLOURS[flank], label=f"flank {flank}") for flank in flanks]
-    if not all(o.significant for o in orders):
-        handles.append(Patch(facecolor="none", edgecolor="0.4", label="not significant"))
-    figure_legend(figure, handles, len(handles))

@@ -76,9 +76,15 @@ def plot_simulation(found: Simulation, *, unit: Unit = "deg", span_s: Span | Non
     **Raises** `ValueError` for a run without a trace, and for a span without samples.
     """
     rows, marks = rows_of(found, unit_size(unit)), _marks(found)
+    time = rows["time"]
+    whole = (float(time[0]), float(time[-1]))
     if span_s is not None:
-        _check(span_s, rows)
-    whole = (float(rows["time"][0]), float(rows["time"][-1]))
+        inside = (time >= span_s[0]) & (time <= span_s[1])
+        if not span_s[0] < span_s[1] or inside.sum() < 2:
+            raise ValueError(
+                f"Argument `span_s` must hold two samples or more of the {whole[0]:g} …"
+                f" {whole[1]:g} s of the trace, but is {span_s}."
+            )
     spans = _enlarged_spans(found, whole[1]) if span_s is None else [span_s]
     shifts = found.case.controller.closes
     second = "axial shift [mm]" if shifts else f"error of the output [{SIGNS[unit]}]"
@@ -182,15 +188,6 @@ def _useful_spans(spans: list[Span], end: float) -> list[Span]:
     """Return the spans, cut to the trace, or an empty list if one of them covers most of it."""
     cut = [(max(first, 0.0), min(last, end)) for first, last in spans if first < end]
     return [] if any(last - first > _LONGEST_VIEW * end for first, last in cut) else cut
-
-
-def _check(span: Span, rows: Rows) -> None:
-    inside = (rows["time"] >= span[0]) & (rows["time"] <= span[1])
-    if not span[0] < span[1] or inside.sum() < 2:
-        raise ValueError(
-            f"Argument `span_s` must hold two samples or more of the {rows['time'][0]:g} …"
-            f" {rows['time'][-1]:g} s of the trace, but is {span}."
-        )
 
 
 def draw_row(axes: Sequence[Axes], lines: Lines, label: str, views: Sequence[Rows]) -> Handles:

@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.typing import ColorType
 
 from ..posterior.summary.posterior import Posterior
 from .corner_picture import picture_unit
@@ -59,7 +58,12 @@ def plot_trace(posterior: Posterior, *, names: Sequence[str] | None = None) -> F
     axes[panels - 1].set_xlabel("stored step after burn-in", fontsize="small")
     name, source = posterior.fit.pair.name, PurePath(posterior.fit.source).name
     heading(figure, "draws: the ensembles should overlap and not drift", name, source)
-    _add_legend(figure, posterior.draws.shape[0])
+    ensembles = range(min(len(posterior.draws), len(COLOURS)))
+    keys = [
+        Line2D([], [], color=COLOURS[k], linewidth=1.4, label=f"ensemble {k + 1}")
+        for k in ensembles
+    ]
+    figure_legend(figure, keys, min(len(keys), _KEYS_PER_ROW))
     return figure
 
 
@@ -69,7 +73,7 @@ def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None
     step = np.arange(0, draws.shape[1], stride)
     low, high = np.inf, -np.inf
     for ensemble, samples in enumerate(draws):
-        colour = _colour(ensemble)
+        colour = COLOURS[ensemble % len(COLOURS)]
         walkers = samples[::stride, ::thinning][:, :_MAX_WALKERS]
         lines = np.stack([np.broadcast_to(step, walkers.T.shape), walkers.T], axis=2)
         thin = LineCollection(list(lines), colors=[colour], lw=0.3, alpha=0.25, zorder=1)
@@ -80,16 +84,3 @@ def _draw(ax: Axes, draws: Float[np.ndarray, "ensembles steps walkers"]) -> None
     grid(ax)
     ax.tick_params(labelsize=7)
     ax.ticklabel_format(axis="y", useOffset=False, style="plain")  # no factor where the name is
-
-
-def _colour(ensemble: int) -> ColorType:
-    return COLOURS[ensemble % len(COLOURS)]
-
-
-def _add_legend(figure: Figure, ensembles: int) -> None:
-    keys = [
-        Line2D([], [], color=_colour(k), linewidth=1.4, label=f"ensemble {k + 1}")
-        for k in range(min(ensembles, len(COLOURS)))
-    ]
-    columns = min(len(keys), _KEYS_PER_ROW)
-    figure_legend(figure, keys, columns)

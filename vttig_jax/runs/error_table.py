@@ -1,7 +1,7 @@
 """Transmission error of each measured flank over the driving angle, with bands from draws."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float
 
 from ..base.angles import angles_over_turns_deg
 from ..base.files.text_tables import key_values
-from ..base.results import TextResult
 from ..base.units import DEG
 from ..identify.backlash import no_period, shift_of_delay
 from ..identify.given import StoredModel
@@ -60,133 +59,32 @@ class FlankColumns(NamedTuple):
         }
 
 
-@dataclass(frozen=True)
-class ErrorTable(TextResult):
-    """Transmission error of each measured flank at driving angles 0°, `step_deg`, ….
-
-    The mean of an error tells where the encoders read zero and nothing about the gears, and is
-    taken off. If the log determines the gap, the mean of flank A is taken off both flanks, so that
-    TE_B − TE_A is the backlash.
-
-    **Arguments**
-    - `fit`: fit whose orders the table contains, except the fractional ones.
-    - `step_deg`, `turns`: step, °, and span, turns of the driving shaft.
-    - `flanks`: columns of every measured flank. - `zero_mean`: flanks whose rows have mean zero.
-    """
-
-    fit: Fit
-    step_deg: float
-    turns: float
-    flanks: dict[Flank, FlankColumns]
-    zero_mean: tuple[Flank, ...]
-
-    @property
-    def columns(self) -> dict[str, Float[np.ndarray, " rows"]]:
-        """Name → values over the driving angle: that angle, the flanks, then their bands."""
-        found = {f"te_{flank.lower()}_deg": one.error for flank, one in self.flanks.items()}
-        for flank, one in self.flanks.items():
-            for edge, values in one.band.edges.items() if one.band else ():
-                found[f"te_{flank.lower()}_{edge}_deg"] = values
-        angle = angles_over_turns_deg(self.step_deg, self.turns)
-        return {"driving_deg": angle, **{name: values / DEG for name, values in found.items()}}
-
-    def to_json(self, out: Path | None = None) -> dict[str, Any]:
-        """Return the object of schema `vttig.map/1`; `out` is the path of the CSV file."""
-        fit, shift = self.fit, None
-        if self.zero_mean != tuple(self.flanks):
-            shift = shift_of_delay(fit)
-        return {
-            "schema": "vttig.map/1",
-            "quantity": "error",
-            **origin(fit),
-            "hunting_turns": fit.pair.hunting_turns,
-            "span_turns": self.turns,
-            "step_deg": self.step_deg,
-            "rows": len(angles_over_turns_deg(self.step_deg, self.turns)),
-            "no_period": no_period(fit),
-            "coverage": fit.coverage.to_json() | {"sentence": self._covered},
-            "zero_mean_flanks": list(self.zero_mean),
-            "backlash_shift_deg": None if shift is None else [end / DEG for end in shift],
-            "left_out": [order.to_json() for order in fit.orders if is_fractional(order)],
-            "transmission_error": {flank: one.to_json() for flank, one in self.flanks.items()},
-            "csv": None if out is None else out.name,
-        }
-
-    @property
-    def _covered(self) -> str:
-        turns, shares = self.fit.pair.hunting_turns, self.fit.coverage.to_json()["flank_shares"]
-        covered = {flank: shares.get(flank, 0.0) * turns for flank in self.flanks}
-        seen = [f"{own:.3g} of {turns} driving turns on flank {f}" for f, own in covered.items()]
-        text = f"{'at least ' if self.fit.coverage.unplaced else ''}{', '.join(seen)}"
-        if min(covered.values()) > turns * (1 - 1e-9):
-            return text
-        turned = self.fit.core.scope.turns
-        short = " and the ".join(shaft for shaft in SHAFTS if turned[shaft] < FULL_TURN)
-        assumed = f", and those of the {short} shaft are assumed to be zero" if short else ""
-        return f"{text}; elsewhere the error is extrapolated by the fitted orders{assumed}"
-
-    def __str__(self) -> str:
-        fit, record = self.fit, self.to_json()
-        why, shift = record["no_period"], record["backlash_shift_deg"]
-        rows = [("hunting period", f"none: {why}" if why else fit.pair.hunting_period)]
-        rows += [] if why else [("covered", self._covered)]
-        rows.append(("span", f"{self.turns:.6g} driving turns in steps of {self.step_deg:g}°"))
-        if self.turns > 1 and not any(driven for _, driven in fit.model.terms):
-            alike = "every driving turn is alike, because no order of the driven shaft is fitted"
-            rows.append(("", f"{alike}; --span-rev 1 shows it all"))
-        zero = f"mean of {' and mean of '.join(f'flank {flank}' for flank in self.zero_mean)}"
-        if self.zero_mean != tuple(self.flanks):
-            zero += "; flank B stands above flank A by the backlash"
-        elif len(self.flanks) == 2:
-            zero += "; the log does not determine the gap between them"
-        if shift:
-            zero += (
-                "; a delay that the log leaves open shifts flank B by"
-                f" {shift[0]:.5f}° … {shift[1]:+.5f}°"
-            )
-        rows.append(("zero of the error", zero))
-        for flank, one in self.flanks.items():
-            rows.append((f"flank {flank}", f"{one.size}, over {one.size.turns:.3g} driving turns"))
-            if one.band is not None:
-                peaks = one.to_json()["peak_to_peak_draws_deg"]
-                span = f"{peaks['median']:.5f}° ({peaks['low95']:.5f}° … {peaks['high95']:.5f}°)"
-                rows.append(("peak to peak of draws", f"{span}, 95 %"))
-                rows += one.band.rows("curve")
-        return key_values([*rows, *left_out_rows(fit)], title="transmission error")
-
-
-def left_out_rows(fit: Fit) -> list[tuple[str, str]]:
-    """Return what a report says of fitted orders without a fixed position on the gears."""
-    left: dict[str, float] = {}
-    for one in fit.orders:
-        if is_fractional(one):
-            name = f"{one.shaft} order {one.order}"
-            left[name] = max(one.amplitude_arcsec, left.get(name, 0.0))
-    if not left:
-        return []
-    names = ", ".join(f"{name} ({amplitude:.3g}″)" for name, amplitude in left.items())
-    rms = math.sqrt(sum(amplitude**2 for amplitude in left.values()) / 2)
-    return [("left out", f"{names}: no fixed position on the gears; they stay, {rms:.3g}″ rms")]
-
-
 def error_table(
     fit: Fit,
     posterior: Posterior | None,
     step_deg: float,
     turns: float,
     probability: float = 0.95,
-) -> ErrorTable:
-    """Return the transmission error of every measured flank, also where the gap is unknown.
+    out: Path | None = None,
+) -> tuple[dict[str, Any], dict[str, np.ndarray], str]:
+    """Return the transmission error of every measured flank: what makes a `RunTable`.
+
+    There is a table also where the gap is unknown. Its columns are the driving angle, the flanks,
+    then their bands. The mean of an error tells where the encoders read zero and nothing about the
+    gears, and is taken off. If the log determines the gap, the mean of flank A is taken off both
+    flanks, so that TE_B − TE_A is the backlash.
 
     **Arguments**
-    - `fit`: fit of a run folder. - `posterior`: its draws, which give the bands, or None.
+    - `fit`: fit of a run folder; the table has its orders, except the fractional ones.
+    - `posterior`: its draws, which give the bands, or None.
     - `step_deg`, `turns`: step, °, and span, driving turns.
-    - `probability`: probability of both bands.
+    - `probability`: probability of both bands. - `out`: path of the CSV file.
 
     **Raises** `UsageError` for a fit of a flank model whose code the run folder does not hold.
     """
     measured, zero_mean, model, draws = measured_error(fit, posterior)
-    angle = angles_over_turns_deg(step_deg, turns) * DEG
+    driving_deg = angles_over_turns_deg(step_deg, turns)
+    angle = driving_deg * DEG
     # Between the rows there are further points where the rows do not resolve the highest order.
     split = math.ceil(step_deg / 360.0 * POINTS_PER_PERIOD * max(model.highest_order, 1.0))
     fine = (angle[:, None] + step_deg * DEG * np.arange(split) / split).ravel()
@@ -208,7 +106,87 @@ def error_table(
         curves = (block - level for block in draws.chunks(angle, flank))
         band = streamed_band(curves, probability)
         flanks[flank] = FlankColumns(band.centre, size, band, peaks)
-    return ErrorTable(fit, step_deg, turns, flanks, zero_mean)
+    found = {f"te_{flank.lower()}_deg": one.error for flank, one in flanks.items()}
+    for flank, one in flanks.items():
+        for edge, values in one.band.edges.items() if one.band else ():
+            found[f"te_{flank.lower()}_{edge}_deg"] = values
+    columns = {"driving_deg": driving_deg, **{name: one / DEG for name, one in found.items()}}
+    shift = None if zero_mean == tuple(flanks) else shift_of_delay(fit)
+    record = {
+        "schema": "vttig.map/1",
+        "quantity": "error",
+        **origin(fit),
+        "hunting_turns": fit.pair.hunting_turns,
+        "span_turns": turns,
+        "step_deg": step_deg,
+        "rows": len(driving_deg),
+        "no_period": no_period(fit),
+        "coverage": fit.coverage.to_json() | {"sentence": _covered(fit, flanks)},
+        "zero_mean_flanks": list(zero_mean),
+        "backlash_shift_deg": None if shift is None else [end / DEG for end in shift],
+        "left_out": [order.to_json() for order in fit.orders if is_fractional(order)],
+        "transmission_error": {flank: one.to_json() for flank, one in flanks.items()},
+        "csv": None if out is None else out.name,
+    }
+    return record, columns, _text(fit, flanks, record)
+
+
+def _covered(fit: Fit, flanks: Iterable[Flank]) -> str:
+    """Return how much of the hunting period the log shows on these flanks."""
+    turns, shares = fit.pair.hunting_turns, fit.coverage.to_json()["flank_shares"]
+    covered = {flank: shares.get(flank, 0.0) * turns for flank in flanks}
+    seen = [f"{own:.3g} of {turns} driving turns on flank {f}" for f, own in covered.items()]
+    text = f"{'at least ' if fit.coverage.unplaced else ''}{', '.join(seen)}"
+    if min(covered.values()) > turns * (1 - 1e-9):
+        return text
+    turned = fit.core.scope.turns
+    short = " and the ".join(shaft for shaft in SHAFTS if turned[shaft] < FULL_TURN)
+    assumed = f", and those of the {short} shaft are assumed to be zero" if short else ""
+    return f"{text}; elsewhere the error is extrapolated by the fitted orders{assumed}"
+
+
+def _text(fit: Fit, flanks: dict[Flank, FlankColumns], record: dict[str, Any]) -> str:
+    """Return the report of an error table."""
+    why, shift, turns = record["no_period"], record["backlash_shift_deg"], record["span_turns"]
+    rows = [("hunting period", f"none: {why}" if why else fit.pair.hunting_period)]
+    rows += [] if why else [("covered", record["coverage"]["sentence"])]
+    rows.append(("span", f"{turns:.6g} driving turns in steps of {record['step_deg']:g}°"))
+    if turns > 1 and not any(driven for _, driven in fit.model.terms):
+        alike = "every driving turn is alike, because no order of the driven shaft is fitted"
+        rows.append(("", f"{alike}; --span-rev 1 shows it all"))
+    zero = " and ".join(f"mean of flank {flank}" for flank in record["zero_mean_flanks"])
+    if len(record["zero_mean_flanks"]) < len(flanks):
+        zero += "; flank B stands above flank A by the backlash"
+    elif len(flanks) == 2:
+        zero += "; the log does not determine the gap between them"
+    if shift:
+        zero += (
+            "; a delay that the log leaves open shifts flank B by"
+            f" {shift[0]:.5f}° … {shift[1]:+.5f}°"
+        )
+    rows.append(("zero of the error", zero))
+    for flank, one in flanks.items():
+        rows.append((f"flank {flank}", f"{one.size}, over {one.size.turns:.3g} driving turns"))
+        if one.band is not None:
+            peaks = record["transmission_error"][flank]["peak_to_peak_draws_deg"]
+            span = f"{peaks['median']:.5f}° ({peaks['low95']:.5f}° … {peaks['high95']:.5f}°)"
+            rows.append(("peak to peak of draws", f"{span}, 95 %"))
+            rows += one.band.rows("curve")
+    return key_values([*rows, *left_out_rows(fit)], title="transmission error")
+
+
+def left_out_rows(fit: Fit) -> list[tuple[str, str]]:
+    """Return what a report says of fitted orders without a fixed position on the gears."""
+    left: dict[str, float] = {}
+    for one in fit.orders:
+        if is_fractional(one):
+            name = f"{one.shaft} order {one.order}"
+            left[name] = max(one.amplitude_arcsec, left.get(name, 0.0))
+    if not left:
+        return []
+    names = ", ".join(f"{name} ({amplitude:.3g}″)" for name, amplitude in left.items())
+    rms = math.sqrt(sum(amplitude**2 for amplitude in left.values()) / 2)
+    return [("left out", f"{names}: no fixed position on the gears; they stay, {rms:.3g}″ rms")]
 
 
 def measured_error(

@@ -17,9 +17,9 @@ from ..base.files.limits import KEPT_STEM, STDIN, kept_bytes, kept_name
 from ..base.files.run_folder import RunFolder
 from ..base.logger import LOGGER
 from ..logs.read import read_log
-from ..logs.recognition.request import DriveRequest, roles_of
+from ..logs.recognition.request import DriveRequest, ReadingOptions, roles_of
 from ..pair.schema import as_fraction
-from .options import ReadingOptions, RunOptions
+from .options import RunOptions
 from .run_file import CHECKPOINT, RunRecord, read_run
 from .stated_drive import spec_of_file, stated_spec
 
@@ -71,7 +71,7 @@ def readings_alone(
     from ..logs.readers.backlash_readings import read_backlash_readings
     from ..pair.gear_pair import pair_from_spec
 
-    spec = drive.spec() if pair is None else spec_of_file(pair, drive)
+    spec = spec_of_file(pair, drive)
     reading = options.reading
     found = read_backlash_readings(
         readings,
@@ -160,28 +160,22 @@ def save_fit(
     path that is not a folder.
     """
     record, folder = record or record_of(fit), Path(folder)
-    refuse_while_sampled(folder)
+    lock = folder / f".{CHECKPOINT}.lock"
+    if lock.exists():
+        from filelock import FileLock, Timeout
+
+        try:
+            with FileLock(lock).acquire(timeout=0):
+                pass
+        except Timeout:
+            raise UsageError(
+                "a sampler is writing to this folder; wait for it or choose another folder.",
+                where=str(folder),
+            ) from None
     with RunFolder(folder, overwrite=overwrite, results=("fit.json",)) as writer:
         if (folder / CHECKPOINT).exists():
             LOGGER.warning("the draws in %s were those of the fit it replaces, and go", folder)
         write_fit(writer, fit, record, figures=figures)
-
-
-def refuse_while_sampled(folder: Path) -> None:
-    """Raise `UsageError` if a sampler is writing to the folder."""
-    lock = folder / f".{CHECKPOINT}.lock"
-    if not lock.exists():
-        return
-    from filelock import FileLock, Timeout
-
-    try:
-        with FileLock(lock).acquire(timeout=0):
-            pass
-    except Timeout:
-        raise UsageError(
-            "a sampler is writing to this folder; wait for it or choose another folder.",
-            where=str(folder),
-        ) from None
 
 
 def write_fit(writer: RunFolder, fit: "Fit", record: RunRecord, *, figures: bool = True) -> None:

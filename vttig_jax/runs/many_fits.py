@@ -23,13 +23,11 @@ from ..identify.many.fit_many import Unread, fit_columns, settings_table
 from ..identify.many.table import Columns, FitTable
 from ..logs.encoder_log import EncoderLog
 from ..logs.read import open_log, read_log
-from ..logs.recognition.request import DriveRequest
+from ..logs.recognition.request import DriveRequest, ReadingOptions
 from ..pair.gear_pair import Drive, GearPair, pair_from_spec, spec_of
 from ..pair.pair_file import spec_table
 from ..pair.schema import PairSpec
-from .cluster import run_blocks
-from .options import ReadingOptions
-from .processes import run_in_processes
+from .elsewhere import Blocks, run_in_processes, run_on_cluster
 from .row_store import FolderNames, SweepFolder, is_complete, read_table
 from .stated_drive import require_columns, spec_of_file
 
@@ -86,9 +84,9 @@ class ManyFits:
         for number, log in enumerate(logs):
             if log in logs[:number]:
                 raise UsageError("given twice; give every log once.", where=str(log))
+        spec = spec_of_file(pair, drive)  # says that the ratio is missing
         if pair is not None:
-            return cls(tuple(logs), spec_of_file(pair, drive), settings, reading, block=_BLOCK)
-        drive.spec()  # says that the ratio is missing
+            return cls(tuple(logs), spec, settings, reading, block=_BLOCK)
         failed: LogError | None = None
         for log in logs:
             try:
@@ -96,9 +94,8 @@ class ManyFits:
             except LogError as error:
                 failed = failed or error
                 continue
-            return cls(
-                tuple(logs), found.spec, settings, reading, drive, found.roles.guesses, _BLOCK
-            )
+            guesses = found.roles.guesses
+            return cls(tuple(logs), found.spec, settings, reading, drive, guesses, _BLOCK)
         assert failed is not None  # click asks for at least one log
         raise failed
 
@@ -147,19 +144,16 @@ class ManyFits:
         pair = self.pair
         for path in paths:
             try:
-                log = self._read_one(path, pair)
+                if self.drive.names_a_drive:
+                    opened = open_log(path, self.drive, self.reading)
+                    require_columns(opened, self.spec, "the first log")
+                    log = opened.log
+                else:
+                    log = read_log(path, pair, **self.reading.keywords())
             except VttigError as error:
                 yield Unread(str(path), error)
                 continue
             yield replace(log, source=name_of_file(path))
-
-    def _read_one(self, path: Path, pair: GearPair | Drive) -> EncoderLog:
-        """Read a log once; raise `LogError` if its columns are read unlike those of the first."""
-        if not self.drive.names_a_drive:
-            return read_log(path, pair, **self.reading.keywords())
-        opened = open_log(path, self.drive, self.reading)
-        require_columns(opened, self.spec, "the first log")
-        return opened.log
 
 
 def fit_files(
@@ -200,11 +194,11 @@ def fit_files(
         # Not the number of blocks left, so that a table is continued in the way it was begun.
         usual = max(1, min(usable_cores(), free_bytes() // _PROCESS_BYTES))
         processes = min(jobs or usual, task.blocks)
-        shared, follow = (task, asked_bytes()), {"done": store.write, "progress": progress}
+        blocks = Blocks(_in_process, (task, asked_bytes()), todo, store.write, progress)
         if dask is not None:
-            run_blocks(dask, _in_process, shared, todo, **follow)
+            run_on_cluster(dask, blocks)
         elif processes > 1:
-            run_in_processes(processes, _in_process, shared, todo, **follow)
+            run_in_processes(processes, blocks)
         else:
             for number in todo:
                 store.write(number, task.columns(number, progress=progress))

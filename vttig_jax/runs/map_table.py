@@ -14,7 +14,6 @@ from ..base.units import DEG
 if TYPE_CHECKING:
     from ..identify.result import Fit
     from ..kinematics.backlash_map import BacklashMap, Extreme
-    from ..pair.gear_pair import Drive, GearPair
     from ..posterior.summary.bands import BandedMap
     from ..posterior.summary.posterior import Posterior
 
@@ -60,8 +59,7 @@ def run_table(
     if quantity == "error":
         from .error_table import error_table
 
-        errors = error_table(fit, posterior, step_deg, turns, probability)
-        return RunTable(errors.to_json(out), errors.columns, str(errors))
+        return RunTable(*error_table(fit, posterior, step_deg, turns, probability, out))
     if posterior is not None:
         from ..posterior.summary.bands import band_map
 
@@ -75,7 +73,13 @@ def run_table(
         columns = map_columns(grid, step_deg, turns)
         record = map_record(fit, grid, step_deg, turns, len(columns["driving_deg"]), out)
         found = RunTable(record, columns, str(grid))
-    columns = shift_first(found.columns, fit.pair) if quantity == "shift" else found.columns
+    columns = found.columns
+    if quantity == "shift":
+        from ..control.compensation.compensation import closing_of, require_closing
+
+        require_closing(closing_of(fit.pair))
+        ahead = [name for name in columns if name.startswith(("driving", "axial"))]
+        columns = {name: columns[name] for name in (*ahead, *columns)}
     return RunTable(found.record | {"quantity": quantity}, columns, found.text)
 
 
@@ -101,20 +105,6 @@ def map_columns(grid: "BacklashMap", step_deg: float, turns: float) -> dict[str,
         low, high = grid.interval(backlash)
         columns |= {"low95_deg": low / DEG, "high95_deg": high / DEG}
     return columns
-
-
-def shift_first(
-    columns: Mapping[str, np.ndarray], pair: "GearPair | Drive"
-) -> dict[str, np.ndarray]:
-    """Return the columns of the backlash with the axial ones behind the angle.
-
-    **Raises** `UsageError` for a pair whose backlash no axial displacement closes.
-    """
-    from ..control.compensation.compensation import closing_of, require_closing
-
-    require_closing(closing_of(pair))
-    ahead = [name for name in columns if name.startswith(("driving", "axial"))]
-    return {name: columns[name] for name in dict.fromkeys([*ahead, *columns])}
 
 
 def map_record(

@@ -93,17 +93,14 @@ def _run_model(run: Run, constant_backlash_deg: float | None, gap: str) -> Flank
         )
     if posterior is not None:
         draws = gap_draws(posterior)
-        return draws.mean_model if gap == "mean" else _lower_model(draws, gap)
+        if gap == "mean":
+            return draws.mean_model
+        angle, band = _band(draws)
+        first = np.asarray(draws.mean_model.transmission_error(angle, "A"))
+        return _splines(angle, [first, first + band.edges[gap]], draws.pair)
     if isinstance(run.pair, Drive):
         return _orders_model(run, constant_backlash_deg)
     return contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)[1]
-
-
-def _lower_model(draws: GapDraws, gap: str) -> FlankModel:
-    """Return the mean flank A, and a flank B above it by an edge of the band of the gap."""
-    angle, band = _band(draws)
-    first = np.asarray(draws.mean_model.transmission_error(angle, "A"))
-    return _splines(angle, [first, first + band.edges[gap]], draws.pair)
 
 
 def lowered_map(run: Run, gap: str) -> tuple[BacklashMap, float]:

@@ -6,8 +6,7 @@ import msgspec
 
 from ..base.errors import UsageError
 from ..identify.fit_settings import FitSettings, fields
-from ..logs.recognition.request import ReadingOptions as ReadingOptions
-from ..logs.recognition.request import roles_of
+from ..logs.recognition.request import ReadingOptions, roles_of
 
 
 class RunOptions(msgspec.Struct, frozen=True):

@@ -7,10 +7,9 @@ import tomli_w
 
 from ..base.errors import LogError, UsageError
 from ..base.files.atomic_write import os_errors_as_input_errors, replace_file
-from ..logs.recognition.request import DriveRequest
+from ..logs.recognition.request import DriveRequest, ReadingOptions
 from ..pair.pair_file import load_pair_spec, stated_table
 from ..pair.schema import PairSpec
-from .options import ReadingOptions
 
 if TYPE_CHECKING:
     from ..logs.read import OpenLog
@@ -31,11 +30,11 @@ def stated_spec(
     **Raises** `UsageError` without a ratio or with two, `LogError` for a log that can be read in
     two ways, and for logs whose columns differ.
     """
+    spec = spec_of_file(pair, drive)  # says that the ratio is missing
     if pair is not None:
-        return spec_of_file(pair, drive), ()
+        return spec, ()
     from ..logs.read import open_log
 
-    drive.spec()  # says that the ratio is missing
     opened = tuple(open_log(path, drive, reading) for path in logs)
     for one in opened:
         require_columns(one, opened[0].spec, str(logs[0]))
@@ -52,11 +51,13 @@ def require_columns(log: "OpenLog", spec: PairSpec, first: str) -> None:
         )
 
 
-def spec_of_file(pair: Path, drive: DriveRequest) -> PairSpec:
-    """Return the content of a pair file; options must not describe the drive in addition to it.
+def spec_of_file(pair: Path | None, drive: DriveRequest) -> PairSpec:
+    """Return the content of a pair file, or without it that of the options that describe the drive.
 
-    **Raises** `UsageError` if options describe the drive, `PairError` for the file.
+    **Raises** `UsageError` for both and for neither, `PairError` for the file.
     """
+    if pair is None:
+        return drive.spec()
     if drive.states_something:
         raise UsageError(
             "--pair states ratio, encoders and units already; leave out --ratio, --teeth,"

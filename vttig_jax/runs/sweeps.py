@@ -15,7 +15,7 @@ from ..control.scenario.spec import parse_scenario_spec
 from ..control.simulation.case import METRICS
 from ..control.sweeps.sweep import SweepCases, SweepWork, cases_of, sweep
 from ..control.sweeps.table import Rows, SweepTable
-from .cluster import run_blocks
+from .elsewhere import Blocks, run_on_cluster
 from .row_store import HEADER, TABLE, SweepFolder, is_complete, read_table
 
 
@@ -38,33 +38,26 @@ def sweep_in_folder(
         path = Path(out)
         options["store"] = lambda header: SweepFolder(path, header, resume, overwrite)
     if dask is not None:
-        options["elsewhere"] = lambda cases, todo, done, progress: run_blocks(
-            dask, _block, cases, todo, done=done, progress=progress
-        )
+        options["elsewhere"] = lambda *work: run_on_cluster(dask, Blocks(_block, *work))
     table = sweep(spec, pair, folder=folder, controller=controller, maps=maps, **options)
     return table if out is None else replace(table, path=Path(out) / TABLE)
 
 
 def _block(number: int, shared: SweepCases) -> tuple[int, int, Rows]:
     """Run a block of the shared cases on a worker; return its number, lane-steps and rows."""
-    steps: list[int] = []
-    rows = _work(shared).run(number, steps.append)
-    return number, sum(steps), rows
-
-
-_WORK: dict[str, SweepWork] = {}
-"""Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
-
-
-def _work(cases: SweepCases) -> SweepWork:
-    key = dumps(cases.header)
+    key, steps = dumps(shared.header), list[int]()
     if key not in _WORK:
         with suppress(ValueError):  # raised where another sweep has already run
             prepare_cpu()
         enable_x64()
         _WORK.clear()
-        _WORK[key] = SweepWork(cases, jax.devices()[:1])
-    return _WORK[key]
+        _WORK[key] = SweepWork(shared, jax.devices()[:1])
+    rows = _WORK[key].run(number, steps.append)
+    return number, sum(steps), rows
+
+
+_WORK: dict[str, SweepWork] = {}
+"""Header of a sweep → its work with the compiled programs of this worker; at most one sweep."""
 
 
 def read_sweep(folder: str | Path) -> SweepTable:

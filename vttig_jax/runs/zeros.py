@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 from ..base.errors import InputError, NoAnswerError
 from ..base.files.run_folder import data_sha256
 from ..logs.readers.column_names import name_and_unit, units_of
-from ..logs.recognition.request import SHAFTS, Statement, stated_layout
+from ..logs.recognition.request import SHAFTS, Statement
 from ..pair.gear_pair import ShaftReading, shaft_reading
-from ..pair.schema import Encoder, as_fraction
+from ..pair.schema import as_fraction
 from .run_file import RunRecord
 
 if TYPE_CHECKING:
@@ -30,24 +30,21 @@ def shaft_readings(run: RunRecord, fit: "Fit") -> tuple[ShaftReading, ShaftReadi
             " of a driven encoder belongs to this fit; fit a log of both encoders.",
             where=fit.source,
         )
-    first, second = (_shaft_reading(run, fit, shaft) for shaft in SHAFTS)
-    return first, second
-
-
-def _shaft_reading(run: RunRecord, fit: "Fit", shaft: str) -> ShaftReading:
-    encoder: Encoder = getattr(run.spec, shaft).encoder
-    scale = as_fraction(getattr(run.spec.log, f"{shaft}_scale"), f"log.{shaft}_scale")
-    factor = scale.numerator / scale.denominator
-    first = fit.zero_readings[shaft]
-    if fit.zero == "reading" or not first:
-        return shaft_reading(encoder, 0.0, factor)
     statement = Statement.of(run.spec, run.options.reading)
-    radians = statement.radians(shaft, _unit(run, fit, shaft))
-    assert radians is not None  # ensured by the reader of the log
-    return shaft_reading(encoder, first * radians, factor)
+    found = []
+    for shaft, encoder in zip(SHAFTS, statement.encoders, strict=True):
+        scale = as_fraction(getattr(run.spec.log, f"{shaft}_scale"), f"log.{shaft}_scale")
+        first, zero = fit.zero_readings[shaft], 0.0
+        if fit.zero != "reading" and first:
+            radians = statement.radians(shaft, _unit(run, fit, statement, shaft))
+            assert radians is not None  # ensured by the reader of the log
+            zero = first * radians
+        found.append(shaft_reading(encoder, zero, scale.numerator / scale.denominator))
+    driving, driven = found
+    return driving, driven
 
 
-def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
+def _unit(run: RunRecord, fit: "Fit", statement: Statement, shaft: str) -> str:
     """Return the unit of the reading of `shaft` in the first sample.
 
     It is "counts" if the reading is an integer. Otherwise it comes from the column name, the pair
@@ -55,12 +52,10 @@ def _unit(run: RunRecord, fit: "Fit", shaft: str) -> str:
     """
     if isinstance(fit.zero_readings[shaft], int):
         return "counts"
-    name = getattr(stated_layout(run.spec.log, run.options.reading), shaft)
+    name = getattr(statement.layout, shaft)
     written = name_and_unit(name, units_of(shaft), str(name))[1] if name else None
-    return written or getattr(run.spec.unit, shaft) or _unit_of_log(run, fit, shaft)
-
-
-def _unit_of_log(run: RunRecord, fit: "Fit", shaft: str) -> str:
+    if unit := written or getattr(statement.unit, shaft):
+        return unit
     from ..logs.read import read_log
 
     log = run.logs[0]
@@ -72,5 +67,4 @@ def _unit_of_log(run: RunRecord, fit: "Fit", shaft: str) -> str:
             " file and fit again.",
             where=str(log),
         )
-    channel = getattr(read_log(log, run.spec, **run.options.reading.keywords()), shaft)
-    return channel.unit
+    return getattr(read_log(log, run.spec, **run.options.reading.keywords()), shaft).unit

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ...pair.gear_pair import GearPair
 
 
-_RECORD = "contact.json"
+_RECORD, _TABLE = "contact.json", "contact.csv"
 _FIGURE, _DEVIATIONS = "figures/contact_{}.png", "figures/deviations.png"
 
 _STEEPEST = Finite(min=-1e5, max=1e5)
@@ -124,16 +124,8 @@ def command(
         where = "--centre-distance-mm" if asked else f"{pair}: {error.where}"
         raise PairError(error.message, where=where) from None
     driving = angles_over_turns_deg(step_deg, turns) * DEG
-    said = {
-        "source": str(pair),
-        "rig": None if rig is None else str(rig),
-        "deviations": None if deviations is None else str(deviations),
-        "pitch": None if pitch is None else str(pitch),
-        "span_turns": turns,
-        "step_deg": step_deg,
-    }
     # The folder is opened before the computation, so that existing results are refused at once.
-    results = (TABLE, _RECORD)
+    results = (_TABLE, _RECORD)
     opened = nullcontext() if out is None else RunFolder(out, overwrite=overwrite, results=results)
     with opened as folder:
         flanks = {}
@@ -141,15 +133,40 @@ def command(
             for flank in ("A", "B"):
                 flanks[flank] = contact_at(model, driving, flank)
                 bar.update(1)
-        record = contact_record(gears, said, flanks, gap, out)
+        left = (flanks["B"].transmission_error - flanks["A"].transmission_error) / DEG
+        known = np.flatnonzero(np.isfinite(left))  # NaN where one of the flanks has no contact
+        ends: dict[str, dict[str, Any]] = {}
+        for word, best in (("smallest", np.argmin), ("largest", np.argmax)):
+            row = known[best(left[known])] if len(known) else None
+            place = (None, None) if row is None else (float(left[row]), float(driving[row] / DEG))
+            ends[word] = dict(zip(("backlash_deg", "driving_deg"), place, strict=True))
+        record = {
+            "schema": "vttig.contact/1",
+            "pair": gears.name,
+            "source": str(pair),
+            "rig": None if rig is None else str(rig),
+            "deviations": None if deviations is None else str(deviations),
+            "pitch": None if pitch is None else str(pitch),
+            "span_turns": turns,
+            "step_deg": step_deg,
+            "centre_distance_mm": gap.centre_distance_mm,
+            "axial_mm": gap.axial_mm,
+            "rows": len(left),
+            "rows_with_backlash": len(known),
+            "flanks": {name: _flank(found) for name, found in flanks.items()},
+            **ends,
+            "drawn_backlash_deg": gap.backlash / DEG,
+            "apparent_backlash_deg": None if gap.apparent is None else gap.apparent / DEG,
+            "csv": None if out is None else _TABLE,
+        }
         if folder is not None:
             for name in (_FIGURE.format("A"), _FIGURE.format("B"), _DEVIATIONS):
                 folder.discard(name)
             for name, data in _figures(gears, flanks).items():
                 folder.write_bytes(name, data)
             folder.write_text(_RECORD, dumps(record) + "\n")
-            folder.write_text(TABLE, contact_table(flanks))
-    output.emit(record, contact_text(flanks, record, gap, measured, out))
+            folder.write_text(_TABLE, _table(flanks, left))
+    output.emit(record, _text(flanks, record, gap, measured, out))
 
 
 def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, bytes]:
@@ -172,48 +189,6 @@ def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, byte
     return drawn
 
 
-TABLE = "contact.csv"
-
-Flanks = dict[str, "Contacts"]
-"""Flank → its contacts; both flanks have the same driving angles."""
-
-
-def contact_record(
-    gears: "GearPair",
-    said: dict[str, Any],
-    flanks: Flanks,
-    gap: "GapReport",
-    out: Path | None,
-) -> dict[str, Any]:
-    """Return the object of schema `vttig.contact/1`; `said` holds its fields for the options."""
-    left, angle = _backlash(flanks) / DEG, flanks["A"].driving_angle / DEG
-    known = np.flatnonzero(np.isfinite(left))
-    ends: dict[str, dict[str, Any]] = {}
-    for word, best in (("smallest", np.argmin), ("largest", np.argmax)):
-        row = known[best(left[known])] if len(known) else None
-        place = (None, None) if row is None else (float(left[row]), float(angle[row]))
-        ends[word] = dict(zip(("backlash_deg", "driving_deg"), place, strict=True))
-    return {
-        "schema": "vttig.contact/1",
-        "pair": gears.name,
-        **said,
-        "centre_distance_mm": gap.centre_distance_mm,
-        "axial_mm": gap.axial_mm,
-        "rows": len(left),
-        "rows_with_backlash": len(known),
-        "flanks": {name: _flank(found) for name, found in flanks.items()},
-        **ends,
-        "drawn_backlash_deg": gap.backlash / DEG,
-        "apparent_backlash_deg": None if gap.apparent is None else gap.apparent / DEG,
-        "csv": None if out is None else TABLE,
-    }
-
-
-def _backlash(flanks: Flanks) -> Any:
-    """Return TE_B − TE_A in rad, NaN where one of the flanks has no contact."""
-    return flanks["B"].transmission_error - flanks["A"].transmission_error
-
-
 def _flank(found: "Contacts") -> dict[str, Any]:
     kinds = Counter(found.kind(place) for place in range(len(found.driving_angle)))
     error = found.transmission_error[found.in_contact] / DEG
@@ -226,8 +201,8 @@ def _flank(found: "Contacts") -> dict[str, Any]:
     }
 
 
-def contact_text(
-    flanks: Flanks,
+def _text(
+    flanks: "dict[str, Contacts]",
     record: dict[str, Any],
     gap: "GapReport",
     deviations: "Deviations | None",
@@ -247,20 +222,19 @@ def contact_text(
     if record["rig"] is not None:
         rows.append(("of the run", "eccentricities, not its constant backlash and higher orders"))
     if out is not None:
-        rows.append(("table", str(out / TABLE)))
+        rows.append(("table", str(out / _TABLE)))
     over = f"backlash of the surfaces over {record['span_turns']:g} turns"
     measured = [] if deviations is None else [str(deviations)]
     parts = [str(found) for found in flanks.values()]
     return "\n".join([*measured, *parts, key_values(rows, title=over), str(gap)])
 
 
-def contact_table(flanks: Flanks) -> str:
+def _table(flanks: "dict[str, Contacts]", backlash_deg: Any) -> str:
     """Return a CSV table with one row per driving angle.
 
     Fields are empty at angles without contact on the flank.
     """
-    left, angle = _backlash(flanks), flanks["A"].driving_angle
-    columns = {"driving_deg": angle / DEG, "backlash_deg": left / DEG}
+    columns = {"driving_deg": flanks["A"].driving_angle / DEG, "backlash_deg": backlash_deg}
     for name, found in flanks.items():
         end = f"_{name.lower()}"
         teeth = np.where(found.in_contact[:, None], found.tooth_pair, np.nan)

@@ -33,7 +33,6 @@ from ..options import (
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...identify.result import Fit
     from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.flank_model import FlankModel
     from ...runs.axis_table import AxisSetting
@@ -301,8 +300,9 @@ def _maps(
 ) -> "tuple[BacklashMap, FlankModel]":
     """Return the backlash map of the fit, and its flank model.
 
-    **Raises** the error of what makes the export impossible; a `header` also needs the readings of
-    both encoders, and the shift a pair that closes the gap by it.
+    **Raises** the error of what makes the export impossible: a log at one speed if the user gave
+    neither a delay nor its limit; a `header` also needs the readings of both encoders, and the
+    shift a pair that closes the gap by it.
     """
     from ...control.compensation.compensation import closing_of, require_closing
     from ...identify.backlash import contact_map
@@ -310,24 +310,18 @@ def _maps(
 
     found = contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)
     if constant_backlash_deg is None:
-        _require_delay(run.fit)
+        is_open = any(one.slug == "delay-open" for one in run.fit.findings)
+        request = run.fit.request
+        # The constant backlash of a log at one speed may contain the effect of an unknown delay.
+        if is_open and not (request and request.settings.delay_within_ms is not None):
+            raise UsageError(
+                "a controller would take this map for the backlash, but the log has one speed, at"
+                " which a delay between the channels looks the same; fit again with --delay (such"
+                " as 0.5ms) if you know the delay or --delay-within if you know its limit, or give"
+                " --constant-backlash-deg."
+            )
     if header:
         shaft_readings(run.record, run.fit)
     if quantity == "shift":
         require_closing(closing_of(run.pair))
     return found
-
-
-def _require_delay(fit: "Fit") -> None:
-    """Refuse a fit whose constant backlash may contain the effect of an unknown delay.
-
-    **Raises** `UsageError` for a log at one speed if the user gave neither a delay nor its limit.
-    """
-    is_open = any(one.slug == "delay-open" for one in fit.findings)
-    if not is_open or (fit.request and fit.request.settings.delay_within_ms is not None):
-        return
-    raise UsageError(
-        "a controller would take this map for the backlash, but the log has one speed, at which a"
-        " delay between the channels looks the same; fit again with --delay (such as 0.5ms) if you"
-        " know the delay or --delay-within if you know its limit, or give --constant-backlash-deg."
-    )

@@ -15,9 +15,9 @@ from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, readings_alone, resolve, save_fit
 from ...runs.options import RunOptions
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run, require_same_data
-from ..drive_options import GROUPS, Drive, PairFile
+from ..drive_options import GROUPS, Drive
 from ..fit_options import OF_A_FIT, Settings
-from ..options import Argument, Reading, given, need, refuse_results, verb
+from ..options import Argument, given, need, refuse_results, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ def command(
     output: Output,
     *,
     logs: Annotated[tuple[Path, ...], Argument("[LOG]...")],
-    pair: PairFile,
     run_path: Annotated[Path | None, "--run", "Repeat the run of this run.toml."],
     out: Annotated[Path | None, "Run folder to write."],
     overwrite: Annotated[bool, "Replace the fit that is in --out."],
@@ -67,7 +66,6 @@ def command(
         "Exit with 4 unless this parameter is determined; a warning tells one that may be zero.",
     ],
     drive: Drive,
-    reading: Reading,
     settings: Settings,
 ) -> None:
     """Identify the eccentricity and phase of both gears and the backlash from LOG.
@@ -80,14 +78,14 @@ def command(
     --out no file is written.
     """
     need("out", "overwrite", "no_figures", "report")
-    options = RunOptions(reading, settings)
+    options = RunOptions(drive.reading, settings)
     if report:
         reports.require_bokeh()
     if readings is not None and not logs and run_path is None:
         if out is not None or require:
             raise UsageError("readings alone have no run folder and no parameters; leave that out.")
-        found = readings_alone(readings, pair, drive.request, options)
-        length = _as_length(found.backlash_deg, found.std_deg, reading.lead_mm)
+        found = readings_alone(readings, drive.pair, drive.request, options)
+        length = _as_length(found.backlash_deg, found.std_deg, drive.reading.lead_mm)
         output.emit(found.to_json(), "\n\n".join([str(found), *length]))
         return
     if not (drive.explain_columns or overwrite):
@@ -96,13 +94,17 @@ def command(
         )
     if run_path is None:
         logs = with_standard_input(logs)
-        run = resolve(logs, pair, readings, options, drive.request)
-        if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
+        run = resolve(logs, drive.pair, readings, options, drive.request)
+        if drive.only_explains(output, logs, run.spec, run.guesses):
             return
     else:
         run = _repeated(run_path)
     result, run = perform(run)
-    _check_names(result, require)
+    told = result.parameters | {one.name: one for one in result.regressors}
+    for name in require:
+        if name not in told:
+            known = ", ".join(told)
+            raise UsageError(f"--require {name}: no such parameter; there are {known}.")
     if out is not None:
         save_fit(result, out, overwrite=overwrite, figures=not no_figures, record=run)
         LOGGER.info("written to %s", out)
@@ -114,7 +116,7 @@ def command(
     gap, lead_mm = result.checks.gap_over_angles_covered, run.options.reading.lead_mm
     parts += _as_length(gap.value, gap.std, lead_mm or run.spec.log.lead_mm)
     output.emit(result.to_json(), "\n\n".join([*parts, *written]))
-    _check_required(result, require)
+    _check_required(result.source, {name: told[name] for name in require})
     if result.outcome == "contradicts" or (result.outcome == "not_determined" and gap.determined):
         # The result is printed before the error, because its numbers show what the error says.
         output.finish()
@@ -177,21 +179,13 @@ def _repeated(path: Path) -> RunRecord:
     return run
 
 
-def _check_names(result: "Fit", names: tuple[str, ...]) -> None:
-    for name in names:
-        if name not in _named(result):
-            known = ", ".join(_named(result))
-            raise UsageError(f"--require {name}: no such parameter; there are {known}.")
-
-
-def _check_required(result: "Fit", names: tuple[str, ...]) -> None:
+def _check_required(source: str, required: "dict[str, Parameter]") -> None:
     from ...identify.result import doubt
 
-    for name in names:
-        p = _named(result)[name]
+    for name, p in required.items():
         if not p.determined:
             reason = f"{name} is required but undetermined: {p.reason}."
-            raise NoAnswerError(reason, where=result.source)
+            raise NoAnswerError(reason, where=source)
         if not p.significant and name != "ratio":
             LOGGER.warning(
                 "%s is determined, as --require asks, but %s (%s): the log does not certainly tell"
@@ -209,8 +203,3 @@ def _size(parameter: "Parameter") -> str:
     if parameter.upper95 is not None:
         return f"at most {parameter.upper95:.3g} {parameter.unit}"
     return f"{parameter.value:.3g} ± {parameter.std:.2g} {parameter.unit}"
-
-
-def _named(result: "Fit") -> dict[str, "Parameter"]:
-    """Return name → parameter or regressor of a fit."""
-    return result.parameters | {one.name: one for one in result.regressors}

@@ -10,9 +10,9 @@ from ...base.files.limits import STDIN
 from ...base.logger import LOGGER
 from ...identify.fit_settings import BATCH
 from ...logs.readers.open_table import with_standard_input
-from ..drive_options import GROUPS, Drive, PairFile
+from ..drive_options import GROUPS, Drive
 from ..fit_options import BatchSettings
-from ..options import Argument, Reading, exclude_each_other, need, refuse_existing, verb
+from ..options import Argument, Dask, exclude_each_other, need, refuse_existing, verb
 from ..output import Output
 
 
@@ -34,7 +34,6 @@ def command(
     output: Output,
     *,
     logs: Annotated[tuple[Path, ...], Argument("LOG...", required=True)],
-    pair: PairFile,
     out: Annotated[Path | None, "Folder for fits.parquet."],
     resume: Annotated[
         bool, "Go on with the table that is unfinished in --out; where there is none, start."
@@ -47,11 +46,8 @@ def command(
         "Processes that fit blocks of 16 logs at the same time; by default one for each core"
         " and 1.5 GiB of free memory.",
     ],
-    dask: Annotated[
-        str | None, {"metavar": "ADDRESS"}, "Scheduler of dask.distributed to send blocks to."
-    ],
+    dask: Dask,
     drive: Drive,
-    reading: Reading,
     settings: BatchSettings,
 ) -> None:
     """Identify the parameters of many logs, each of a rig of its own, in one table.
@@ -77,8 +73,8 @@ def command(
             )
         jobs = 1
     logs = with_standard_input(logs)
-    task = ManyFits.of(logs, pair, settings, reading, drive.request)
-    if drive.only_explains(output, logs, (task.spec, task.guesses, task.reading)):
+    task = ManyFits.of(logs, drive.pair, settings, drive.reading, drive.request)
+    if drive.only_explains(output, logs, task.spec, task.guesses):
         return
     how = {"out": out, "resume": resume, "overwrite": overwrite, "dask": dask, "jobs": jobs}
     with output.progress(len(logs), "logs") as bar:

@@ -9,8 +9,8 @@ import click
 from ...base.errors import InputError, UsageError
 from ...logs.readers.column_names import ROLES
 from ...logs.readers.open_table import with_standard_input
-from ..drive_options import GROUPS, Drive, PairFile
-from ..options import Argument, Reading, given, need, refuse_out, takes_no, verb
+from ..drive_options import GROUPS, Drive
+from ..options import Argument, given, need, refuse_out, takes_no, verb
 from ..output import Output
 from .plot import PICTURES, write_picture
 
@@ -46,9 +46,7 @@ def command(
         " file.",
     ],
     overwrite: Annotated[bool, "Replace a picture that exists."],
-    pair: PairFile,
     drive: Drive,
-    reading: Reading,
 ) -> None:
     """Say what LOG holds: columns, rate, turns, ratio, flanks, speeds and orders.
 
@@ -64,7 +62,7 @@ def command(
         output.emit(*_comp_file(log))
         return
     need("picture", "overwrite")
-    request = drive.request
+    pair, request, reading = drive.pair, drive.request, drive.reading
     report: Preview | Inspection
     if pair is None and not request.names_a_drive:
         for name in given(("write_pair", "picture")):
@@ -80,7 +78,7 @@ def command(
         refuse_out(picture, *PICTURES, overwrite=overwrite, option="--picture")
     spec, opened = stated_spec((log,), pair, request, reading)
     guesses = [guess for one in opened for guess in one.roles.guesses]
-    if drive.only_explains(output, (log,), (spec, guesses, reading)):
+    if drive.only_explains(output, (log,), spec, guesses):
         return
     found = opened[0].log if opened else read_log(log, spec, **reading.keywords())
     report = inspect_log(found, spec)

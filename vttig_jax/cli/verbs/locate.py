@@ -4,19 +4,15 @@ import math
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import click
-
 from ...base.errors import NoAnswerError, UsageError
 from ...base.files.text_tables import key_values
 from ...base.units import ARCSEC, DEG
 from ...pair.schema import Flank
 from ...runs.run import Run
-from ..options import ConstantBacklash, Finite, Positive, RunPath, verb
+from ..options import ConstantBacklash, Finite, Parsed, Positive, RunPath, verb
 from ..output import Output
 
 if TYPE_CHECKING:
-    from ...identify.result import Fit
-    from ...kinematics.backlash_map import BacklashMap
     from ...kinematics.turn_location import Located
     from ...pair.gear_pair import ShaftReading
 
@@ -35,28 +31,21 @@ class Reading(NamedTuple):
     step: float
 
 
-class WrittenNumber(click.ParamType):
-    """Option type for a finite number; the step of its last digit is stored too."""
+def _written(text: str) -> Reading:
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        raise ValueError(f"{text!r} is not a number.") from None
+    if not number.is_finite() or not math.isfinite(float(number)):
+        raise ValueError(f"{text!r} is not a finite number.")
+    if abs(number) > _LARGEST_DEG:
+        raise ValueError(f"{text!r} is no reading; it is at most {_LARGEST_DEG:g}°.")
+    exponent = number.as_tuple().exponent
+    assert isinstance(exponent, int)  # true for a finite number
+    return Reading(float(number), 10.0 ** min(exponent, 0))
 
-    name = "number"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> Reading:
-        """Return the number and its step, or report a usage error."""
-        if isinstance(value, Reading):
-            return value
-        try:
-            number = Decimal(value.strip())
-        except InvalidOperation:
-            self.fail(f"{value!r} is not a number.", param, ctx)
-        if not number.is_finite() or not math.isfinite(float(number)):
-            self.fail(f"{value!r} is not a finite number.", param, ctx)
-        if abs(number) > _LARGEST_DEG:
-            self.fail(f"{value!r} is no reading; it is at most {_LARGEST_DEG:g}°.", param, ctx)
-        exponent = number.as_tuple().exponent
-        assert isinstance(exponent, int)  # true for a finite number
-        return Reading(float(number), 10.0 ** min(exponent, 0))
+WRITTEN = Parsed("number", _written)
 
 
 @verb(
@@ -70,12 +59,8 @@ def command(
     output: Output,
     *,
     run_folder: RunPath,
-    driving_deg: Annotated[
-        Reading | None, WrittenNumber(), "Reading of the driving encoder, degrees."
-    ],
-    driven_deg: Annotated[
-        Reading | None, WrittenNumber(), "Reading of the driven encoder, degrees."
-    ],
+    driving_deg: Annotated[Reading | None, WRITTEN, "Reading of the driving encoder, degrees."],
+    driven_deg: Annotated[Reading | None, WRITTEN, "Reading of the driven encoder, degrees."],
     driving_counts: Annotated[int | None, "The same in counts, where the pair file has them."],
     driven_counts: Annotated[int | None, "The same in counts, where the pair file has them."],
     reading_std_arcsec: Annotated[
@@ -108,6 +93,7 @@ def command(
             raise UsageError(f"give one of --{shaft}-deg and --{shaft}-counts.")
     from ...identify.backlash import contact_map
     from ...kinematics.turn_location import locate
+    from ...pair.gear_pair import GearPair
     from ...runs.zeros import shaft_readings
 
     opened = Run(run_folder)
@@ -122,7 +108,32 @@ def command(
     std = math.hypot(fit.residual_rms_deg * DEG, float(pair.ratio) * driving_std, driven_std)
     found = locate(driving, driven, pair.ratio, contact, std_rad=std, flank=flank)
     _require_certain(found, certainty, flank, fit.source)
-    record = _record(fit, grid, found, flank, certainty)
+    backlash = float(grid.at(found.driving_rad))
+    millimetres = axial = None
+    if isinstance(grid.pair, GearPair):
+        millimetres = backlash * float(grid.pair.reference_radii[1])
+        if thinning := float(grid.pair.thinning):
+            axial = millimetres / thinning
+    runner_up = {"turn": found.runner_up, "probability": found.runner_up_probability}
+    record = {
+        "schema": "vttig.locate/1",
+        "pair": fit.pair.name,
+        "source": fit.source,
+        "conditional_on": list(fit.conditional_on),
+        "zero": fit.zero,
+        "hunting_turns": found.hunting_turns,
+        "turn": found.turn,
+        "driving_deg": found.driving_rad / DEG,
+        "probability": found.probability,
+        "certainty": certainty,
+        "runner_up": None if found.runner_up is None else runner_up,
+        "flank": flank,
+        "std_arcsec": found.std_rad / ARCSEC,
+        "misfit_arcsec": found.misfit_rad / ARCSEC,
+        "backlash_deg": backlash / DEG,
+        "backlash_mm": millimetres,
+        "axial_mm": axial,
+    }
     output.emit(record, _text(found, record))
 
 
@@ -165,44 +176,6 @@ def _require_certain(found: "Located", certainty: float, flank: Flank | None, so
             f" shafts finer than the {found.std_rad / ARCSEC:.3g}″ reckoned with{more}.",
             where=source,
         )
-
-
-def _record(
-    fit: "Fit",
-    grid: "BacklashMap",
-    found: "Located",
-    flank: Flank | None,
-    certainty: float,
-) -> dict[str, Any]:
-    """Return the object of schema `vttig.locate/1`."""
-    from ...pair.gear_pair import GearPair
-
-    backlash = float(grid.at(found.driving_rad))
-    millimetres = axial = None
-    if isinstance(grid.pair, GearPair):
-        millimetres = backlash * float(grid.pair.reference_radii[1])
-        if thinning := float(grid.pair.thinning):
-            axial = millimetres / thinning
-    runner_up = {"turn": found.runner_up, "probability": found.runner_up_probability}
-    return {
-        "schema": "vttig.locate/1",
-        "pair": fit.pair.name,
-        "source": fit.source,
-        "conditional_on": list(fit.conditional_on),
-        "zero": fit.zero,
-        "hunting_turns": found.hunting_turns,
-        "turn": found.turn,
-        "driving_deg": found.driving_rad / DEG,
-        "probability": found.probability,
-        "certainty": certainty,
-        "runner_up": None if found.runner_up is None else runner_up,
-        "flank": flank,
-        "std_arcsec": found.std_rad / ARCSEC,
-        "misfit_arcsec": found.misfit_rad / ARCSEC,
-        "backlash_deg": backlash / DEG,
-        "backlash_mm": millimetres,
-        "axial_mm": axial,
-    }
 
 
 def _text(found: "Located", record: dict[str, Any]) -> str:

@@ -95,7 +95,13 @@ def command(
     turns = _span(run.pair.hunting_turns, step_deg, span_rev)
     posterior = run.drawn if constant_backlash_deg is None else None
     if posterior is None and (asked := given({"closing_mm", "probability"})):
-        raise _without_draws(asked[0], run_folder, constant_backlash_deg)
+        if constant_backlash_deg is not None:
+            raise UsageError(
+                f"{asked[0]} asks the draws, which hold a constant backlash of their own; leave out"
+                " --constant-backlash-deg."
+            )
+        cure = f"make them with `vttig sample {run_folder}`"
+        raise UsageError(f"{asked[0]} needs draws; {cure}.", where=str(run_folder))
     found = run_table(
         fit,
         quantity,
@@ -107,11 +113,16 @@ def command(
         closing_mm=closing_mm,
         out=out,
     )
-    record, shown = found.record | {"run": run.record.digest}, found.text
+    record: dict[str, Any] = found.record | {"run": run.record.digest}
+    shown = found.text
     if posterior is None:
         shown += f"\n\n{_NO_ERROR_BAND if quantity == 'error' else _NO_BAND}"
     elif quantity != "error":
-        shown += _bindings(record)
+        for one in record["binding"]:
+            shown += (
+                f"\n  a closing of {one['closing_mm']:g} mm binds with probability"
+                f" {one['probability']:.3g} ± {one['std_error']:.1g}"
+            )
     if out is not None:
         texts = {out.with_suffix(".json"): dumps(record) + "\n", out: csv_text(found.columns)}
         run.write_beside(texts, overwrite=overwrite)
@@ -120,30 +131,6 @@ def command(
         rows = len(found.columns["driving_deg"])
         shown = f"{shown}\n\nno file is written; `--out map.csv` writes the map, {rows} rows"
     output.emit(record, shown)
-
-
-def _bindings(record: dict[str, Any]) -> str:
-    lines = [
-        f"  a closing of {one['closing_mm']:g} mm binds with probability"
-        f" {one['probability']:.3g} ± {one['std_error']:.1g}"
-        for one in record["binding"]
-    ]
-    return "\n" + "\n".join(lines) if lines else ""
-
-
-def _without_draws(option: str, folder: Path, constant: float | None) -> UsageError:
-    """Return the error of an option that needs draws and their constant backlash.
-
-    The folder has no draws, or the user gave a constant backlash (`constant`).
-    """
-    if constant is not None:
-        return UsageError(
-            f"{option} asks the draws, which hold a constant backlash of their own; leave out"
-            " --constant-backlash-deg."
-        )
-    return UsageError(
-        f"{option} needs draws; make them with `vttig sample {folder}`.", where=str(folder)
-    )
 
 
 def _span(hunting_turns: int, step_deg: float, span_rev: float | None) -> float:

@@ -118,8 +118,7 @@ def _teeth(pair: "GearPair", path: Path, section_mm: float) -> "dict[str, Tooth]
 def _require_some(gears: "dict[str, GearMeasures]", radii_mm: tuple[float, ...]) -> None:
     """Raise `UsageError` for a radius that lies on the involutes of neither gear."""
     for at, radius in enumerate(radii_mm):
-        missing = [found.thickness_at[at].section_mm is None for found in gears.values()]
-        if all(missing):
+        if all(found.thickness_at[at].section_mm is None for found in gears.values()):
             reaches = " and ".join(
                 f"{max(found.form_diameter_mm) / 2:.4f} to {found.tip_diameter_mm / 2:.4f} mm"
                 for found in gears.values()

@@ -6,12 +6,12 @@ import click
 
 from ...base.errors import UsageError
 from ..drive_options import PairFile, Ratio
-from ..fit_options import TimeParam
-from ..options import Finite, KeyValue, NotNegative, Positive, arguments_as_options, once, verb
+from ..fit_options import time_type
+from ..options import Finite, NotNegative, Positive, arguments_as_options, key_value, once, verb
 from ..output import Output
 
 DirectionName = Literal["both", "forward", "backward"]
-NAMED = KeyValue("name=number", lambda _, number: Finite().convert(number, None, None))
+NAMED = key_value("name=number", lambda _, number: Finite().convert(number, None, None))
 
 
 @verb(
@@ -67,7 +67,7 @@ def command(
     perfect_encoders: Annotated[bool, "Fit no encoder eccentricity."],
     delay: Annotated[
         str | float,
-        TimeParam("delay", "s", ("auto", "off")),
+        time_type("delay", "s", ("auto", "off")),
         {"metavar": "auto|off|SECONDS"},
         "As in `vttig fit`: fitted (auto, the default), taken as zero, or known in seconds.",
     ] = "auto",
@@ -88,7 +88,7 @@ def command(
     from ...posterior.planning.plan import MOST_TURNS, plan, shortest_run
     from ...runs.stated_drive import spec_of_file
 
-    rig = pair_from_spec(drive.spec() if pair is None else spec_of_file(pair, drive))
+    rig = pair_from_spec(spec_of_file(pair, drive))
     rate_hz = rate_hz or rig.log.sample_rate_hz
     if rate_hz is None:
         unless = "" if pair is None else ", and the pair file has no sample_rate_hz"

@@ -1,8 +1,6 @@
 """`vttig sample`: sample the posterior of logs, or of the fit in a run folder."""
 
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,12 +18,11 @@ from ...runs.options import RunOptions
 from ...runs.posterior_run import banded_of, write_report
 from ...runs.run import open_run
 from ...runs.run_file import CHECKPOINT, RunRecord, read_run
-from ..drive_options import GROUPS, Drive, PairFile
+from ..drive_options import GROUPS, Drive
 from ..fit_options import OF_A_FIT, Settings
 from ..options import (
     Argument,
     Positive,
-    Reading,
     arguments_as_options,
     exclude_each_other,
     given,
@@ -58,7 +55,6 @@ def command(
     output: Output,
     *,
     logs: Annotated[tuple[Path, ...], Argument("[LOG]...")],
-    pair: PairFile,
     out: Annotated[
         Path | None,
         "Run folder of fit, draws and pictures. Without LOG, or in its place, its fit is sampled.",
@@ -87,7 +83,6 @@ def command(
         "CSV of driving_deg,backlash_deg to check the fit against.",
     ],
     drive: Drive,
-    reading: Reading,
     settings: Settings,
 ) -> None:
     """Sample the posterior of the fit of LOG, or of the fit in a run folder.
@@ -110,8 +105,9 @@ def command(
 
     if logs:
         logs = with_standard_input(logs)
-        run = resolve(logs, pair, readings, RunOptions(reading, settings), drive.request)
-        if drive.only_explains(output, logs, (run.spec, run.guesses, run.options.reading)):
+        how = RunOptions(drive.reading, settings)
+        run = resolve(logs, drive.pair, readings, how, drive.request)
+        if drive.only_explains(output, logs, run.spec, run.guesses):
             return
         fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
     else:
@@ -126,11 +122,18 @@ def command(
     start |= {name: value for name, value in chosen.items() if value is not None}
     length = {"steps": steps, "until": None if until is None else Until(effective=until)}
     files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
-    with _interrupts_in_words(out):
+    try:
         # The least number of walkers is known only after the fit.
         with sampling_bar(output) as follow, arguments_as_options():
             posterior = sample(fit, **start, **length, **files, progress=follow)
         _finish(output, out, posterior, figures=not no_figures)
+    except BaseException as error:
+        if not isinstance(error, Exception) and (out / CHECKPOINT).exists():  # an interrupt
+            error.args = (
+                f"interrupted; the draws in {out / CHECKPOINT} are kept: go on with `vttig sample"
+                f" {shlex.quote(str(out))} --resume`.",
+            )
+        raise
 
 
 def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Path, ...], Path]:
@@ -167,20 +170,6 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
         raise NotConvergedError(
             f"the sampler has not converged: {text}.", where=str(out / CHECKPOINT)
         )
-
-
-@contextmanager
-def _interrupts_in_words(out: Path) -> Iterator[None]:
-    """Let an interrupt say what is kept and how to go on."""
-    try:
-        yield
-    except BaseException as error:
-        if not isinstance(error, Exception) and (out / CHECKPOINT).exists():
-            error.args = (
-                f"interrupted; the draws in {out / CHECKPOINT} are kept: go on with `vttig sample"
-                f" {shlex.quote(str(out))} --resume`.",
-            )
-        raise
 
 
 def _fit_of(record: RunRecord, out: Path, *, resume: bool, overwrite: bool, figures: bool) -> "Fit":

@@ -13,8 +13,8 @@ from ...base.errors import ScenarioError, UsageError
 from ...base.files.run_folder import RunFolder, write_files
 from ...base.logger import LOGGER
 from ...runs.map_table import csv_text
-from ..options import Argument, KeyValue, need, once, refuse_out, takes_no, verb
-from ..output import Output
+from ..options import Argument, key_value, need, once, refuse_out, takes_no, verb
+from ..output import Output, print_text
 
 if TYPE_CHECKING:
     from ...control.scenario.spec import ScenarioSpec
@@ -69,7 +69,7 @@ def command(
     settings: Annotated[
         tuple[tuple[str, Any], ...],
         "--set",
-        KeyValue("key=value", _toml_value),
+        key_value("key=value", _toml_value),
         "Another value for a key of SCENARIO, such as motion.reversal_deg=720; repeatable.",
     ],
     trace: Annotated[Path | None, "CSV of the run to write."],
@@ -100,7 +100,11 @@ def command(
     if out is not None:
         raise UsageError("--out keeps the files of --paper; give that too, or --trace or --figure.")
     if print_defaults:
-        _print_defaults()
+        names = ("scenario", "settings", "trace", "every", "figure", "overwrite", "as_json")
+        takes_no("--print-defaults", *names)
+        from ...control.scenario.spec import default_toml
+
+        print_text(default_toml().rstrip("\n"))
         return
     if scenario is None:
         raise UsageError("SCENARIO is missing; --print-defaults prints one to start from.")
@@ -146,15 +150,6 @@ def _simulate_paper(out: Path | None, overwrite: bool, output: Output) -> None:
                 names.append(name)
     shown = str(found) if out is None else f"{found}\n\nwritten to {out}: {', '.join(names)}"
     output.emit(found.to_json(), shown)
-
-
-def _print_defaults() -> None:
-    names = ("scenario", "settings", "trace", "every", "figure", "out", "overwrite", "as_json")
-    takes_no("--print-defaults", *names)
-    from ...control.scenario.spec import default_toml
-    from ..output import print_text
-
-    print_text(default_toml().rstrip("\n"))
 
 
 def _with_settings(spec: "ScenarioSpec", settings: tuple[tuple[str, Any], ...]) -> "ScenarioSpec":

@@ -12,7 +12,7 @@ from ...base.files.run_folder import RunFolder
 from ...base.logger import LOGGER
 from ...base.threads import usable_cores
 from ..library_messages import adopt_loggers
-from ..options import Argument, exclude_each_other, need, verb
+from ..options import Argument, Dask, exclude_each_other, need, verb
 from ..output import Output
 
 if TYPE_CHECKING:
@@ -41,9 +41,7 @@ def command(
     devices: Annotated[
         int | None, click.IntRange(min=1, max=4096), "Cores, or GPUs, to use; all by default."
     ],
-    dask: Annotated[
-        str | None, {"metavar": "ADDRESS"}, "Scheduler of dask.distributed to send blocks to."
-    ],
+    dask: Dask,
     no_figures: Annotated[bool, "Leave the picture out of --out."],
 ) -> None:
     """Simulate every case of SWEEP (TOML): a scenario with [sweep], whose axes are combined.

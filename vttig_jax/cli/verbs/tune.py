@@ -7,7 +7,7 @@ import tomli_w
 
 from ...base.errors import UsageError
 from ...base.files.run_folder import write_files
-from ..options import Argument, KeyValue, NotNegative, arguments_as_options, need, refuse_out, verb
+from ..options import Argument, NotNegative, arguments_as_options, key_value, need, refuse_out, verb
 from ..output import Output
 from .sweep import prepare
 
@@ -37,7 +37,7 @@ def command(
     scenario: Annotated[Path, Argument("SWEEP")],
     free: Annotated[
         tuple[tuple[str, tuple[float, float] | None], ...],
-        KeyValue("key[=low:high]", _range, optional=True),
+        key_value("key[=low:high]", _range, optional=True),
         "Key to tune, such as judgement.margin_mm, with limits if need be; repeatable. By default"
         " all that the controller of SWEEP is set by.",
     ],

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ...base.errors import UsageError
-from ...runs.options import ReadingOptions
+from ...logs.recognition.request import ReadingOptions
 from ...runs.run import Run
 from ..axis_options import AXIS, Axis
-from ..options import Argument, Reading, RunPath, StepDeg, verb
+from ..options import READING, Argument, RunPath, StepDeg, verb
 from ..output import Output
 
 
@@ -26,7 +26,7 @@ def command(
     logs: Annotated[tuple[Path, ...], Argument("LOG", required=True)],
     axis: Axis,
     step_deg: Annotated[StepDeg | None, "Distance of the positions of the table."],
-    reading: Reading,
+    reading: Annotated[ReadingOptions, READING],
 ) -> None:
     """Say whether the error table of RUN works on its axis, by a LOG of it.
 
