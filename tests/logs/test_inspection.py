@@ -96,14 +96,19 @@ def test_commensurate_sampling_is_told():
     assert free.commensurate == () and "a whole number" not in flat(free)
 
 
-def test_one_rounding_error_of_a_driving_shaft_is_an_offset_and_no_remark():
+def test_one_rounding_error_of_a_driving_shaft_moves_the_gap_and_no_order():
     half = np.floor(0.5 * np.concatenate([np.arange(9000), np.arange(9000, 0, -1)]) + 0.3)
     driven = np.floor(0.5625 * half + 50 * np.sin(2 * np.pi * half / 1000))
     time, readings = np.arange(len(half)) / 500.0, (half.astype(int), driven.astype(int))
     encoder = {"counts_per_rev": 1000}
     pair = spec(driving_encoder=encoder, driven_encoder=encoder)
     log = EncoderLog.from_arrays(time, *readings, pair=pair)
-    assert inspect_log(log).commensurate == ()
+    (one,) = inspect_log(log).commensurate
+    count_arcsec = 0.5625 * 1296e3 / 1000
+    assert one.rounding_arcsec == 0.0 and [std for *_, std in one.offsets] == pytest.approx(
+        2 * [count_arcsec / 2 / 12**0.5]
+    )
+    assert one.gap_arcsec == pytest.approx(2**0.5 * one.offsets[0][2])
 
 
 def test_aliased_orders():

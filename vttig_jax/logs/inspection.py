@@ -34,6 +34,9 @@ from .preview import ColumnReport, bullets, column_table, sampling_rows
 from .recognition.request import TwoShafts
 from .slope import computed_text, exact_slope
 
+LOCKED = ("shaft", "speed_rpm", "counts_per_sample", "rounding_arcsec")
+"""What JSON tells of counts that are locked to the clock."""
+
 
 @dataclass(frozen=True)
 class Inspection(TextResult):
@@ -87,7 +90,9 @@ class Inspection(TextResult):
             "motion": stretches(self.segments.motion, "kind"),
             "segments": stretches(self.segments.segments, "flank"),
             "plateaus": [asdict(plateau) for plateau in self.plateaus],
-            "commensurate": [asdict(finding) for finding in self.commensurate],
+            "commensurate": [
+                {name: getattr(one, name) for name in LOCKED} for one in self.commensurate
+            ],
             "aliased": [asdict(finding) for finding in self.aliased],
             "spectrum": [asdict(line) for line in self.spectrum],
             "lines": [asdict(line) for line in self.lines],

@@ -37,7 +37,7 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
     slowing: list[Run] = []
     blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
     locked = commensurate(log, segments.segments)
-    offsets = [(*own, std * ARCSEC) for one in locked for *own, std in one.offsets]
+    offsets = [(a, b, std * ARCSEC) for one in locked for a, b, std in one.offsets]
     # The rounding of a ramp is noise, which runs of one rounding error each do not have.
     free = sum(run.stop - run.start for run in runs) > 2 * sum(b - a for a, b, _ in offsets)
     for ramp in find_ramps(log, segments) if free else ():
