@@ -347,8 +347,8 @@ def tells_ratio(angle: Float[np.ndarray, " n"], waves: Iterable[Wave], ratio: fl
     phase = np.outer(angle, [0.0, *(wave.cycles(ratio) for wave in waves)])
     columns = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
     x = angle - angle.mean()
-    rest = x - columns @ np.linalg.lstsq(columns, x, rcond=1e-9)[0]
-    return float(rest @ rest) > CLEAR**3 * float(x @ x)
+    rest = x - columns @ np.linalg.lstsq(columns, x, rcond=CLEAR**3)[0]
+    return float(rest @ rest) > CLEAR**9 * float(x @ x)
 
 
 def row_duration(shafts: Sequence[Shafts], highest: float) -> float:

@@ -23,13 +23,14 @@ _LEAST = 16
 """Fewest samples of a ramp: the smoothed speed does not follow shorter ones."""
 
 
-def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
+def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> Shafts:
     """Return a log as the model sees it.
 
     The runs are the segments and the ramps on which a shaft speeds up: its load presses on the
     flank of its motion. On ramps that slow down, and between two speeds, the driven shaft may
     overrun; they are `ramps`, of which the fit keeps those that stay on their flank. Ramps tell the
-    delay from the gap.
+    delay from the gap. A `planned` log has ideal speeds, which no machine holds so exactly that all
+    its counts are locked to the clock.
     """
     if segments.still:
         return _still(log, segments)
@@ -37,7 +38,7 @@ def shafts_of(log: EncoderLog, segments: Segments) -> Shafts:
     slowing: list[Run] = []
     blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
     locked = commensurate(log, segments.segments)
-    offsets = [(a, b, std * ARCSEC) for one in locked for a, b, std in one.offsets]
+    offsets = [(a, b, std * ARCSEC) for one in locked for a, b, std in one.offsets if not planned]
     # The rounding of a ramp is noise, which runs of one rounding error each do not have.
     free = sum(run.stop - run.start for run in runs) > 2 * sum(b - a for a, b, _ in offsets)
     for ramp in find_ramps(log, segments) if free else ():

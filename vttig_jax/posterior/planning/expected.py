@@ -230,7 +230,7 @@ def _shafts(run: PlannedRun, pair: GearPair | Drive) -> tuple[Shafts, int]:
     segments = find_segments(log)
     if not segments.segments:
         raise too_short(run)
-    shafts = shafts_of(log, segments)
+    shafts = shafts_of(log, segments, planned=True)
     every = tuple(sorted((*shafts.runs, *shafts.ramps)))
     return replace(shafts, runs=every, ramps=()), len(segments.segments)
 
