@@ -94,6 +94,32 @@ def test_two_first_orders_that_look_alike_are_told_with_their_spread(tmp_path, s
             assert one.std > 1.0 and (one.low95 or 0.0) < true < high
 
 
+def test_what_alternates_from_place_to_place_is_no_error_of_the_ratio(tmp_path):
+    """A free ratio and five orders have all values at twelve places: told as 4.4″ ± 0.08″."""
+    places = 360 * 7.5 * np.arange(12)
+    draw, error = np.random.default_rng(3), sines(places, (2.5, 1, 60), (8.5, 1 / 90, 45))
+    passes = [error + 7 * (-1) ** k + draw.normal(0.0, 0.5, 12) for k in range(10)]
+    head = ",".join(
+        ["worm [deg]", *(f"{way}{k} [arcsec]" for k in range(5) for way in ("up", "down"))]
+    )
+    path = written(tmp_path / "table.csv", head, places, *passes)
+    log = vttig_jax.read_log(path, ratio="90:1", columns={"driving": "worm [deg]"})
+    found = vttig_jax.fit(log)
+    one = found.parameters["driven_amplitude_arcsec"]
+    assert one.low95 < 8.5 < one.high95 < 9.0
+    assert "the_stated_ratio" in found.conditional_on
+
+
+def test_a_first_order_with_the_values_of_another_one_is_told(tmp_path):
+    """At eight places 11.25 driving turns apart driving 1 has those of driven 2."""
+    steps = 11.25 * np.arange(8)
+    places = 90 + 360 * np.tile(np.append(steps, steps[::-1]), 5)
+    path = readings(tmp_path, places, sines(places, (8, 1 / 90, 0), (3, 1, 0)), ratio=90)
+    found = fitted(path, "90:1", perfect_gears=False)
+    severities = {one.severity for one in found.findings if one.slug == "orders-equal"}
+    assert "warning" in severities
+
+
 POSITION = {"driving": "position_deg", "driven": "measured_deg"}
 TABLES = [
     ("still_signs_at_each_place", "1:1", POSITION),

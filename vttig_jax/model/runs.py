@@ -106,6 +106,8 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
     count = max(map(places, (driving, ratio * driving)))
     most = max((run.stop - run.start for run in runs), default=0)
     step = step_of(error) if log.driven is None else log.driven.resolution
+    # Errors that are small beside a step come from places at whole steps, and not from rounding.
+    step *= float(np.ptp(error)) > 0.1 * step
     columns = np.column_stack([driving, np.ones(len(order)), np.cos(phase), np.sin(phase)])
     slope, level = np.linalg.lstsq(columns, error, rcond=1e-6)[0][:2]
     return Shafts(
