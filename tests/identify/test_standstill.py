@@ -106,6 +106,7 @@ def test_what_alternates_from_place_to_place_is_no_error_of_the_ratio(tmp_path):
     log = vttig_jax.read_log(path, ratio="90:1", columns={"driving": "worm [deg]"})
     found = vttig_jax.fit(log)
     one = found.parameters["driven_amplitude_arcsec"]
+    assert one.low95 is not None and one.high95 is not None
     assert one.low95 < 8.5 < one.high95 < 9.0
     assert "the_stated_ratio" in found.conditional_on
 
