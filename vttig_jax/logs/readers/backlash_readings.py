@@ -175,7 +175,7 @@ def read_backlash_readings(
             " with decimal commas).",
             where=error.where,
         ) from None
-    columns = {role: _column(table, role, driving) for role in UNITS}
+    columns = {role: _column(table, role, {"driving": driving}.get(role)) for role in UNITS}
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     lines = np.array([number for number, _ in table.rows()], np.int64)
     found = []
@@ -192,14 +192,12 @@ def read_backlash_readings(
     return BacklashReadings(driving_scale * angle, backlash, source, digest, lines)
 
 
-def _column(table: TextTable, role: str, driving: str | None) -> tuple[int, str]:
+def _column(table: TextTable, role: str, stated: str | None) -> tuple[int, str]:
     """Return the index and unit of the column of a role, by the words that say it in a log too.
 
-    `driving` names the column of angles.
+    `stated` is its name if the user gives one.
     """
-    named = None
-    if role == "driving" and driving is not None:
-        named = index_of(driving, role, table.names, table.source)
+    named = index_of(stated, role, table.names, table.source) if stated else None
     first, *others, last = UNITS[role]
     suggested = f"{role}_{first}{''.join(f', _{unit}' for unit in others)} or _{last}"
     matches: list[tuple[int, str]] = []

@@ -349,6 +349,7 @@ DIRECTION, TURNING, BACKLASH, ERRORS, _OF_TRANSMISSION, _STATISTICS, _UP, _DOWN 
 other name says it; words for other quantities, and for angles that were not measured; names of a
 column of directions, directions whose sense depends on the side from which one looks, names of
 readings of the backlash, of errors and of the transmission error, and of statistics."""
+QUANTITIES |= ERRORS
 
 WAYS = dict.fromkeys(_UP, 1.0) | dict.fromkeys(_DOWN, -1.0)
 """Word for a direction → +1 for rising positions, −1 for falling ones."""
@@ -370,10 +371,16 @@ def ways_in(name: str) -> set[float]:
     return {WAYS[word] for word in (*said, *wide) if word in WAYS}
 
 
-def is_transmission_error(name: str) -> bool:
-    """Return whether a name says the transmission error: `TE [µm]`, `transmission error`."""
+def is_error(name: str) -> bool:
+    """Return whether a name says an error of an angle: `Deviation`, `Winkelabweichung`."""
+    return bool(_found(words_of(name), ERRORS))
+
+
+def is_transmission_error(name: str, where: str) -> bool:
+    """Return whether a name says the transmission error and its unit: `TE [µm]`, not `Te [Nm]`."""
     words = words_of(name)
-    return not _OF_TRANSMISSION.isdisjoint(words) or {"transmission", "error"} <= {*words}
+    said = not _OF_TRANSMISSION.isdisjoint(words) or {"transmission", "error"} <= {*words}
+    return said and name_and_unit(name, _UNITS["transmission_error"], where)[1] is not None
 
 
 COMPOUND: Final = 5

@@ -165,7 +165,8 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     falling ones. Readings that do not follow the positions are errors.
     A table with a time, or of which one of these columns is `requested`, stays as it is.
     """
-    senses = [set() if is_statistic(name) else ways_in(name) for name in table.names]
+    # A mean of passes is no pass of its own: it has the sense 0.
+    senses = [{0.0} if is_statistic(name) else ways_in(name) for name in table.names]
     up, down = ([k for k, own in enumerate(senses) if own == {sign}] for sign in (1, -1))
     passes = [k for both in zip(up, down, strict=False) for k in both]
     names = [table.names[k] for k in passes]
@@ -174,7 +175,6 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
         return table
     values = table.numeric()
     kept = [k for k, own in enumerate(senses) if not own and k in values]
-    kept = [k for k in kept if not is_statistic(table.names[k])]
     even = [k for k in kept if abs(np.sign(np.diff(values[k])).sum()) == len(values[k]) - 1 > 0]
     named = [name_and_unit(name, SHAFT_UNITS, table.source) for name in names]
     stems, units = zip(*named, strict=True)

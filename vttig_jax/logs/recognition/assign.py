@@ -19,7 +19,6 @@ from ..channel.unwrap import complete
 from ..readers.column_names import (
     ANGLES,
     DIRECTION,
-    ERRORS,
     ROLES,
     ROW,
     ROW_INDEX,
@@ -30,6 +29,7 @@ from ..readers.column_names import (
     fold,
     index_of,
     inputs_and_outputs,
+    is_error,
     is_transmission_error,
     name_and_unit,
     read_name,
@@ -266,7 +266,7 @@ class Search:
                 found = self._by_name(role, self._beside(role))
                 if found is not None:
                     self._take(role, found, "by-name")
-        said = [one for one in self.free() if is_transmission_error(one.name)]
+        said = [o for o in self.free() if o.turns and is_transmission_error(o.name, self.source)]
         if "driven" in missing and "driven" not in self.roles and len(said) == 1:
             self._take("transmission_error", said[0], "by-name")
             missing.remove("driven")
@@ -348,8 +348,7 @@ class Search:
         free, ratio = self.free(), self.statement.ratio
         if "transmission_error" in self.roles:
             angles = [one for one in free if one.turns and one.reading.unit in ANGLES] or free
-            seen = f"; there are {listed_facts(free)}" if free else ""
-            seen += self._of_driven()
+            seen = f"; there are {listed_facts(free)}" * bool(free) + self._of_driven()
             name = f"'{angles[0].name}'" if len(angles) == 1 else "NAME"
             option = f"--column driving={name}"
             raise self._ask(
@@ -517,7 +516,7 @@ class Search:
     def _error_columns(self) -> list[Candidate]:
         """Return the columns without a role whose names say an angular error."""
         angles = [one for one in self.free() if one.turns and one.reading.unit in ANGLE_UNITS]
-        return [one for one in angles if one.reading.other in ERRORS]
+        return [one for one in angles if is_error(one.name)]
 
     def _seen_ratio(self, fixed: dict[str, Candidate], free: Sequence[Candidate]) -> str:
         """Return the ratios of columns that turn together, as text that begins with a mark.
