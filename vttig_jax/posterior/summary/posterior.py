@@ -208,7 +208,7 @@ def _called(column: Column, given: str) -> str:
     """Return what people call a column; `given` is what they call those of an own model."""
     if column.prior == ROUNDING:
         return ROUNDING
-    called = {"both": "orders 1 ± i of both shafts together", "given": given}
+    called = {"both": "orders 1 ± i of both shafts together", "given": given, "offset": ROUNDING}
     called |= {"mesh": "orders of the mesh", "line": "lines", "start": "start angles"}
     called["one"] = "gap" if column.differs else "offset"
     kind, order, _ = column.row
@@ -225,11 +225,13 @@ def priors(fit: Fit) -> tuple[str, ...]:
     if "delay" in known:
         found.append(f"delay: zero ± {duration_text(known.pop('delay'))}")
     if "ratio" in known:
-        share = known.pop("ratio") / abs(float(fit.pair.ratio))
-        found.append(f"ratio: as given ± {share:.2g} of it")
-    if known:
-        width = max(known.values()) / ARCSEC
-        found.append(f"{', '.join(sorted(known))}, each coefficient: zero ± {width:.3g}″")
+        found.append(
+            f"ratio: as given ± {known.pop('ratio') / abs(float(fit.pair.ratio)):.2g} of it"
+        )
+    for names in ({*known} - {ROUNDING}, {*known} & {ROUNDING}):
+        if names:
+            width = max(known[name] for name in names) / ARCSEC
+            found.append(f"{', '.join(sorted(names))}, each coefficient: zero ± {width:.3g}″")
     found.append(
         "further orders of each shaft, their difference between the flanks, drift, a delay that"
         " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"
