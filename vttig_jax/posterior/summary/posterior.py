@@ -225,13 +225,11 @@ def priors(fit: Fit) -> tuple[str, ...]:
     if "delay" in known:
         found.append(f"delay: zero ± {duration_text(known.pop('delay'))}")
     if "ratio" in known:
-        found.append(
-            f"ratio: as given ± {known.pop('ratio') / abs(float(fit.pair.ratio)):.2g} of it"
-        )
-    for names in ({*known} - {ROUNDING}, {*known} & {ROUNDING}):
-        if names:
-            width = max(known[name] for name in names) / ARCSEC
-            found.append(f"{', '.join(sorted(names))}, each coefficient: zero ± {width:.3g}″")
+        share = known.pop("ratio") / abs(float(fit.pair.ratio))
+        found.append(f"ratio: as given ± {share:.2g} of it")
+    for width in sorted({*known.values()}, reverse=True):
+        names = ", ".join(sorted(name for name, own in known.items() if own == width))
+        found.append(f"{names}, each coefficient: zero ± {width / ARCSEC:.3g}″")
     found.append(
         "further orders of each shaft, their difference between the flanks, drift, a delay that"
         " moves, a gap that depends on speed: zero ± a width of each group, which is sampled and"
