@@ -24,10 +24,10 @@ BOUNDS = {
     "pair": (622, 1),  # 560
     "kinematics": (1136, 23),  # 780
     "geometry": (3238, 53),  # 2800
-    "logs": (9940, 266),  # 7400
+    "logs": (10215, 272),  # 7400
     "rig": (288, 1),  # 260
-    "model": (2115, 44),
-    "identify": (3437, 38),  # 9000 together with posterior
+    "model": (2115, 43),
+    "identify": (3462, 39),  # 9000 together with posterior
     "posterior": (2661, 46),
     "control": (5365, 77),  # 3600
     "plotting": (1646, 44),  # 2000 together with the report

@@ -299,10 +299,10 @@ def closure(curves: tuple[TECurve, ...], pair: GearPair | Drive) -> Closure | No
         if len(early) > 1:
             late = np.interp(early + period, angle, error)
             differences.append(late - error[: len(early)])
-    if not differences:
+    overlap = sum(max(0.0, float(np.ptp(c.driving_angle)) - period) for c in curves)
+    if not differences or overlap == 0:
         return None
     difference = np.concatenate(differences)
-    overlap = sum(max(0.0, float(np.ptp(c.driving_angle)) - period) for c in curves)
     return Closure(
         period_deg=period / DEG,
         overlap_deg=overlap / DEG,

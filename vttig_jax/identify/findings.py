@@ -30,6 +30,10 @@ from .starts import disagreements
 _CATALOGUE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 
 
+_MINDED = 0.02
+"""Least change of the gap with the speed, as a share of it, that is a finding (chosen)."""
+
+
 def _said(entry: str, **values: Any) -> Finding:
     """Return the finding of an entry of the catalogue, with the values that its sentence names."""
     told = _CATALOGUE[entry]
@@ -62,7 +66,9 @@ def negative_gap(fit: Fit, found: Identified) -> Iterator[Finding]:
     if gap.value is None or gap.std is None or gap.high95 is None or gap.high95 >= 0:
         return
     swapped = "the columns are exchanged, " if fit.pair.ratio == 1 else ""
-    yield _said("gap-below-zero", gap_deg=gap.value, std_deg=gap.std, swapped=swapped)
+    read = any(log.driven is None for log in found.logs)
+    entry = "gap-below-zero" + " errors" * read
+    yield _said(entry, gap_deg=gap.value, std_deg=gap.std, swapped=swapped)
 
 
 def not_settled(fit: Fit, found: Identified) -> Iterator[Finding]:
@@ -103,12 +109,14 @@ def changing_delay(fit: Fit, found: Identified) -> Iterator[Finding]:
 
 
 def gap_of_speed(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say that the gap depends on the speed."""
+    """Say that the gap depends on the speed, by more than a user of it minds."""
     rows, ratio = fit.checks.gap_by_speed, fit.checks.likelihood_ratio["gap_by_speed"]
     if ratio <= NEEDED or len(rows) < 2:
         return
     ends = min(rows, key=lambda one: one.value), max(rows, key=lambda one: one.value)
     slow, fast = sorted(ends, key=lambda one: one.speed_rpm)
+    if abs(fast.value - slow.value) < _MINDED * abs(slow.value):
+        return
     yield _said(
         "gap-of-speed",
         slow=slow,

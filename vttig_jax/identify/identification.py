@@ -17,13 +17,21 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.columns import DELAY, RATIO, Assumptions, waves_of
+from ..model.columns import DELAY, RATIO, Assumptions, ColumnName, waves_of
 from ..model.gears import KINDS
 from ..model.lines import found_lines, refined, short_lines
 from ..model.mixed_fit import MixedFit, mixed_fit
 from ..model.parameter import Parameter
-from ..model.parameters import LEFT_OUT, SIGNIFICANT, TOLD, Quantities, parameters_of, quantities_of
-from ..model.rows import Run, Shafts
+from ..model.parameters import (
+    FULL_TURN,
+    LEFT_OUT,
+    SIGNIFICANT,
+    TOLD,
+    Quantities,
+    parameters_of,
+    quantities_of,
+)
+from ..model.rows import SHAFTS, RowName, Run, Shafts
 from ..model.runs import shafts_of
 from ..model.starts import Turns, start_of
 from ..pair.gear_pair import Drive, GearPair
@@ -352,8 +360,19 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
         name, unit = "torque_arcsec_per_unit", "arcsec/unit of torque"
         found.append(told.scalar("torque", unit, ARCSEC, label=name))
     if "ratio" in told.names:
-        column = core.posterior.problem.columns[core.posterior.problem.index[RATIO]]
-        if told.std("ratio") > TOLD * column.width:
+        index, turns = core.posterior.problem.index, core.scope.turns
+        column = core.posterior.problem.columns[index[RATIO]]
+        open_firsts = [
+            shaft
+            for shaft in SHAFTS
+            if turns[shaft] < FULL_TURN and ColumnName(RowName(shaft, 1, "cos"), 0) not in index
+        ]
+        if open_firsts:
+            shaft = open_firsts[0]
+            reason = f"over {turns[shaft]:.2g} turns the first order of the {shaft} shaft, which is"
+            reason += " not in the model, is a slope too"
+            found.append(Parameter("ratio", "1", reason=reason))
+        elif told.std("ratio") > TOLD * column.width:
             share = column.width / abs(core.scope.ratio)
             reason = f"the log does not tell it: within ± {share:.2g} of the ratio as assumed"
             found.append(Parameter("ratio", "1", reason=reason))

@@ -29,7 +29,13 @@ from ..base.numerics.counting import pieces
 from ..base.shown_text import name_of_file
 from ..base.units import ANGLE_UNITS, ARCSEC, DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ..pair.schema import Encoder, PairSpec, as_fraction
-from .channel.channel import Channel, make_channel, refuse_stuck, together
+from .channel.channel import (
+    Channel,
+    make_channel,
+    refuse_stuck,
+    together,
+    without_shared_spikes,
+)
 from .channel.speed import Speed, is_at_standstill, looks_like_speed, smooth_speed, steps_of
 from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped, whole
 from .readers.column_names import (
@@ -310,17 +316,22 @@ class EncoderLog:
         for role, column in values.items():
             if role != "time":
                 refuse_values(role, column, place)
-        notes, channels = [*found.notes, *check_time(time, place)], {}
+        notes, channels, still = [*found.notes, *check_time(time, place)], {}, False
         for role, encoder in zip(SHAFTS, encoders, strict=True):
             if role in values:
                 one, step = (values.pop(role), units[role], encoder), found.steps.get(role, 0.0)
-                channels[role], told = make_channel(role, *one, time, layout, place, step)
-                notes += told
+                channel, told = make_channel(role, *one, time, layout, place, step, still=still)
+                channels[role], notes = channel, [*notes, *told]
+                if role == "driving":
+                    steps = steps_of(channel.reading, REV / abs(channel.radians_per_unit))
+                    still = is_at_standstill(steps, time, clock="time" in place.columns)
+        ratio = None if statement.ratio is None else float(statement.ratio)
+        channels, told = without_shared_spikes(channels, time, ratio)
+        notes += told
         driving, driven = channels["driving"], channels.get("driven")
         _ = [one.resolution for one in channels.values()]  # before the angles take memory
         if driven is not None and statement.ratio is not None:
-            steps = steps_of(driving.reading, REV / abs(driving.radians_per_unit))
-            if is_at_standstill(steps, time, clock="time" in place.columns):
+            if still:
                 driving, driven = together(driving, driven, float(statement.ratio))
             elif looks_like_speed(driving.reading) and looks_like_speed(driven.reading):
                 names = "` and `".join(place.columns.get(role, role) for role in SHAFTS)

@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 
 from ..base.numerics.polar_spread import polar_spread, upper_limit
 from ..base.units import ARCSEC, DEG, duration_text
+from ..logs.motion.segments import FULL_TURN
 from ..pair.gear_pair import Drive, GearPair
 from .columns import DELAY, GAP, KNOWN, RATIO, TORQUE, ColumnName
 from .functionals import Posterior
@@ -24,7 +25,6 @@ from .mixed_fit import MixedFit
 from .parameter import BELOW, LARGEST, OPEN, UPPER, Parameter
 from .rows import SHAFTS, RowName
 
-FULL_TURN = 0.99
 SIGNIFICANT = 3.0
 TOLD = 0.5
 """Largest standard deviation of a number that the logs tell, in those of its prior."""

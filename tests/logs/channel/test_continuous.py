@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.logs.profiles import counts, geared, late, trapezoid
 from vttig_jax.base.errors import LogError
-from vttig_jax.logs.channel.channel import make_channel
+from vttig_jax.logs.channel.channel import make_channel, without_shared_spikes
 from vttig_jax.logs.source import Source
 from vttig_jax.pair.schema import Encoder, LogLayout
 
@@ -66,9 +66,22 @@ def test_a_counter_that_dithers_at_its_wrap():
 def test_spikes_are_noted_and_kept():
     disturbed = READINGS.copy()
     disturbed[[700, 900, 901]] -= 1000
-    found, (note,) = made(disturbed)
+    found, _ = made(disturbed)
     np.testing.assert_array_equal(found.reading, disturbed)
+    _, (note,) = without_shared_spikes({"driven": found}, TIME, 0.5)
     assert f"driven: 3 of {len(TIME)} readings" in note and "up to 4°" in note
+
+
+def test_both_shafts_deviate_alike_at_a_start_within_a_sample():
+    both = READINGS.copy()
+    both[[700, 900]] -= 1000
+    driven, driving = made(both)[0], made(2 * both)[0]
+    alone = both.copy()
+    alone[300] -= 1000
+    for one, left in ((driven, []), (made(alone)[0], [300])):
+        found, notes = without_shared_spikes({"driving": driving, "driven": one}, TIME, 0.5)
+        assert len(notes) == len(left) and found["driving"].spikes is None
+        assert left == ([] if found["driven"].spikes is None else [300])
 
 
 @pytest.mark.parametrize("size", [-40_000, 5_000, 2_000])
@@ -80,7 +93,7 @@ def test_a_step_is_refused_with_and_without_spikes(size):
             made(stepped)
         text = str(caught.value)
         assert "line 1202, column `b`" in text and "stays" in text and "at 2.4 s" in text, text
-        assert "cut the log there" in text and "modulus" in text
+        assert "--from 2.4" in text and "modulus" in text
 
 
 def test_an_index_reload_is_refused():

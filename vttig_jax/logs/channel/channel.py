@@ -4,6 +4,7 @@ The readings are unwrapped, spikes are marked, and lasting steps are refused, as
 stands still while the other shaft turns. All limits are chosen values.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -31,10 +32,37 @@ from .unwrap import (
 )
 
 GAP = 5.001
-"""Sampling intervals longer than this many median intervals are gaps in time (chosen)."""
+"""Sampling intervals longer than this many usual intervals are gaps in time (chosen)."""
+
+_NEAR = 8
+"""Number of intervals whose mean is the usual one in the median, because a log with a row at each
+edge has short and long ones in turn (chosen)."""
 
 _FROZEN = 30
 """A channel with at least this many equal readings before a jump was frozen (chosen)."""
+
+
+_ALIKE = 0.1
+"""Readings of both shafts deviate alike if their sizes, by the ratio, differ by less than this
+share of the larger one (chosen)."""
+
+_LEFT = {"driving": "interpolates {}", "driven": "leaves {} out"}
+"""What a fit does with the spikes of a shaft."""
+
+
+def gaps_of(time: Real[np.ndarray, " n"]) -> Bool[np.ndarray, " steps"]:
+    """Return which intervals between samples are gaps in time."""
+    size = max(1, min(_NEAR, len(time) // 3))
+    usual = np.median(time[size:] - time[:-size]) / size
+    return np.diff(time) > GAP * usual
+
+
+def _one_side(time: Real[np.ndarray, " n"], row: int | np.int64) -> str:
+    """Return the option that reads the longer part of a log, before or behind a row."""
+    seconds = time - time[0]
+    if 2 * row > len(time):
+        return f"read the part before it with --to {seconds[row - 1]:.9g}"
+    return f"read the part behind it with --from {seconds[row]:.9g}"
 
 
 def _continuous(
@@ -44,17 +72,20 @@ def _continuous(
     turn: int | float | None,
     time: Real[np.ndarray, " n"],
     source: Source,
+    *,
+    still: bool,
 ) -> tuple["Channel", list[str]]:
     """Return a channel with unwrapped readings, spikes, modulus and number of wraps, and notes.
 
     The modulus is `given`, that of the pair file, or a detected one; `turn` is a revolution in the
-    unit of the readings. Spikes keep their values and are reported in a note.
+    unit of the readings. Spikes keep their values and are reported in a note. `still`: whether the
+    other shaft shows that the readings were taken at standstill.
 
     **Raises** `LogError` for readings beyond the modulus, steps that are not wraps, and pauses that
     hide wraps.
     """
     values, quantum = channel.reading, 1.0 if channel.unit == "counts" else 0.0
-    if is_at_standstill(steps_of(values, turn), time, clock="time" in source.columns):
+    if still or is_at_standstill(steps_of(values, turn), time, clock="time" in source.columns):
         # There is no motion that a reading could contradict, and a step tells no wrap.
         return channel, []
     raw_spikes = spikes(values, time, quantum)
@@ -107,7 +138,7 @@ def _continuous(
     if stalled.any():
         outliers = stalled | spikes(without_spikes(readings, time, stalled), time, quantum)
     smooth = without_spikes(readings, time, outliers)
-    found = {"reading": readings, "modulus": modulus, "wraps": wraps}
+    found = {"reading": readings, "modulus": modulus, "wraps": wraps, "stalled": stalled}
     channel = replace(channel, **found, spikes=outliers if outliers.any() else None)
     _refuse_lost_turns(channel, smooth, time, candidate, role, source)
     notes = []
@@ -124,24 +155,15 @@ def _continuous(
         notes.append(
             f"{role}: wraps at {modulus:g} {channel.unit} ({how}), unwrapped {wraps} times"
         )
-    left = "interpolates" if role == "driving" else "leaves out"
     if stalled.any():
         ends = np.flatnonzero(np.diff(stalled, prepend=False, append=False)).reshape(-1, 2)
         first, last = ends[np.argmax(np.diff(time[ends - 1])[:, 0])] - 1
         count = f"{len(ends)} times, the longest" if len(ends) > 1 else "once,"
+        left = _LEFT[role].format(f"{np.count_nonzero(stalled)} readings")
         notes.append(
             f"{role}: while it moves it stands still {count} from {time[first]:.6g} s to"
             f" {time[last]:.6g} s, and then jumps to where it would be: the channel froze or the"
-            f" logger stalled; a fit {left} {np.count_nonzero(stalled)} readings"
-        )
-    others = outliers & ~stalled
-    if others.any():
-        number, off = int(np.count_nonzero(others)), np.abs(readings - smooth)[others].max()
-        verb = "differs" if number == 1 else "differ"
-        notes.append(
-            f"{role}: {number} of {len(values)} readings ({number / len(values):.2g}) {verb} from"
-            f" their neighbours by up to {off * abs(channel.radians_per_unit) / DEG:.3g}°, as late"
-            f" or disturbed readings do; a fit {left} them"
+            f" logger stalled; a fit {left}"
         )
     return channel, notes
 
@@ -200,7 +222,7 @@ def _refuse_lost_turns(
             f"a jump of {(smooth[row] - smooth[row - 1]).item():g} {unit} from one sample to"
             f" the next at {time[row]:.9g} s stays, and it is neither motion nor a wrap"
             + (f" of {modulus:g}" if modulus is not None else "")
-            + "; cut the log there (--cut)"
+            + f"; {_one_side(time, row)}"
             + (f", or give `modulus` in [{role}] encoder." if unit == "counts" else "."),
             where=source.at(role, row),
         )
@@ -208,13 +230,13 @@ def _refuse_lost_turns(
         return
     interval = np.diff(time)
     step = np.abs(np.diff(smooth)).astype(np.float64)
-    for k in np.flatnonzero(interval > GAP * np.median(interval)):
+    for k in np.flatnonzero(gaps_of(time)):
         neighbours = slice(max(0, k - 5), k), slice(k + 1, k + 6)
         before, after = (step[s].sum() / max(interval[s].sum(), 1e-300) for s in neighbours)
         if max(before, after) * interval[k] > 0.4 * channel.modulus:
             raise LogError(
                 f"the log pauses for {interval[k]:.4g} s while the {role} channel wraps at"
-                f" {channel.modulus:g} {unit}, so whole turns are lost; cut the log there (--cut).",
+                f" {channel.modulus:g} {unit}, so whole turns are lost; {_one_side(time, k + 1)}.",
                 where=source.at(role, int(k) + 1),
             )
 
@@ -225,6 +247,35 @@ WIDEST = 2**61
 _FAR_OFF = 3.0
 """The first reading is not the origin if it is a spike whose distance from the next valid reading
 exceeds this multiple of the step between the next two valid readings (chosen factor)."""
+
+
+def without_shared_spikes(
+    channels: Mapping[str, "Channel"], time: Float[np.ndarray, " n"], ratio: float | None
+) -> tuple[dict[str, "Channel"], list[str]]:
+    """Return the channels without the spikes that both shafts share, and notes on the others.
+
+    Both deviate alike where they start or stop within a sample, and where a row is late.
+    """
+    spiky = {role: one for role, one in channels.items() if one.spikes is not None}
+    off = {role: one.angle - one.steady_angle(time) for role, one in spiky.items()}
+    if len(spiky) == 2 and ratio is not None:
+        a, b = ratio * off["driving"], off["driven"]
+        apart = np.abs(np.abs(a) - np.abs(b)) > _ALIKE * np.maximum(np.abs(a), np.abs(b))
+        alone = apart | (a == 0) | (b == 0)
+        for role, one in spiky.items():
+            mask = one.spikes & (alone | one.stalled)
+            spiky[role] = replace(one, spikes=mask if mask.any() else None)
+    notes = []
+    for role, one in spiky.items():
+        if one.spikes is not None and (others := one.spikes & ~one.stalled).any():
+            number, share = int(np.count_nonzero(others)), float(np.mean(others))
+            notes.append(
+                f"{role}: {number} of {len(others)} readings ({share:.2g})"
+                f" {'differs' if number == 1 else 'differ'} from their neighbours by up to"
+                f" {np.abs(off[role])[others].max() / DEG:.3g}°, as late or disturbed readings do;"
+                f" a fit {_LEFT[role].format('it' if number == 1 else 'them')}"
+            )
+    return {**channels, **spiky}, notes
 
 
 def together(driving: "Channel", driven: "Channel", ratio: float) -> tuple["Channel", "Channel"]:
@@ -260,6 +311,7 @@ class Channel:
     - `modulus`: modulus of the wrapped readings in `unit`; None without wraps.
     - `wraps`: number of wraps.
     - `spikes`: true at readings far from their neighbours (see `speed.py`); None without spikes.
+    - `stalled`: those of them at which the channel or the logger stood still.
     - `step`: step (in `unit`) of the readings before they were interpolated in time; 0 for readings
       that were not interpolated.
     """
@@ -272,6 +324,7 @@ class Channel:
     modulus: int | float | None = None
     wraps: int = 0
     spikes: Bool[np.ndarray, " n"] | None = None
+    stalled: Bool[np.ndarray, " n"] | bool = False
     step: float = 0.0
 
     def turns_and_rest(
@@ -336,12 +389,15 @@ def make_channel(
     layout: LogLayout,
     source: Source,
     step: float = 0.0,
+    *,
+    still: bool = False,
 ) -> tuple[Channel, tuple[str, ...]]:
     """Unwrap a column, set its scale and zero angle, and return the channel and notes.
 
     `values` are in `unit`, with the scale, the lead and the zero of `layout`: if the latter is
     "start" the angle is zero at the first valid reading, otherwise at the reading 0. `step` is that
-    of `Channel`. The notes are sentences on assumptions.
+    of `Channel`. `still`: whether the other shaft shows that the readings were taken at standstill.
+    The notes are sentences on assumptions.
 
     **Raises** `LogError` for counts without counts per revolution, constant readings, readings
     beyond the given modulus, jumps that are not wraps, and pauses that hide wraps.
@@ -383,6 +439,7 @@ def make_channel(
         per_turn(unit, encoder.counts_per_rev),
         time,
         source,
+        still=still,
     )
     steady = channel.reading if channel.spikes is None else channel.reading[~channel.spikes]
     if np.ptp(steady) == 0:

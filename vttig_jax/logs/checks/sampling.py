@@ -13,17 +13,21 @@ from jaxtyping import Float, Int64
 
 from ...base.units import ARCSEC, REV
 from ...pair.schema import Flank
-from ..channel.channel import GAP
+from ..channel.channel import gaps_of
 from ..encoder_log import EncoderLog
-from ..motion.segments import HIGHEST, Segment, groups_of_speed, turns_of
+from ..motion.segments import FULL_TURN, HIGHEST, Segment, groups_of_speed, turns_of
 from ..readers.column_names import ROW
 
 _STRAYED = 16
 """Largest range beside a line of p/q counts a sample, in counts/q, over which their rounding goes
 with the angle and does not average out (chosen)."""
 
-_MOST_SAMPLES = 12
+_MOST_SAMPLES = 48
 """Largest number q of samples after which rounding repeats that is searched (chosen)."""
+
+_MODELLED = 12
+"""Largest such number for which the rounding of a steady driving shaft is an offset of its segment;
+above, counts are so coarse that it also moves the orders (chosen)."""
 
 SAME_SPEED = 0.03
 """Segments with a smaller relative difference of speed belong to one plateau (chosen)."""
@@ -108,16 +112,15 @@ def sampling_of(time: Float[np.ndarray, " n"]) -> Sampling:
 
     Rate (from the mean interval) and jitter (standard deviation of the intervals) exclude gaps.
     """
-    interval = np.diff(time)
-    median = float(np.median(interval))
-    usual = interval[interval <= GAP * median]
+    interval, gaps = np.diff(time), gaps_of(time)
+    usual = interval[~gaps]
     return Sampling(
         duration_s=float(time[-1] - time[0]),
         rate_hz=1.0 / float(usual.mean()),
         jitter_s=float(usual.std()),
         shortest_s=float(interval.min()),
         longest_s=float(interval.max()),
-        gaps=int(np.count_nonzero(interval > GAP * median)),
+        gaps=int(np.count_nonzero(gaps)),
         duplicates=int(np.count_nonzero(interval == 0)),
     )
 
@@ -135,7 +138,7 @@ def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
 
 
 def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
-    """Return shafts with readings in whole counts that turn by p/q counts per sample, q ≤ 12.
+    """Return shafts with readings in whole counts that turn by p/q counts per sample, q ≤ 48.
 
     The rounding of a steady shaft then repeats every q samples, and their mean is rounded to 1/q
     counts. Most steps of q samples are p counts, which noise of the encoder would prevent, and
@@ -160,7 +163,9 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
             one = findings.setdefault(name, Commensurate(*name, 0.0, 0.0, rpm))
             size = gain * channel.resolution / (samples * ARCSEC)
             size /= float(np.sqrt(12 * max(strayed, 1.0)))
-            if shaft == "driving" and strayed <= 1:  # one rounding error, an offset of the segment
+            if (
+                shaft == "driving" and strayed <= 1 and samples <= _MODELLED
+            ):  # one rounding error, an offset of the segment
                 own = segment.start, segment.stop, size
                 one = replace(one, offsets=(*one.offsets, own))
                 size *= (segment.stop - segment.start) / sizes[segment.flank]
@@ -244,7 +249,7 @@ def order_spectrum(
         shafts = [
             shaft
             for shaft, angle in (("driving", log.driving_angle), ("driven", log.driven_angle))
-            if turns_of(angle, on_flank) >= 1
+            if turns_of(angle, on_flank) >= FULL_TURN
         ]
         if not shafts:
             continue
@@ -262,7 +267,9 @@ def order_spectrum(
             size = np.sqrt(np.diag(matrix))
             size[size == 0] = 1.0
             matrix = matrix / np.outer(size, size)
-            if np.linalg.eigvalsh(matrix)[0] >= SEPARABLE:
+            # At the places of a table a wave may be zero everywhere.
+            seen = np.all(size[2:] ** 2 >= SEPARABLE * gram[0, 0])
+            if seen and np.linalg.eigvalsh(matrix)[0] >= SEPARABLE:
                 solution = np.linalg.solve(matrix, right / size) / size
                 amplitudes = np.hypot(solution[2::2], solution[3::2]) / ARCSEC
                 found = zip(chosen, amplitudes.tolist(), strict=True)
@@ -271,7 +278,7 @@ def order_spectrum(
             highest -= 1
         if highest < HIGHEST:
             orders = f"only orders 1 to {highest}" if highest else "no orders"
-            notes.append(f"flank {flank}: {orders} can be told apart over its few turns")
+            notes.append(f"flank {flank}: {orders} can be told apart over its few turns or places")
     return tuple(lines), tuple(notes)
 
 

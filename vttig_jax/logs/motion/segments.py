@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from ...base.units import DEG, REV
 from ...pair.schema import Flank
-from ..channel.channel import GAP
+from ..channel.channel import gaps_of
 from ..channel.speed import SAME, Speed, runs, usual_step
 from ..encoder_log import EncoderLog
 
@@ -228,11 +228,11 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     - `log.direction` replaces the direction of motion; 0 is masked. The sign of `log.torque`
       replaces it where |torque| is at least 5 % of its 95th percentile, ramps included. If the log
       has both columns, samples where they disagree are masked.
-    - Gaps in time (more than 5 median intervals) and changes of plateau separate segments.
+    - Gaps in time (more than 5 usual intervals) and changes of plateau separate segments.
     """
     time = log.time
     angle = log.driving.steady_angle(time)
-    cut = np.concatenate([[True], np.diff(time) > GAP * log.interval_s])
+    cut = np.concatenate([[True], gaps_of(time)])
     speed = log.smooth_speed(angle)
     sense = _sense(speed, angle, cut)
     spans = runs(sense, cut)
@@ -386,7 +386,7 @@ def still_segments(log: EncoderLog) -> Segments:
         tuple(MotionPhase(a, b, "forward" if up else "backward", 0.0) for a, b, up in parts),
         len(log),
         (
-            f"a table of {len(log)} readings at standstill at {count} places of a turn: the flank"
+            f"a table of {len(log)} readings at standstill at {count} places: the flank"
             f" is {how}, and there is no delay; if the shafts turned while it was recorded, say"
             " --running",
         ),
@@ -416,6 +416,10 @@ def _approach(angle: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
             own = size[k] // 2 if turns else size[k]
             sense[first[k] : first[k] + own] = way[k - 1]
     return sense
+
+
+FULL_TURN = 0.99
+"""A shaft that turned at least so many times has a first order; tables end a step before a turn."""
 
 
 @dataclass(frozen=True)
@@ -458,7 +462,7 @@ def support_of(log: EncoderLog, segments: Sequence[Segment]) -> Support:
             " shaft's eccentricity can be told from the other's"
         )
     for name, turns in (("driving", driving), ("driven", driven)):
-        if segments and turns < 1:
+        if segments and turns < FULL_TURN:
             sentences.append(
                 f"the {name} shaft turns only {turns:.3g} times, so its first order cannot be"
                 " determined"
@@ -468,7 +472,7 @@ def support_of(log: EncoderLog, segments: Sequence[Segment]) -> Support:
             f"one direction only (flank {flanks[0]}): no backlash, and eccentricities only if the"
             " encoders are perfect"
         )
-    resolved = separable and driving >= 1, separable and driven >= 1
+    resolved = separable and driving >= FULL_TURN, separable and driven >= FULL_TURN
     return Support(driving, driven, *resolved, flanks, tuple(sentences))
 
 

@@ -63,7 +63,15 @@ OTHER_UNITS = frozenset(_WORDS_OF["other_units"].split())
 """Units of quantities other than angle and time, in lower case."""
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
-_QUOTIENT = re.compile(r"\s*/\s*(°|deg|[mµμu]?rad|gon|arcsec|arcmin|[″\"′']|[mµμu]m|m?s)\s*$")
+_QUOTIENT = re.compile(
+    r"(?:\s*[/,]\s*(°|deg|[mµμu]?rad|gon|arcsec|arcmin|[″\"′']|[mµμu]m|m?s)"
+    r"|(?<=\w)\s+(°|deg|gon|arcsec|arcmin|[″\"′']))\s*$"
+)
+"""Unit at the end of a name, behind a solidus, a comma or a blank."""
+_LAST_WORD = re.compile(r"(.*?)[\s_/]*[\[(]?\s*([^\s_/\[\]()]+)\s*[\])]?")
+_INNER = re.compile(r"(.*?)\s*[\[(]\s*([^()\[\]]*?)\s*[\])]\s*([^()\[\]\s][^()\[\]]*)")
+"""Name with a bracket inside, such as `Deviation (arcsec) run 1`."""
+
 _POWER = r"(?:1e[+-]?\d+|10+|0[.,]0*1)"
 _SCALE = re.compile(
     rf"[x×*·]\s*{_POWER}(?![\d.])|(?<![\d.]){_POWER}\s*[x×*·]|(?<![^\W_])1e-?\d+|1/10+|10\^-?\d"
@@ -113,7 +121,7 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
 
     **Raises** `LogError` if the name has two units that differ, such as a suffix and a bracket.
     """
-    name = _QUOTIENT.sub(r" [\1]", name)
+    name = _unit_last(name)
     bracket = _BRACKET.search(name)
     stem = name[: bracket.start()] if bracket else name
     inside = bracket_of(name)
@@ -137,6 +145,20 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
     return stem, None if scale_of(stem) else suffix or inside
 
 
+def _unit_last(name: str) -> str:
+    """Return a name with its unit in brackets at the end: `TE [deg]` for `TE / deg`."""
+    inner = _INNER.fullmatch(name)
+    if inner and unit_in(inner[2]):
+        return f"{inner[1]} {inner[3]} [{inner[2]}]"
+    return _QUOTIENT.sub(r" [\1\2]", name)
+
+
+def stem_and_unit(name: str) -> tuple[str, str]:
+    """Split a name into its stem and the unit in its last word, which is a bracket or not."""
+    found = _LAST_WORD.fullmatch(name.strip())
+    return (found[1], unit_spelt(found[2])) if found else (name, "")
+
+
 def scale_of(name: str) -> str:
     """Return the power of ten, or the word for it, that a name has beside its unit, or ""."""
     found = _SCALE.search(name)
@@ -145,7 +167,7 @@ def scale_of(name: str) -> str:
 
 def bracket_of(name: str) -> str:
     """Return the unit at the end of a name, in brackets or behind a solidus, as it is spelt."""
-    bracket = _BRACKET.search(_QUOTIENT.sub(r" [\1]", name))
+    bracket = _BRACKET.search(_unit_last(name))
     return unit_spelt(bracket[1]) if bracket else ""
 
 
@@ -322,7 +344,7 @@ def with_units(names: Sequence[str], fields: Sequence[str]) -> list[str]:
     """Return the names with the units in brackets; `fields` is the row of units below the names."""
     padded = [*fields, *[""] * (len(names) - len(fields))]
     return [
-        f"{name} [{field.strip().strip('[]()')}]" if unit_in(field) else name
+        f"{name} [{field.strip().strip('[]()')}]".strip() if unit_in(field) else name
         for name, field in zip(names, padded, strict=False)
     ]
 
@@ -355,6 +377,19 @@ WAYS = dict.fromkeys(_UP, 1.0) | dict.fromkeys(_DOWN, -1.0)
 """Word for a direction → +1 for rising positions, −1 for falling ones."""
 
 
+_KNOWN_WORDS = frozenset().union(
+    *(fold(text).split() for text in _WORDS_OF.values() if isinstance(text, str))
+)
+
+
+def known_words(text: str) -> int:
+    """Return how many words of a text have letters beyond ASCII, and are in the lists."""
+    words = [word for word in _WORDS.findall(text) if len(word) > 1 and not word.isascii()]
+    wide = [word for word in words if _WIDE.search(word)]
+    parts = sum(any(one in word for one in _KNOWN_WORDS if _WIDE.search(one)) for word in wide)
+    return parts + sum(fold(word) in _KNOWN_WORDS for word in words if word not in wide)
+
+
 def is_statistic(name: str) -> bool:
     """Return whether a name says what follows from several readings, their mean or reversal."""
     return not (_STATISTICS | BACKLASH).isdisjoint(words_of(name))
@@ -367,13 +402,25 @@ def ways_in(name: str) -> set[float]:
     """
     words = [word for word in (*words_of(name), *name.split()) if word != "pos"]
     said = [word for word in words if len(word) > 1 or not word.isalpha()]
-    wide = {one for one in WAYS if _WIDE.search(one) and one in name}
+    wide = {one for one in WAYS if len(one) > 1 and _WIDE.search(one) and one in name}
     return {WAYS[word] for word in (*said, *wide) if word in WAYS}
+
+
+def first_way(words: Sequence[str]) -> str:
+    """Return the first of these words if all are directions, and of both senses, or ""."""
+    return words[0] if {WAYS.get(fold(word)) for word in words} == {1, -1} else ""
 
 
 def is_error(name: str) -> bool:
     """Return whether a name says an error of an angle: `Deviation`, `Winkelabweichung`."""
     return bool(_found(words_of(name), ERRORS))
+
+
+def is_setpoint_first(name: str) -> bool:
+    """Return whether a name says a setpoint minus what was measured, as `Soll-Ist` does."""
+    first, minus, second = name.partition("-" if "-" in name else "−")
+    said = [not SETPOINTS.isdisjoint(words_of(part)) for part in (first, second)]
+    return bool(minus) and said == [True, False] and bool(words_of(second))
 
 
 def is_transmission_error(name: str, where: str) -> bool:
@@ -445,6 +492,8 @@ def read_name(name: str, where: str, units: Sequence[str] = ANGLES) -> NameReadi
     if unit in ANGLES and quantities in OTHER_UNITS:  # such as Hz [gon], a horizontal direction
         quantities = ""
     role = _role(words) or _role(words_of(stem))
+    if role == "time" and other:  # `T_Gehäuse (°C)`
+        role = None
     if unit in TIME_UNITS and role in ("driving", "driven"):
         role = None
     every = words_of(stem)

@@ -28,6 +28,7 @@ from .column_names import (
     TIME_UNITS,
     WAYS,
     bracket_of,
+    first_way,
     fold,
     is_units_row,
     unit_in,
@@ -163,6 +164,9 @@ _GAPS = "- -- --- – — nan NaN NAN NA N/A n/a n.a. #N/A #NV null NULL None no
 NO_NUMBERS = frozenset(("", *_GAPS.split()))
 """Fields without a number that the option `--missing skip` accepts."""
 
+_SECONDS = re.compile(r"""\D*[;,\t|]\s*"\s*(?:[;,\t|]\D*)?""")
+"""Row of names or units with a quotation mark alone in a field, which is the unit of seconds."""
+
 _APART = re.compile(r"\s{2,}")
 _LONGEST = 10_000  # most characters of the name of a column (chosen)
 _FAR = 3.0  # steps of the rows above by which a number that was cut off lies apart (chosen)
@@ -177,7 +181,7 @@ def split(line: str, delimiter: str | None, *, trim: bool = True) -> list[str]:
     """
     if delimiter is None:
         fields = line.split()
-    elif '"' in line and len(line) < csv.field_size_limit():
+    elif '"' in line and len(line) < csv.field_size_limit() and not _SECONDS.fullmatch(line):
         fields = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
     else:
         fields = line.split(delimiter)
@@ -285,11 +289,10 @@ class TextTable(Table):
         first = [self._first[k] if k < len(self._first) else "" for k in self.needed([index])]
         return all(looks_like_number(t) or t in self._nulls or fold(t) in WAYS for t in first)
 
-    def says_way(self, index: int) -> bool:
-        """Return whether the fields of a column are words for directions, of both senses."""
+    def first_way(self, index: int) -> str:
+        """Return the first word of a column of words for directions, of both senses, or ""."""
         rows = self.rows() if index in self._ways else ()
-        words = {row[index] if index < len(row) else "" for _, row in rows}
-        return {WAYS.get(fold(word)) for word in words} == {1, -1}
+        return first_way([row[index] if index < len(row) else "" for _, row in rows])
 
     def is_dated(self, index: int) -> bool:
         """Return whether the first field of a column is a date with time, or a time of day."""
@@ -623,6 +626,8 @@ def _names_with_units(lines: Lines, header: int, delimiter: str | None, width: i
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
         return names
     above = _names(lines[header - 1], delimiter, width)
+    if delimiter is not None:  # a name of several columns is above the first one
+        above += [""] * (len(split(lines[header - 1], delimiter, trim=False)) - len(above))
     if len(above) < len(names) or all(map(looks_like_number, above)):
         return names
     return with_units(above, split(lines[header], delimiter, trim=False))

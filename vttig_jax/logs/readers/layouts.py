@@ -28,7 +28,18 @@ import numpy as np
 
 from ...base.errors import LogError
 from .binary import ClockedColumn, table_of
-from .column_names import TIME_UNITS, fold, is_units_row, read_name, unit_in, unit_spelt, with_units
+from .column_names import (
+    TIME,
+    TIME_UNITS,
+    fold,
+    is_units_row,
+    read_name,
+    unit_in,
+    unit_spelt,
+    ways_in,
+    with_units,
+    words_of,
+)
 from .delimited import is_value, looks_like_number, split, to_number
 from .table import Table
 from .text import Lines, printable
@@ -283,10 +294,16 @@ def _above(
             f"`{'`, `'.join(names)}`; export the channels again.",
             where=source,
         )
-    names = with_units(names, units)
     read = [read_name(name, source) for name in names[: None if "name" not in said else 0]]
-    timed = any(one.role == "time" or one.unit in TIME_UNITS for one in read)
-    return {} if timed else dict(zip(places, names, strict=True))
+    timed = bool(read) and (read[0].role == "time" or read[0].unit in TIME_UNITS)
+    labels, rest = said.get("label", []), size - timed
+    if len({*labels}) == rest:
+        names = [*names[:timed], *labels]
+    elif timed and len(units) != rest:
+        return {}  # the header says nothing that the line of names does not
+    if timed:
+        names, units = [_time_in(said), *names[1:]], ["", *units]
+    return dict(zip(places, with_units(names, units), strict=True))
 
 
 def _clock(said: Mapping[str, list[str]], source: str) -> tuple[float, float]:
@@ -363,7 +380,11 @@ class Section:
 
 
 def read_sections(lines: Lines, source: str) -> Found | None:
-    """Return the columns of at least two tables, each with a line of names, or None."""
+    """Return the columns of at least two tables, each with a line of names, or None.
+
+    Passes up and down without a time are one table with a direction, which is that of the headings
+    or of the first column.
+    """
     found, mark = _sections(list(lines)) if lines.match(_WORD, 2) else ([], "")
     if not found:
         return None
@@ -373,12 +394,28 @@ def read_sections(lines: Lines, source: str) -> Found | None:
     ends = [
         to_number(one.rows[k][1][0], decimal_of(one.rows, mark)) for one in found for k in (0, -1)
     ]
+    senses = [
+        float(np.sign(b - a)) if a is not None and b is not None else 0.0
+        for a, b in zip(ends[::2], ends[1::2], strict=True)
+    ]
     rises = all(a is not None and b is not None and a < b for a, b in pairwise(ends))
-    if rises and all(one.names == first.names for one in rest):  # one clock, a header a page
+    timed = any(word in TIME for name in first.names for word in words_of(name))
+    said = [ways_in(one.heading) for one in found]
+    if all(len(ways) == 1 for ways in said):
+        senses = [sense for ways in said for sense in ways]
+    passes = not timed and {*senses} == {1.0, -1.0}
+    if (rises or passes) and all(one.names == first.names for one in rest):
+        starts = [one.line for one in found]
         first.rows += [row for one in rest for row in one.rows]
         columns.update(first.columns(0, mark, source))
-        note = f"the names are written {len(found)} times, and the rows go on below them: one table"
-        return Table(tuple(columns), tuple(columns.values()), source), (note,)
+        names, arrays = tuple(columns), tuple(columns.values())
+        if rises:  # one clock, a header a page
+            note = f"the names are written {len(found)} times, and the rows go on below them: one"
+            return Table(names, arrays, source), (f"{note} table",)
+        own = np.searchsorted(starts, [line for line, _ in first.rows]) - 1
+        note = f"{len(found)} passes up and down below one another are one table"
+        arrays = (*arrays, np.take(senses, own))
+        return Table((*names, "direction"), arrays, source, ways={len(names): "+"}), (note,)
     for number, section in enumerate(found, 1):
         columns.update(section.columns(number, mark, source))
         heading = f" `{printable(section.heading[:40])}`" if section.heading else ""

@@ -17,7 +17,7 @@ from .layouts import read_lvm, read_sections, read_twincat, read_waveforms
 from .matlab import HDF5_SIGNATURE
 from .records import read_brackets, read_json, read_pairs, read_side
 from .samples import read_changes, read_frames, read_halsampler, read_long
-from .table import Table, one_pass, with_computed
+from .table import Table, one_pass, with_computed, with_joined_angles
 from .text import read_text
 
 LAYOUTS = (
@@ -84,7 +84,7 @@ def open_table(path: str | Path, layout: LogLayout = LogLayout()) -> Table:
         else:
             table, notes = found[0], (*notes, *found[1])
         table.digest, table.notes = digest, (*notes, *table.notes)
-    return with_computed(one_pass(table, requested), requested)
+    return with_computed(one_pass(with_joined_angles(table), requested), requested)
 
 
 def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...base.errors import LogError
 from ..source import Source
-from .column_names import unit_in, with_units
+from .column_names import WAYS, first_way, fold, is_statistic, unit_in, with_units
 from .delimited import TextTable, is_value, looks_like_number, split, to_number
 from .matlab import DEEPEST
 from .samples import SAMPLE, read_long_rows, roles_of
@@ -58,14 +58,18 @@ def read_json(lines: Lines, source: str) -> Found | None:
         first = list(islice(rows, SAMPLE))
         if (roles := roles_of(names, [row for _, row in first])) is not None:
             return read_long_rows([*first, *rows], roles, source, notes)
-    columns = dict(_json_columns("", value, source, 0))
+    columns, ways = dict(_json_columns("", value, source, 0)), dict[int, str]()
+    for k, (name, words) in enumerate(columns.items()):
+        if words.dtype.kind == "U":
+            ways[k] = first_way(words.tolist())
+            columns[name] = np.array([WAYS[fold(word)] for word in words.tolist()])
     if not 0 < len(columns) <= 4 * MOST_COLUMNS:
         raise LogError(
             f"the JSON text has {len(columns) or 'no'} lists of numbers; write a list of objects,"
             " or an object of lists.",
             where=source,
         )
-    return Table(tuple(map(printable, columns)), tuple(columns.values()), source), (
+    return Table(tuple(map(printable, columns)), tuple(columns.values()), source, ways=ways), (
         "JSON: messages count its records from 0",
         *notes,
     )
@@ -93,7 +97,10 @@ def _json_lines(
 def _json_columns(
     path: str, value: Any, source: str, depth: int
 ) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield path and values of every list of numbers or dates; objects in lists are transposed."""
+    """Yield path and values of every list of numbers, dates or words for directions.
+
+    Objects in lists are transposed.
+    """
     if depth > DEEPEST:
         return
     if isinstance(value, dict):
@@ -114,6 +121,8 @@ def _json_columns(
     elif kinds == {str} and looks_like_stamp(value[0] or ""):
         fields = [one or "" for one in value]
         yield f"{path} [s]", read_stamps(fields, partial(Source(f"{source}: {path}").at, ""))[0]
+    elif kinds == {str} and first_way([one or "" for one in value]):
+        yield path, np.array(value)
     elif kinds & {int, float} or (kinds == {str} and looks_like_number(value[0] or "")):
         # A text among numbers is no number, which a fit refuses with its place.
         array = np.array([_number(one) for one in value])
@@ -200,17 +209,21 @@ def read_brackets(lines: Lines, source: str) -> Found | None:
 
 
 def _side(lines: Sequence[str]) -> list[Row]:
-    """Return the lines of a table on its side, or no lines for any other text.
+    """Return the rows of a table on its side, or no rows for any other text.
 
-    Every line has a name, perhaps a unit, and then only numbers, of which it has more than there
-    are such lines.
+    Every row has a name, perhaps a label such as a unit or a direction, and then only numbers, of
+    which it has more than there are such rows. Rows with a name alone are headings. Statistics and
+    shorter rows above and below are left out.
     """
     for mark in _MARKS if len(lines) <= MOST_COLUMNS else ():
         rows = [(number, split(line, mark)) for number, line in enumerate(lines, 1)]
         width = max(len(row) for _, row in rows)
-        first = next(k for k, (_, row) in enumerate(rows) if len(row) == width)
-        block = [(number, row) for number, row in rows[first:] if row]
-        whole = all(len(row) == width for _, row in block[:-1])
+        places = [k for k, (_, row) in enumerate(rows) if len(row) == width]
+        below = [one for one in rows[places[-1] + 1 :] if one[1]]
+        cut = below * (len(below) == 1 and not is_statistic(below[0][1][0]))
+        inner = [(n, row) for n, row in rows[places[0] : places[-1] + 1] if len(row) > 1]
+        whole = all(len(row) == width for _, row in inner)
+        block = [(n, row) for n, row in inner if not is_statistic(row[0])] + cut
         if len(block) > 1 and width > len(block) + 2 and whole:
             values = (text for _, row in block for text in row[2:MOST_COLUMNS])
             if not any(is_value(row[0]) for _, row in block) and all(map(is_value, values)):
@@ -230,9 +243,12 @@ def read_side(lines: Lines, source: str) -> Found | None:
             " cut off, write it again.",
             where=f"{source}: line {number}",
         )
-    names, units = ([row[k] for _, row in rows] for k in (0, 1))
-    skip = 1 if any(map(is_value, units)) else 2
-    names = tuple(map(printable, names if skip == 1 else with_units(names, units)))
+    names, labels = ([row[k] for _, row in rows] for k in (0, 1))
+    skip = 1 if any(map(is_value, labels)) else 2
+    if skip == 2:
+        named = zip(labels, with_units(names, labels), strict=True)
+        names = [f"{one} {name}" if fold(one) in WAYS else name for one, name in named]
+    names = tuple(map(printable, names))
     decimal = "," if any("," in text for _, row in rows for text in row[skip:]) else "."
     arrays = tuple(
         numbers([(number, text) for text in row[skip:]], decimal, source, f"row `{name}`")

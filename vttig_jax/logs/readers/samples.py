@@ -50,6 +50,9 @@ _MOST_CHANNELS = 50
 _INFLUX = {"_time", "_value"}
 _NO_TAGS = ("", "result", "table", "_start", "_stop", "_time", "_value", "_field")
 
+_MOST_FIELDS = 8
+"""Largest number of columns of a long table (chosen)."""
+
 _FEWEST = 4
 """Least mean number of rows per channel (chosen)."""
 
@@ -261,13 +264,15 @@ def read_long_rows(
 
 def roles_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, int, int] | None:
     """Return the columns of time, name and value of a long table; None for any other table."""
-    if len(rows) < _FEWEST - 1 or not 3 <= len(head) == len(rows[0]) <= 5:
+    if len(rows) < _FEWEST - 1 or not 3 <= len(head) == len(rows[0]) <= _MOST_FIELDS:
         return None
     if any(map(looks_like_number, head)):
         return None
     names, times, values = [], [], []
     columns = list(zip(*rows, strict=True))
     for k, column in enumerate(columns):
+        if len({*column}) == 1:  # a kind of event, or its duration
+            continue
         if np.mean([looks_like_stamp(text) for text in column]) > WHOLE:
             times.append(k)
         elif np.mean([looks_like_number(text) for text in column]) > WHOLE:

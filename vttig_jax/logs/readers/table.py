@@ -26,6 +26,7 @@ from .column_names import (
     index_of,
     is_statistic,
     name_and_unit,
+    stem_and_unit,
     ways_in,
     words_of,
 )
@@ -47,7 +48,7 @@ class Table:
       separate time stamps. - `held`: indices of columns of which only changes are logged.
     - `sample_numbers`: numbers of the rows in the full record if samples are missing.
     - `notes`: sentences on assumptions and on what is left out.
-    - `passes`: whether the rows are passes up and down, one after the other.
+    - `ways`: index of a column of directions → the word in its first row, as it was written.
     - `computed`: the last columns, which are computed from others when they are read.
     - `units`: name of a computed column → unit of the columns from which it is computed.
     """
@@ -61,7 +62,7 @@ class Table:
     digest: str = ""
     notes: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
-    passes: bool = False
+    ways: Mapping[int, str] = field(default_factory=dict)
     computed: "tuple[Computed, ...]" = ()
 
     @property
@@ -113,11 +114,11 @@ class Table:
         return ()
 
     def texts(self, index: int) -> list[str]:
-        """Return the fields of a column of a text as they are written.
+        """Return the fields of a column, those of a text as they are written.
 
         **Raises** `LogError` naming the line of a row without this field.
         """
-        raise NotImplementedError(f"column {index} is no text")
+        return [str(value) for value in self.arrays[index]]
 
     def starts_with_a_number(self, index: int) -> bool:
         """Return whether the first field of a column is a number."""
@@ -127,9 +128,9 @@ class Table:
         """Return whether the first field of a column is a date with time, or a time of day."""
         return False
 
-    def says_way(self, index: int) -> bool:
-        """Return whether the fields of a column are words for directions, of both senses."""
-        return False
+    def first_way(self, index: int) -> str:
+        """Return the first word of a column of words for directions, of both senses, or ""."""
+        return self.ways.get(index, "")
 
     @property
     def line_of(self) -> Callable[[int], int] | None:
@@ -166,7 +167,11 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     A table with a time, or of which one of these columns is `requested`, stays as it is.
     """
     # A mean of passes is no pass of its own: it has the sense 0.
-    senses = [{0.0} if is_statistic(name) else ways_in(name) for name in table.names]
+    parts = {k for one in table.computed for k in one.of}
+    senses = [
+        {0.0} if k in parts or is_statistic(name) else ways_in(name)
+        for k, name in enumerate(table.names)
+    ]
     up, down = ([k for k, own in enumerate(senses) if own == {sign}] for sign in (1, -1))
     passes = [k for both in zip(up, down, strict=False) for k in both]
     names = [table.names[k] for k in passes]
@@ -201,7 +206,57 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     note = f"{said} are passes up and down side by side, read as one pass after the other"
     arrays = (*(values[k][order] for k in kept), reading, ways)
     columns, told = (*(table.names[k] for k in kept), name, "direction"), (*table.notes, note)
-    return Table(columns, arrays, table.source, digest=table.digest, notes=told, passes=True)
+    return Table(
+        columns, arrays, table.source, digest=table.digest, notes=told, ways={len(kept) + 1: "+"}
+    )
+
+
+_PARTS = (("deg", "d"), ("arcmin", "min", "m"), ("arcsec", "s"))
+"""Units at the ends of the names of the parts of an angle; those of time are read as parts too."""
+
+
+def with_joined_angles(table: Table) -> Table:
+    """Add a column for each angle of degrees, minutes and perhaps seconds side by side; return it.
+
+    The names have one stem, or only the first one has it. Degrees are whole numbers, and so are
+    minutes above seconds. A minus before one of the parts is that of the angle, also in `-0`.
+    """
+    endings = [stem_and_unit(name) for name in table.names]
+    joined = []
+    for k, (stem, unit) in enumerate(endings[:-1]):
+        behind = zip(endings[k + 1 :], _PARTS[1:], strict=False)
+        of = [k]
+        for (other, own), units in behind:
+            if own not in units or other not in (stem, ""):
+                break
+            of.append(k + len(of))
+        if unit not in _PARTS[0] or len(of) < 2 or any(word in TIME for word in words_of(stem)):
+            continue
+        values = table.numeric()
+        if not values.keys() >= {*of}:
+            continue
+        parts = [np.abs(values[i]) for i in of]
+        whole = all(not np.any(part % 1 > 0) for part in parts[:-1])
+        times = len(of) == 2 and np.all(np.diff(values[of[1]]) > 0)  # `deg,min` with a time in min
+        if not whole or times or any(np.any(part > 60) for part in parts[1:]):
+            continue
+        signs = [[text.strip()[:1] in ("-", "−") for text in table.texts(i)] for i in of]
+        value = partial(_angle, of, np.where(np.any(signs, axis=0), -1.0, 1.0))
+        joined.append(Computed(f"{stem or 'angle'} [deg]", tuple(of), value))
+    table.names = (*table.names, *(one.name for one in joined))
+    table.computed = (*table.computed, *joined)
+    parts = [", ".join(f"`{table.names[k]}`" for k in one.of) for one in joined]
+    told = [f"`{one.name}` is the sum of {own}" for one, own in zip(joined, parts, strict=True)]
+    table.notes = (*table.notes, *told)
+    return table
+
+
+def _angle(
+    of: Sequence[int], signs: Real[np.ndarray, " n"], columns: "Columns"
+) -> Real[np.ndarray, " n"]:
+    """Return the angle in degrees of its parts in degrees, minutes and seconds."""
+    size = sum(np.abs(columns[k]) / 60.0**place for place, k in enumerate(of))
+    return signs[: len(columns[of[0]])] * size
 
 
 _COUNTED = re.compile(r"quadrature\(\s*([^,]+?)\s*,\s*([^,]+?)\s*\)(?:\s*\[counts\])?")
@@ -230,7 +285,7 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
     **Raises** `LogError` for a column that does not exist, a formula that cannot be read, and
     channels whose levels do not count.
     """
-    computed, units, notes = [], {}, []
+    computed, units, notes = [*table.computed], {}, []
     for name in dict.fromkeys(one for one in requested if one and one not in table.names):
         counted = _COUNTED.fullmatch(name)
         if counted:
@@ -264,7 +319,7 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
                 where=f"{table.source}: `{one.name}`",
             )
         clocks.update((k, stamp) for stamp in stamps if stamp is not None)
-    table.names = (*table.names, *(one.name for one in computed))
+    table.names = (*table.names[: table.own], *(one.name for one in computed))
     table.computed, table.units, table.clocks = tuple(computed), units, clocks
     table.notes = (*table.notes, *notes)
     return table
@@ -337,18 +392,19 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
             )
         counts = np.concatenate([[0], np.cumsum(np.where(moves == 3, -1, moves))])
     # Logic analysers export a row for each change of a level; their time is what always rises.
-    dated = [] if steps else filter(table.is_dated, range(table.own))
+    dated = filter(table.is_dated, range(table.own))
     stamps = [read_stamps(table.texts(k)[: len(a)], lambda _: table.source)[0] for k in dated]
-    others = [] if steps else [*table.own_numeric().values(), *stamps]
+    others = [*table.own_numeric().values(), *stamps]
     times = [one for one in others if np.all(one[1:] > one[:-1])]
     changes = [one[1:] != one[:-1] for one in others if set(one.tolist()) <= {0, 1}]
+    own = np.flatnonzero(np.diff(counts)) + 1
+    edges = len(own) if steps else sum(edges)
     if len(times) == 1 and np.all(np.any(changes, axis=0)):
         time = times[0]  # the shaft stands between two counts at its own edges
-        own = np.flatnonzero(np.diff(counts)) + 1
         counts = np.interp(time, time[own], 0.5 * (counts[own - 1] + counts[own]))
     how = f"the rising edges of `{pair[0]}` in the direction of `{pair[1]}`"
     four = f"the edges of `{pair[0]}` and `{pair[1]}`, four a period"
-    note = f"{name} counts {how if steps else four}: {sum(edges)} edges"
+    note = f"{name} counts {how if steps else four}: {edges} edges"
 
     def value(columns: Columns) -> Real[np.ndarray, " n"]:
         return counts[: len(columns[indices[0]])]  # an incomplete last row may be left out

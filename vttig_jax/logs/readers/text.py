@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from datetime import date, datetime, time, timedelta
 from importlib import import_module
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, overload
 
@@ -27,6 +28,7 @@ import numpy as np
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import PART, MemoryBudget, kept_bytes, read_regular
 from ...base.numerics.counting import pieces
+from .column_names import known_words
 
 _CELL = 64  # bytes of a cell of a sheet as a Python object; chosen value
 
@@ -215,7 +217,7 @@ def read_text(path: str | Path, encoding: str | None) -> tuple["Lines", str, tup
     """Return the lines, the SHA-256 of the bytes, and notes on an assumed encoding.
 
     A byte-order mark defines the encoding. Without one it is UTF-16 if every second byte is zero,
-    else UTF-8, or Windows-1252 if UTF-8 fails.
+    else UTF-8. If UTF-8 fails it is the one in which most words are known, or Windows-1252.
 
     **Raises** `LogError` for a missing, empty, binary or unreadable file, a folder, an unknown
     ending, or bytes that are invalid in the encoding.
@@ -248,16 +250,17 @@ def read_text(path: str | Path, encoding: str | None) -> tuple["Lines", str, tup
                 f"byte {error.start} is not {codec}; write the `encoding` of the file in [log].",
                 where=where,
             ) from None
+        known, codec = max(((_known(data, one), one) for one in _OTHERS), key=itemgetter(0))
         try:
-            text = data.decode("cp1252")
+            text = data.decode(codec)
         except UnicodeDecodeError:
             raise LogError(
                 "the file is binary or has an unknown encoding; logs are text (CSV, TSV, TXT),"
-                " MATLAB (.mat) or HDF5 (.h5); save a text of another encoding, such as Shift"
-                " JIS, as UTF-8.",
+                " MATLAB (.mat) or HDF5 (.h5); save a text of another encoding as UTF-8.",
                 where=where,
             ) from None
-        notes = ("not UTF-8, read as Windows-1252 (cp1252)",)
+        said = "Windows-1252 (cp1252)" if codec == _OTHERS[0] else codec
+        notes = (f"not UTF-8, read as {said}" + ", in which its words are known" * bool(known),)
     except (LookupError, ValueError):  # a null character in the name, a codec that always fails
         cure = f"unknown encoding {encoding!r}; write utf-8, utf-16 or cp1252."
         raise LogError(cure, where="log.encoding") from None
@@ -270,12 +273,23 @@ def read_text(path: str | Path, encoding: str | None) -> tuple["Lines", str, tup
 
 
 _TOP = 8192  # bytes of the beginning, in which boot text is searched (chosen)
+_OTHERS = ("cp1252", "cp1250", "cp1251", "gb18030", "cp932", "cp949", "big5")
+"""Encodings of texts that are not UTF-8; the first one is taken if no word decides."""
+
 _JUNK = re.compile(rb"[^\t\n\r -~]")
 _SERIAL = re.compile(rb"^[\d:.,]+ -> |^rst:0x|^ets \w+ +\d|^ESP-ROM:", re.MULTILINE)
 """A stamp of the Arduino IDE, and lines that an ESP writes as it starts."""
 
 _ARROW = re.compile(r"^(\d\d:\d\d:\d\d[.,]\d+) -> ?", re.MULTILINE)
 _AMOUNT = re.compile(r"[-+]?(?:\d[\d.]*|\.\d+)(?:[eE][-+]?\d+)?")
+
+
+def _known(data: bytes, codec: str) -> int:
+    """Return how many words with other letters than those of ASCII are known in an encoding."""
+    try:
+        return known_words(data.decode(codec)[:_TOP])
+    except UnicodeDecodeError:
+        return 0
 
 
 def _without_garbage(data: bytes) -> bytes:

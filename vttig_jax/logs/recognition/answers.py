@@ -1,5 +1,6 @@
 """All questions about a log at once, with the command that answers them."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,8 +35,10 @@ def answer_to(
             option, units = "--unit time=UNIT", {"time": "s"}
         case "no-unit" | "scaled-unit":
             option = f"--unit {role and f'{role}='}UNIT"
+            if not role and reading.lead_mm is not None:  # an angle and a length
+                option = " ".join(f"--unit {shaft}=UNIT" for shaft in SHAFTS)
             units = dict.fromkeys([role] if role else SHAFTS, "deg")
-        case "no-counts":
+        case "no-counts" | "volts-a-turn":
             option, request = "--counts A,B", replace(request, counts=(1000, 1000))
         case "opposite-directions":
             option, request = "--invert driven", request.with_driven_inverted()
@@ -45,7 +48,7 @@ def answer_to(
             option = " ".join(f"--column {one}=NAME" for one in roles)
             option = question.options[0] if slug == "driving-open" else option
             changes = {"columns": (*reading.columns, *named)}
-        case "shafts-open":
+        case "shafts-open" | "computed-beside-error":
             option = question.options[0].rpartition(", or ")[2]
         case _:
             return None
@@ -70,7 +73,9 @@ def all_questions(
             answer = answer_to(question, request, reading)
             # An assumption may lead to what no option answers, and to a ratio that no columns have.
             follows = answer is None and key[0] != "ratio-of-two-readings"
-            follows |= key[0] == "shafts-open" and "UNIT" in "".join(options)
+            follows |= (
+                key[0] == "shafts-open" and re.search("UNIT|A,B", "".join(options)) is not None
+            )
             if key in asked or (before and follows):
                 continue
             asked[key] = question

@@ -30,6 +30,7 @@ from ..readers.column_names import (
     index_of,
     inputs_and_outputs,
     is_error,
+    is_setpoint_first,
     is_transmission_error,
     name_and_unit,
     read_name,
@@ -175,6 +176,7 @@ class Search:
         if self.timed and "time" in self.roles:
             with self._asking():
                 self._find_time_unit()
+        self._turn_errors()
         for check in (self._check_names, self._check_units, self._check_values):
             with self._asking():
                 check()
@@ -242,7 +244,7 @@ class Search:
                 self.roles[role] = index
         if "direction" not in self.roles:
             named = [k for k, n in enumerate(self.table.names) if DIRECTION & {*words_of(n)}]
-            found = [k for k in range(self.table.own) if self.table.says_way(k)] or named
+            found = [k for k in range(self.table.own) if self.table.first_way(k)] or named
             said = [c for c in map(self.candidate, found) if c.is_sign and c in self.free()]
             if len(said) > 1:
                 self.asked.append(self._several("direction", said))
@@ -323,7 +325,7 @@ class Search:
             self._take("time", rising[0], "grows-evenly")
         elif len(wrong) == 1:
             self._take("time", wrong[0], "by-name")
-        elif self.table.passes or self.table.says_way(self.roles.get("direction", ROW_INDEX)):
+        elif self.table.first_way(self.roles.get("direction", ROW_INDEX)):
             self._take_standstill()
         else:
             growing = [one for one in candidates if one.rises]
@@ -339,6 +341,20 @@ class Search:
         self.statement, self.timed = replace(statement, layout=layout, drive=drive), False
         self.guesses.append(Guess.of("standstill", "time", "--sample-rate HZ"))
 
+    def _turn_errors(self) -> None:
+        """Take errors that are the setpoint minus the measured angle with the other sign."""
+        index, drive = self.roles.get("transmission_error", ROW_INDEX), self.statement.drive
+        driving, driven = self.statement.encoders
+        own = 0 <= index < self.table.own and is_setpoint_first(self.table.names[index])
+        if own and drive is not None and driven.sign > 0:
+            driven = msgspec.structs.replace(driven, sign=-1)
+            gear = msgspec.structs.replace(drive.driven, encoder=driven)
+            drive = msgspec.structs.replace(drive, driven=gear)
+            self.statement = replace(self.statement, encoders=(driving, driven), drive=drive)
+            name = self.table.names[index]
+            option = f"--column 'transmission_error=1*{name}'"
+            self.guesses.append(Guess.of("setpoint-first", "transmission_error", option, name=name))
+
     def _find_by_ratio(self, missing: list[str]) -> None:
         """Assign the missing shafts to the only columns that have the given ratio.
 
@@ -348,9 +364,8 @@ class Search:
         free, ratio = self.free(), self.statement.ratio
         if "transmission_error" in self.roles:
             angles = [one for one in free if one.turns and one.reading.unit in ANGLES] or free
-            seen = f"; there are {listed_facts(free)}" * bool(free) + self._of_driven()
-            name = f"'{angles[0].name}'" if len(angles) == 1 else "NAME"
-            option = f"--column driving={name}"
+            option, told = self._driving_option(angles)
+            seen = f"; there are {listed_facts(free)}" * bool(free) + told
             raise self._ask(
                 "driving-open", role="driving", columns=angles, options=[option], seen=seen
             )
@@ -383,8 +398,12 @@ class Search:
         pairs = list(signs)
         if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
             pairs = [pair for pair in pairs if not is_copy(*pair)] or pairs
+        measured = [pair for pair in pairs if not any(one.reading.setpoint for one in pair)]
+        pairs = measured or pairs
         if len(pairs) > 1:
-            sided = [pair for pair in pairs if pair[1].reading.output_side]
+            # On a linear axis `axis` says no side.
+            linear = self.statement.layout.lead_mm is not None
+            sided = [pair for pair in pairs if pair[1].reading.output_side and not linear]
             if len(sided) != 1:
                 columns = list({one.index: one for pair in pairs for one in pair}.values())
                 drivers = [a.name for a, b in pairs if b is pairs[0][1]]
@@ -408,7 +427,17 @@ class Search:
         if self.statement.two_readings:
             raise self._two_readings("ratio-of-two-readings", ratio)
         driven, rest = pairs[0][1], [one for one in turning if one not in pairs[0]]
-        rest += self._error_columns()
+        errors = self._error_columns()
+        if "driven" in missing and len(errors) == 1 and is_copy(*pairs[0]):
+            named = zip(("driving", "transmission_error"), (pairs[0][0], errors[0]), strict=True)
+            options = [
+                f"--column {r}='{one.name}'" for r, one in named if r != "driving" or r in missing
+            ]
+            columns = [*pairs[0], *errors]
+            raise self._ask(
+                "computed-beside-error", role="driven", columns=columns, options=[" ".join(options)]
+            )
+        rest += errors
         if "driven" in missing and driven.reading.setpoint and rest:
             raise self._only_a_setpoint("driven", [driven, *rest])
         for role, one in zip(SHAFTS, pairs[0], strict=True):
@@ -457,23 +486,32 @@ class Search:
         errors = self._error_columns()
         side = {"driving": 0, "driven": 2}
         channels = [one for one in moving + others if one.has_levels]
+        volts = [one for one in others if one.is_voltage]
+        if channels and len({*channels, *volts}) == 2 * len(missing):  # levels, and sines in volts
+            channels = list(dict.fromkeys([*channels, *volts]))
         channels.sort(key=lambda one: side.get(str(one.reading.role), 1))
         levels = [one.name for one in channels]
         counted = list(zip(missing, levels[::2], levels[1::2], strict=False))
-        options = " ".join(f"--column {role}=NAME" for role in missing)
+        options, told = " ".join(f"--column {role}=NAME" for role in missing), ""
         if len(errors) == 1 and "driven" in missing and "time" not in self.roles:
-            angles = [f"'{one.name}'" for one in moving if one.reading.unit in ANGLES]
-            name = angles[0] if len(angles) == 1 else "NAME"
-            options = f"--column driving={name} " * ("driving" in missing)
+            angles = [one for one in moving if one.reading.unit in ANGLES]
+            option, told = self._driving_option(angles)
+            options = f"{option} " * ("driving" in missing)
             options += f"--column transmission_error='{errors[0].name}'"
         if len(counted) == len(missing):  # channels with two levels
             options = " ".join(f"--quadrature {role}='{a},{b}'" for role, a, b in counted)
+            options += " --counts A,B" * (not self.statement.counted)
+        volts = volts * (not moving and not levels)
+        if len(volts) >= len(missing):  # analogue outputs of encoders
+            options += " --counts A,B" * (not self.statement.counted)
         lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
         if not given:
             why = "and without a ratio the motion says nothing"
             # `answer_to` takes what follows the last ", or ", which is the option for columns.
             stated = "--ratio A:B (driving turns to driven turns) or --teeth Z1/Z2, or "
             options = stated * (not self.clocked) + options
+        elif volts or levels:
+            why = "and volts and levels are no angles"
         elif not moving:
             why = "and no other column holds numbers that change"
         else:
@@ -481,8 +519,14 @@ class Search:
             why = f"and no columns turn as given ({in_words(self.statement.ratio)})"
         seen = f"; there are {listed_facts(moving)}" if moving else ""
         if turning is not None:
-            seen = self._seen_ratio(*turning) + seen
-        if len(moving) == 1 and len(missing) == 2:
+            pairs = self._turning_together(*turning)
+            shown = [f"{said} where `{a.name}` drives `{b.name}`" for said, _, a, b in pairs[:4]]
+            seen = f"; the log shows {', or '.join(shown)}" * bool(shown) + seen
+            if len(pairs) == 1 and pairs[0][1] and "time" not in self.roles:
+                named = zip(SHAFTS, pairs[0][2:], strict=True)
+                named = [f"--column {r}='{one.name}'" for r, one in named if r in missing]
+                options = " ".join([*named, pairs[0][1]])
+        if len(moving) == 1 and len(missing) == 2 and not errors:
             alone = moving[0].name
             timed = "time" in self.roles and len(self.table.names) == 2
             seen += self._hint("one-channel" if timed else "row-number", alone=alone, row=ROW)
@@ -496,7 +540,8 @@ class Search:
             seen += f"; `{one.name}` jumps over {one.span:.3g}: --counts gives a turn"
         for one in errors if "driven" in missing else ():
             said = f"transmission_error='{one.name}'" in options
-            seen += self._of_driven() if said else self._hint("error", name=one.name)
+            seen += told if said else self._hint("error", name=one.name)
+        seen += self._hint("volts") * bool(volts)
         seen += "; a linear axis needs --lead-mm, its travel in mm in one turn" * bool(lengths)
         return self._ask(
             "shafts-open",
@@ -508,44 +553,66 @@ class Search:
             seen=seen,
         )
 
-    def _of_driven(self) -> str:
-        """Return what a question on positions beside an error adds."""
-        ratio = self.statement.ratio
-        return self._hint("positions", scale="I with I:1" if ratio is None else str(abs(1 / ratio)))
+    def _driving_option(self, angles: Sequence[Candidate]) -> tuple[str, str]:
+        """Return the option for the positions beside an error, and what the question adds.
+
+        Positions over which the driven shaft would turn less than half a turn, and the driving one
+        at least nine tenths if they are those of the driven shaft, are taken for those of it.
+        """
+        ratio, scaled = self.statement.ratio, self.statement.layout.driving_scale != 1
+        scale = "I with I:1" if ratio is None else str(1 / ratio)
+        option, told = "--column driving=NAME", self._hint("positions", scale=scale)
+        if len(angles) == 1:
+            option = f"--column driving='{angles[0].name}'"
+            turn = None if ratio is None or scaled else self.per_turn(angles[0], "driving")
+            values = angles[0].values
+            turns = 0.0 if turn is None or values is None else float(np.ptp(values)) / abs(turn)
+            if ratio is not None and 0.9 * ratio < turns < 0.5 / ratio:
+                return f"{option} --driving-scale {scale}", self._hint("positions-of-driving")
+        return option, told * (not scaled)
 
     def _error_columns(self) -> list[Candidate]:
         """Return the columns without a role whose names say an angular error."""
-        angles = [one for one in self.free() if one.turns and one.reading.unit in ANGLE_UNITS]
-        return [one for one in angles if is_error(one.name)]
+        units = (*ANGLE_UNITS, *LENGTH_UNITS)
+        said = [one for one in self.free() if one.turns and is_error(one.name)]
+        return [o for o in said if name_and_unit(o.name, units, self.source)[1] is not None]
 
-    def _seen_ratio(self, fixed: dict[str, Candidate], free: Sequence[Candidate]) -> str:
-        """Return the ratios of columns that turn together, as text that begins with a mark.
+    def _turning_together(
+        self, fixed: dict[str, Candidate], free: Sequence[Candidate]
+    ) -> list[tuple[str, str, Candidate, Candidate]]:
+        """Return the pairs of columns that turn together, driving and driven, behind two options.
 
-        `fixed` is role → column of known shafts. If no shaft is known, the faster column drives.
+        The first one states the ratio that they show. The second one keeps the given ratio where
+        both are angles of the driven shaft, and is "" elsewhere. `fixed` is role → column of known
+        shafts. If no shaft is known, the faster column drives, and a setpoint drives what follows.
         """
         if fixed:
             known = [fixed.get("driving", one) for one in free]
             pairs = [(a, fixed.get("driven", b)) for a, b in zip(known, free, strict=True)]
         else:
             pairs = list(combinations(free, 2))
-        seen = []
+        given, seen = self.statement.ratio, []
         for first, second in pairs:
             found = self.slope(first, second)
-            if found is not None and abs(found[0]) > 1 and not fixed:
+            alike = found is not None and abs(abs(found[0]) - 1) < TOLERANCE
+            swaps = second.reading.setpoint if alike else found is not None and abs(found[0]) > 1
+            if swaps and not fixed:
                 first, second = second, first
                 found = self.slope(first, second)
-            if found and not (abs(abs(found[0]) - 1) < EQUAL and is_copy(first, second)):
-                option = f"--ratio {ratio_option(abs(found[0]), found[1])}"
-                given = self.statement.ratio
-                if given and given != 1 and abs(abs(found[0]) - 1) < TOLERANCE:
-                    option += f" (or --driving-scale {1 / given}, for turns of the driven shaft)"
-                lengths = [one.reading.unit in LENGTH_UNITS for one in (first, second)]
-                if sum(lengths) == 1 and self.statement.ratio is not None:
-                    share = abs(found[0]) / float(self.statement.ratio)
-                    lead = (self.statement.layout.lead_mm or 0.0) * share ** (2 * lengths[1] - 1)
-                    option += f", or --lead-mm {lead:.4g},"
-                seen.append(f"{option} where `{first.name}` drives `{second.name}`")
-        return f"; the log shows {', or '.join(seen[:4])}" if seen else ""
+            if not found or (abs(abs(found[0]) - 1) < EQUAL and is_copy(first, second)):
+                continue
+            option, scale = f"--ratio {ratio_option(abs(found[0]), found[1])}", ""
+            if given and given != 1 and alike:
+                scale = f"--driving-scale {1 / given}"
+                option += f" (or {scale}, for turns of the driven shaft)"
+                scale += " --invert driven" * (found[0] < 0)
+            lengths = [one.reading.unit in LENGTH_UNITS for one in (first, second)]
+            if sum(lengths) == 1 and given is not None:
+                share = abs(found[0]) / float(given)
+                lead = (self.statement.layout.lead_mm or 0.0) * share ** (2 * lengths[1] - 1)
+                option += f", or --lead-mm {lead:.4g},"
+            seen.append((option, scale, first, second))
+        return seen
 
     def slope(self, first: Candidate, second: Candidate) -> tuple[float, float] | None:
         """Return the slope of `second` over `first` in turns, and its standard error.
@@ -701,7 +768,8 @@ class Search:
             turning = [one for one in free if one.reading.is_angle or one.is_voltage]
             if not self.statement.counted and not any(one.reading.unit for one in turning):
                 unnamed = [("", one) for one in turning]
-        if unnamed:
+        volts = all(one.is_voltage for _, one in unnamed) and self._have_asked("shafts-open")
+        if unnamed and not volts and not self._have_asked("no-unit", "scaled-unit"):
             raise self._no_unit(unnamed)
 
     def _check_values(self) -> None:
@@ -740,11 +808,16 @@ class Search:
         in_file, columns = self.statement.in_file, list(dict.fromkeys(one for _, one in unnamed))
         (role, one), roles = unnamed[0], {role for role, _ in unnamed}
         scale = next(filter(None, (scale_of(one.name) for one in columns)), "")
-        if len(columns) > 1 and not scale:
-            role = role if len(roles) == 1 else ""
+        if len(roles) > 1 and not scale:
+            role = ""
         where = f"{self.source}: column `{one.name}`" if in_file and role else self.source
         slug, words = "scaled-unit" if scale else "no-unit", {"role": role or "driving"}
+        if slug == "no-unit" and not role and self.statement.layout.lead_mm is not None:
+            slug = "no-unit-of-axis"
+        if all(one.is_voltage for one in columns) and not in_file:
+            return ask("volts-a-turn", where, role=role, columns=columns, options=["--counts A,B"])
         told = self._hint(slug, option=role and f"{role}=", counts=_COUNTS, **words)
+        slug = slug.removesuffix("-of-axis")
         return ask(slug, where, role=role, columns=columns, options=[told], scale=scale)
 
     def _no_lead(self, role: str, one: Candidate) -> Question:
@@ -768,7 +841,7 @@ class Search:
             place = f"{self.source}: column `{name}`"
             stated = self.units.get(role)
             unit = unit_of(role, name, stated, place)
-            word = self.table.texts(index)[0] if self.table.says_way(index) else ""
+            word = self.table.first_way(index)
             columns[role] = Column(role, index, name, word if fold(word) in TURNING else unit)
             twice = "".join(r for r, one in columns.items() if one.index == index and r != role)
             if twice:

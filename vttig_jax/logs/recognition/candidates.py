@@ -45,6 +45,10 @@ simulation; at a smaller one the columns are one reading in two units (chosen)."
 _STRETCHES = 200
 """Number of stretches of a log over which travel and mean speed are compared (chosen)."""
 
+_LEVELS = 0.25
+"""Least distance of a level from the middle, as a share of the range (chosen); a sine is nearer
+for a third of its time."""
+
 _SPEED = 0.999
 """Least correlation of the travel of a column over each stretch with the mean of another column
 there, if the other one is its speed (chosen)."""
@@ -88,11 +92,12 @@ class Candidate:
 
     @cached_property
     def is_row_number(self) -> bool:
-        """Whether the values count the rows in steps of 1, possibly with restarts at 0."""
+        """Whether the values count the rows, with restarts at 0 or the first one, and few gaps."""
         for part in (slice(HEAD), slice(None)):  # most columns are told by their first rows
             values = np.zeros(0) if self.values is None else self.values[part]
-            ones = np.diff(values) == 1
-            if len(values) < 2 or not np.all(ones | (values[1:] == 0)):
+            steps = np.diff(values)
+            ones, counts = steps == 1, (steps >= 1) & (steps % 1 == 0)
+            if len(values) < 2 or not np.all(counts | np.isin(values[1:], (0, values[0]))):
                 return False
         return bool(np.mean(ones) > 0.9)
 
@@ -111,10 +116,15 @@ class Candidate:
 
     @property
     def has_levels(self) -> bool:
-        """Whether nearly all values are near the lowest or the highest one, such as 0 or 5 V."""
+        """Whether nearly all values are low or high, such as 0 or 5 V with noise.
+
+        The first readings of a counter of 16 or 32 bits that passes zero are no levels.
+        """
         values = np.zeros(1) if self.values is None or not self.turns else self.values
-        off = np.abs(values - values.min() - 0.5 * np.ptp(values)) > 0.4 * np.ptp(values)
-        return self.rows > SHOWN**2 and float(np.mean(off)) > 0.99
+        size = float(np.ptp(values))
+        counter = any(0 <= bits - size < 0.01 * bits for bits in (2.0**16, 2.0**24, 2.0**32))
+        off = np.abs(values - values.min() - 0.5 * size) > _LEVELS * size
+        return self.rows > SHOWN**2 and float(np.mean(off)) > 0.99 and not counter
 
     @property
     def span(self) -> float:

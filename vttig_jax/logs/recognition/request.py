@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from ...base.errors import PairError, UsageError
 from ...base.files.limits import STDIN, kept_bytes
-from ...base.units import radians_of
+from ...base.units import REV, radians_of
 from ...pair.pair_file import PAIR_FILE, check_rows
 from ...pair.schema import (
     DriveTable,
@@ -405,7 +405,10 @@ def fit_command(
     log = str(STDIN) if kept_bytes(path) is not None else str(path)
     log = f"./{log}" if log.startswith("-") and log != str(STDIN) else log  # it is no option
     rate = None if reading.sample_rate is None else f"{reading.sample_rate:.12g}"
-    lead = None if reading.lead_mm is None else f"{reading.lead_mm:.12g}"
+    lead = radius = None
+    if reading.lead_mm is not None:  # as --radius-mm if that has fewer digits
+        lead, radius = f"{reading.lead_mm:.12g}", f"{reading.lead_mm / REV:.9g}"
+        lead, radius = (None, radius) if len(radius) < len(lead) else (lead, None)
     options: list[tuple[str, Any]] = [
         ("--ratio", request.ratio if request.names_a_drive else "A:B"),
         ("--teeth", request.teeth),
@@ -423,6 +426,7 @@ def fit_command(
         *(("--cut", part) for part in reading.cut),
         ("--missing", reading.missing),
         ("--lead-mm", lead),
+        ("--radius-mm", radius),
     ]
     words = [word for option in options if option[1] is not None for word in option]
     return " ".join([shlex.join(["vttig", "fit", log, *map(str, words)]), *asked])
