@@ -20,19 +20,19 @@ PACKAGE = Path(vttig_jax.__file__).parent
 
 BOUNDS = {
     "vttig_jax": (16, 0),  # the files beside the rooms
-    "base": (1194, 18),  # 950
-    "pair": (622, 1),  # 560
+    "base": (1195, 18),  # 950
+    "pair": (621, 1),  # 560
     "kinematics": (1136, 23),  # 780
     "geometry": (3238, 53),  # 2800
-    "logs": (10215, 272),  # 7400
+    "logs": (10299, 275),  # 7400
     "rig": (288, 1),  # 260
-    "model": (2115, 43),
-    "identify": (3462, 39),  # 9000 together with posterior
+    "model": (2122, 43),
+    "identify": (3468, 39),  # 9000 together with posterior
     "posterior": (2661, 46),
     "control": (5365, 77),  # 3600
     "plotting": (1646, 44),  # 2000 together with the report
     "runs": (2435, 11),  # 900
-    "cli": (3303, 15),  # 2600
+    "cli": (3308, 15),  # 2600
     "report": (579, 5),
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in

@@ -116,7 +116,12 @@ def _jump(row: int, size: int):
 
 CASES = [
     ("driven", _jump(0, 0), (0, 0), ()),
-    ("driven", _jump(800, -50_000), (3, 3), ("line 802", "`driven_counts`", "at 3.2 s", "cut the")),
+    (
+        "driven",
+        _jump(800, -50_000),
+        (3, 3),
+        ("line 802", "`driven_counts`", "at 3.2 s", "--from 3.2"),
+    ),
     ("driving", _jump(800, 9_000), (3, 3), ("line 802", "`driving_counts`", "9360 counts")),
     ("driving", lambda r: np.minimum(r, 150_000), (3, 3), ("`driving_counts`", "stands still")),
     ("driven", lambda r: np.maximum(r, 90_000), (3, 3), ("`driven_counts`", "stands still")),

@@ -22,6 +22,7 @@ ANGLE_UNITS: Final = {
     "mdeg": 1e-3 * DEG,
     "mrad": 1e-3,
     "gon": REV / 400.0,
+    "mgon": REV / 400e3,
 }
 """Radians per unit, for every angle unit that can end a column name (counts need an encoder)."""
 

@@ -21,6 +21,7 @@ from ..logs.motion.segments import CLEAR
 from ..logs.slope import better_fraction, computed_text, exact_slope
 from ..model.columns import DELAY, waves_of
 from ..model.mixed_fit import NEEDED, mixed_fit
+from ..model.parameters import FULL_TURN
 from ..pair.gear_pair import GearPair
 from .door import Identified
 from .records import Finding
@@ -313,8 +314,12 @@ def equal_orders(fit: Fit, found: Identified) -> Iterator[Finding]:
     if found.segments and all(one.still for one in found.segments):
         lost = [wave for wave in waves_of(fit.pair, core.orders) if wave not in core.waves]
         angle = np.concatenate([one.in_runs(one.driving) for one in core.shafts])
-        for first in (wave for wave in core.waves if wave.is_first):
-            own = np.outer(angle, [0.0, first.cycles(ratio)])
+        seen = {(one.shaft, one.order) for one in fit.orders if one.significant}
+        for told in core.waves:
+            turned = core.scope.turns.get(told.shaft, 0.0) >= FULL_TURN
+            if not turned or (told.shaft, told.order) not in seen or told.order > 2:
+                continue
+            own = np.outer(angle, [0.0, told.cycles(ratio)])
             basis = np.linalg.qr(np.concatenate([np.cos(own), np.sin(own)[:, 1:]], axis=1))[0]
             # The lowest of the many orders that look alike is the likeliest one.
             for wave in sorted(lost, key=lambda one: one.order):
@@ -322,7 +327,8 @@ def equal_orders(fit: Fit, found: Identified) -> Iterator[Finding]:
                 one -= one.mean()
                 rest = one - basis @ (basis.T @ one)
                 if wave.order <= 2 and rest @ rest < CLEAR**3 * (one @ one - 1e-6 * len(one)):
-                    names = {"first": first.shaft, "shaft": wave.shaft, "order": wave.order}
+                    names = {"told": f"{told.shaft} {told.order:g}"}
+                    names["other"] = f"{wave.shaft} {wave.order:g}"
                     yield _said("orders-equal first", **names)
                     break
         if lost:

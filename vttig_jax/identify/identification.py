@@ -163,7 +163,7 @@ def identified(
         refuse_slip(one, segments[-1])
     where = ", ".join(one.source for one in logs)
     shafts = [
-        on_flank(without_axial(shafts_of(log, own), log, pair), settings.flank)
+        on_flank(without_axial(shafts_of(log, own), pair), settings.flank)
         for log, own in zip(logs, segments, strict=True)
     ]
     shafts, short = usable(shafts, waves_of(pair, orders), where)
@@ -210,17 +210,17 @@ def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
     return replace(shafts, runs=kept(shafts.runs), ramps=kept(shafts.ramps))
 
 
-def without_axial(shafts: Shafts, log: EncoderLog, pair: GearPair | Drive) -> Shafts:
+def without_axial(shafts: Shafts, pair: GearPair | Drive) -> Shafts:
     """Return the log without the transmission error that a logged axial position s causes.
 
     It is + s tan β_L/R₂ on flank A and − s tan β_R/R₂ on flank B.
     """
-    if log.axial_mm is None or isinstance(pair, Drive):
+    if shafts.axial_mm is None or isinstance(pair, Drive):
         return shafts
     error, radius = shafts.error.copy(), float(pair.reference_radii[1])
     slope = {"A": float(pair.taper[0]) / radius, "B": -float(pair.taper[1]) / radius}
     for start, stop, flank in (*shafts.runs, *shafts.ramps):
-        error[start:stop] -= slope[flank] * log.axial_mm[start:stop]
+        error[start:stop] -= slope[flank] * shafts.axial_mm[start:stop]
     return replace(shafts, error=error)
 
 

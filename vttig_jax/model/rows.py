@@ -136,6 +136,7 @@ class Shafts:
     nominal: tuple[float, float]
     resolution: float
     torque: Float[np.ndarray, " n"] | None = None
+    axial_mm: Float[np.ndarray, " n"] | None = None
     good: np.ndarray | None = None
     start: Start = Start()
     still: bool = False

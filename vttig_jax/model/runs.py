@@ -7,10 +7,10 @@ from scipy.ndimage import uniform_filter1d
 
 from ..base.units import ARCSEC
 from ..logs.channel.unwrap import step_of
-from ..logs.checks.sampling import commensurate
+from ..logs.checks.sampling import MODELLED, commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
-from ..logs.motion.segments import Segments, places
+from ..logs.motion.segments import Segments, places, stops_of
 from .rows import Run, S, Shafts, merged
 
 _TORQUE_S = 0.1
@@ -37,7 +37,7 @@ def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> 
     runs = [Run(s.start, s.stop, s.flank) for s in segments.segments]
     slowing: list[Run] = []
     blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
-    locked = commensurate(log, segments.segments)
+    locked = commensurate(log, segments.segments, *[MODELLED] * planned)
     offsets = [(a, b, std * ARCSEC) for one in locked for a, b, std in one.offsets if not planned]
     # The rounding of a ramp is noise, which runs of one rounding error each do not have.
     free = sum(run.stop - run.start for run in runs) > 2 * sum(b - a for a, b, _ in offsets)
@@ -79,6 +79,7 @@ def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> 
         nominal=(ratio + float(slope), float(level)),
         resolution=log.driving.resolution,
         torque=torque,
+        axial_mm=log.axial_mm,
         rounding=rounding,
         offsets=tuple(offsets),
     )
@@ -88,17 +89,22 @@ def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> 
 def _still(log: EncoderLog, segments: Segments) -> Shafts:
     """Return a table of readings at standstill, with all those of a flank in one run.
 
-    They have no speed, and no noise that goes on from one to the next.
+    They have no speed, and no noise that goes on from one to the next. The samples of a stop are
+    one reading, their mean.
     """
-    index, runs, ends = [np.arange(0)], [], [0]
+    stop, runs, ends, index = stops_of(log), [], [0], [np.arange(0)]
     for flank in S:
-        index += [np.arange(s.start, s.stop) for s in segments.segments if s.flank == flank]
-        ends.append(sum(map(len, index)))
+        own = [np.arange(s.start, s.stop) for s in segments.segments if s.flank == flank]
+        index += own
+        ends.append(ends[-1] + len(np.unique(stop[np.concatenate([np.arange(0), *own])])))
         if ends[-1] > ends[-2]:
             runs.append(Run(ends[-2], ends[-1], flank))
     order = np.concatenate(index)
-    driving, error = log.driving_angle[order], log.transmission_error[order]
-    ratio, speed = float(log.ratio), np.zeros(len(order))
+    first = np.flatnonzero(np.diff(stop[order], prepend=-1))
+    size = np.diff(first, append=len(order))
+    mean = lambda values: np.add.reduceat(values[order], first) / size  # noqa: E731
+    driving, error = mean(log.driving_angle), mean(log.transmission_error)
+    ratio, speed = float(log.ratio), np.zeros(len(first))
     # Over one turn a first order has a slope of its own, which is no error of the ratio.
     phase = np.outer(ratio * driving, np.arange(1, 5))
     # Readings that repeat at n places have one rounding, 2/n of its variance at every harmonic, of
@@ -108,10 +114,10 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
     step = step_of(error) if log.driven is None else log.driven.resolution
     # Errors that are small beside a step come from places at whole steps, and not from rounding.
     step *= float(np.ptp(error)) > 0.1 * step
-    columns = np.column_stack([driving, np.ones(len(order)), np.cos(phase), np.sin(phase)])
+    columns = np.column_stack([driving, np.ones(len(first)), np.cos(phase), np.sin(phase)])
     slope, level = np.linalg.lstsq(columns, error, rcond=1e-6)[0][:2]
     return Shafts(
-        time=log.time[order],
+        time=mean(log.time),
         driving=driving,
         error=error,
         speed=speed,
@@ -122,8 +128,9 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
         ramps=(),
         nominal=(ratio + float(slope), float(level)),
         resolution=log.driving.resolution,
-        torque=None if log.torque is None else log.torque[order],
+        torque=None if log.torque is None else mean(log.torque),
+        axial_mm=None if log.axial_mm is None else mean(log.axial_mm),
         still=True,
-        tells_drift=len(order) >= _TWICE * count,
+        tells_drift=len(first) >= _TWICE * count,
         rounding=step / (2 * count) ** 0.5 if most > 1.5 * count else 0.0,
     )

@@ -28,9 +28,8 @@ HIGHEST_ORDER = 1000
 
 Order = Annotated[float, Meta(gt=0, le=HIGHEST_ORDER)]
 Length = Literal["mm", "um", "inch"]
-AngleUnit = Literal[
-    Length, "counts", "deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon"
-]
+Turned = Literal["deg", "rad", "rev", "arcsec", "urad", "arcmin", "mdeg", "mrad", "gon", "mgon"]
+AngleUnit = Literal[Length, Turned, "counts"]
 TimeUnit = Literal["s", "ms", "us", "ns", "100ns", "d", "min", "h"]
 
 Flank = Literal["A", "B"]  # in contact: A in forward motion of the driving gear, B in backward

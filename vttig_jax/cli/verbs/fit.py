@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from ... import report as reports
-from ...base.errors import NoAnswerError, UsageError
+from ...base.errors import NoAnswerError, UsageError, VttigError
 from ...base.logger import LOGGER
 from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
@@ -94,7 +94,12 @@ def command(
         )
     if run_path is None:
         logs = with_standard_input(logs)
-        run = resolve(logs, drive.pair, readings, options, drive.request)
+        try:
+            run = resolve(logs, drive.pair, readings, options, drive.request)
+        except VttigError as error:
+            if readings is not None and "in one command: " in error.message:
+                error.message = f"{error.message.removesuffix('.')} --readings {readings}."
+            raise
         if drive.only_explains(output, logs, run.spec, run.guesses):
             return
     else:

@@ -19,7 +19,16 @@ from ...base.numerics.counting import pieces
 from ...base.units import DEG, LENGTH_UNITS, REV, per_turn, radians_of
 from ...pair.schema import Encoder, LogLayout, as_fraction
 from ..source import LEAST_RANGE, Source
-from .speed import is_at_standstill, repeats, spikes, stalls, steps_of, usual_step, without_spikes
+from .speed import (
+    QUANTA,
+    is_at_standstill,
+    repeats,
+    spikes,
+    stalls,
+    steps_of,
+    usual_step,
+    without_spikes,
+)
 from .unwrap import (
     EXACT_FLOAT,
     digits_note,
@@ -84,7 +93,10 @@ def _continuous(
     **Raises** `LogError` for readings beyond the modulus, steps that are not wraps, and pauses that
     hide wraps.
     """
-    values, quantum = channel.reading, 1.0 if channel.unit == "counts" else 0.0
+    values, quantum = channel.reading, 0.0
+    if channel.unit == "counts" and turn is not None:
+        # Those of an analogue encoder are volts, and no counts.
+        quantum = 1.0 if values.dtype.kind == "i" else min(1.0, turn / 360)
     if still or is_at_standstill(steps_of(values, turn), time, clock="time" in source.columns):
         # There is no motion that a reading could contradict, and a step tells no wrap.
         return channel, []
@@ -140,7 +152,7 @@ def _continuous(
     smooth = without_spikes(readings, time, outliers)
     found = {"reading": readings, "modulus": modulus, "wraps": wraps, "stalled": stalled}
     channel = replace(channel, **found, spikes=outliers if outliers.any() else None)
-    _refuse_lost_turns(channel, smooth, time, candidate, role, source)
+    _refuse_lost_turns(channel, smooth, time, candidate, quantum, role, source)
     notes = []
     if repetition > 1:
         delay = 0.5 * (repetition - 1)
@@ -195,6 +207,7 @@ def _refuse_lost_turns(
     smooth: Real[np.ndarray, " n"],
     time: Real[np.ndarray, " n"],
     modulus: int | float | None,
+    quantum: float,
     role: str,
     source: Source,
 ) -> None:
@@ -208,7 +221,7 @@ def _refuse_lost_turns(
     - `channel`: the unwrapped channel. `smooth`: its readings without spikes.
     """
     unit = channel.unit
-    row = stray_jump(smooth, time, 1.0 if unit == "counts" else 0.0)
+    row = stray_jump(smooth, time, quantum)
     if row is not None:
         frozen = int(np.argmax(smooth[row - 1 :: -1] != smooth[row - 1]))
         if frozen >= _FROZEN:
@@ -254,7 +267,8 @@ def without_shared_spikes(
 ) -> tuple[dict[str, "Channel"], list[str]]:
     """Return the channels without the spikes that both shafts share, and notes on the others.
 
-    Both deviate alike where they start or stop within a sample, and where a row is late.
+    Both deviate alike where they start or stop within a sample, and where a row is late; a
+    deviation by a few steps of the readings is none.
     """
     spiky = {role: one for role, one in channels.items() if one.spikes is not None}
     off = {role: one.angle - one.steady_angle(time) for role, one in spiky.items()}
@@ -263,7 +277,8 @@ def without_shared_spikes(
         apart = np.abs(np.abs(a) - np.abs(b)) > _ALIKE * np.maximum(np.abs(a), np.abs(b))
         alone = apart | (a == 0) | (b == 0)
         for role, one in spiky.items():
-            mask = one.spikes & (alone | one.stalled)
+            seen = np.abs(off[role]) > QUANTA * one.resolution
+            mask = one.spikes & (alone & seen | one.stalled)
             spiky[role] = replace(one, spikes=mask if mask.any() else None)
     notes = []
     for role, one in spiky.items():

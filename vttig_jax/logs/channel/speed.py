@@ -150,6 +150,13 @@ _UNEVEN = 0.06
 """Least relative deviation of the times between readings, with which steps that are more alike than
 speeds tell that no shaft turned (chosen)."""
 
+_HELD = 0.7
+"""Least share of the time for which a shaft is held at its places, each for `LONG_S`, where the
+moves between them were recorded too (chosen)."""
+
+_HOLDS = 20
+"""Least number of such places (chosen)."""
+
 _RESTS = 0.9
 """Least share of steps behind which a shaft rests for at least one more reading (chosen)."""
 
@@ -198,11 +205,18 @@ def is_at_standstill(
     No step between two readings is then a part of the usual step, as on a ramp or at a reversal,
     and readings have no `clock` but a stated rate of at most two a second. With a clock the
     readings tell it if every place has several and is held for `LONG_S`, which the counts of a
-    turning shaft are not, or if unequal times made steps that are alike.
+    turning shaft are not, or if unequal times made steps that are alike, or if a shaft is held at
+    places most of the time, with a few readings on the way from one to the next.
     Small steps that go on in one direction are motion beside the wraps of a large counter.
     """
     usual = usual_step(signed)
     moved = np.abs(signed) > SAME * usual
+    if clock and len(signed):
+        ends = np.concatenate([[0], np.flatnonzero(moved), [len(signed)]])
+        held = time[ends[1:]] - time[np.minimum(ends[:-1] + (ends[:-1] > 0), ends[1:])]
+        held = held[held >= LONG_S]
+        if len(held) >= _HOLDS and held.sum() >= _HELD * (time[-1] - time[0]):
+            return True
     if len(signed) < 3 or np.any(moved & (np.abs(signed) < _PART * usual)):
         return False
     small = np.where(moved, np.int8(0), (signed > 0) - (signed < 0).astype(np.int8))[signed != 0]

@@ -22,12 +22,10 @@ _STRAYED = 16
 """Largest range beside a line of p/q counts a sample, in counts/q, over which their rounding goes
 with the angle and does not average out (chosen)."""
 
-_MOST_SAMPLES = 48
-"""Largest number q of samples after which rounding repeats that is searched (chosen)."""
-
-_MODELLED = 12
-"""Largest such number for which the rounding of a steady driving shaft is an offset of its segment;
-above, counts are so coarse that it also moves the orders (chosen)."""
+MODELLED = 12
+"""Largest number q of samples after which rounding repeats for which the rounding of a steady
+driving shaft is an offset of its segment; above, counts are so coarse that it also moves the orders
+(chosen)."""
 
 SAME_SPEED = 0.03
 """Segments with a smaller relative difference of speed belong to one plateau (chosen)."""
@@ -83,7 +81,7 @@ class Commensurate:
     @property
     def sentence(self) -> str:
         """Sentence on what it does to a fit, with a cure."""
-        step = Fraction(self.counts_per_sample).limit_denominator(_MOST_SAMPLES).denominator
+        step = Fraction(self.counts_per_sample).limit_denominator(100).denominator
         orders = f" and {self.rounding_arcsec:.2g}″ in orders" if self.rounding_arcsec else ""
         return (
             f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
@@ -137,8 +135,10 @@ def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
     return tuple(found)
 
 
-def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensurate, ...]:
-    """Return shafts with readings in whole counts that turn by p/q counts per sample, q ≤ 48.
+def commensurate(
+    log: EncoderLog, segments: Sequence[Segment], most: int = 48
+) -> tuple[Commensurate, ...]:
+    """Return shafts with readings in whole counts that turn by p/q counts per sample, q ≤ `most`.
 
     The rounding of a steady shaft then repeats every q samples, and their mean is rounded to 1/q
     counts. Most steps of q samples are p counts, which noise of the encoder would prevent, and
@@ -156,7 +156,7 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
         if row or channel is None or not np.issubdtype(channel.reading.dtype, np.integer):
             continue
         for segment in segments:
-            step, samples, strayed = _locked(channel.reading[segment.start : segment.stop])
+            step, samples, strayed = _locked(channel.reading[segment.start : segment.stop], most)
             if not samples:
                 continue
             name, rpm = (shaft, abs(step)), 60 * segment.speed / REV
@@ -164,7 +164,7 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
             size = gain * channel.resolution / (samples * ARCSEC)
             size /= float(np.sqrt(12 * max(strayed, 1.0)))
             if (
-                shaft == "driving" and strayed <= 1 and samples <= _MODELLED
+                shaft == "driving" and strayed <= 1 and samples <= MODELLED
             ):  # one rounding error, an offset of the segment
                 own = segment.start, segment.stop, size
                 one = replace(one, offsets=(*one.offsets, own))
@@ -177,13 +177,13 @@ def commensurate(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Commensu
     return tuple(findings.values())
 
 
-def _locked(reading: Int64[np.ndarray, " n"]) -> tuple[float, int, float]:
-    """Return p/q for the least q, that q, and the range beside the line of p/q counts a sample.
+def _locked(reading: Int64[np.ndarray, " n"], most: int) -> tuple[float, int, float]:
+    """Return p/q for the least q ≤ `most`, that q, and the range beside p/q counts a sample.
 
     The range is in counts/q; q is 0 for a shaft that does not turn so.
     """
     total = np.cumsum(reading - reading[0])
-    for samples in range(1, min(_MOST_SAMPLES, len(reading) // 3) + 1):
+    for samples in range(1, min(most, len(reading) // 3) + 1):
         moved = reading[samples:] - reading[:-samples]
         mean, near = float(np.mean(moved)), 1e-3 + samples / len(moved)
         whole = round(mean)

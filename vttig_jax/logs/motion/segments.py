@@ -371,13 +371,17 @@ def still_segments(log: EncoderLog) -> Segments:
     Of twice as many readings as usual at a place where the motion turns, half belong to each side;
     a column of directions replaces all this.
     """
-    sense, how = _approach(log.driving.angle), "that of the approach"
+    stop = stops_of(log)
+    kept, angle = stop >= 0, log.driving.angle[stop >= 0]
+    sense, how = np.zeros(len(log), np.int64), "that of the approach"
+    sense[kept] = _approach(angle)
     if log.direction is not None:
         against = np.count_nonzero(log.direction[1:] * np.diff(log.driving.angle) < 0)
         sense, how = log.direction.astype(np.int64), "that of the direction column"
+        sense[~kept] = 0
         said = f", which in {against} rows is not that of the step to their position (--invert"
         how += f"{said} driving --invert driven exchange both directions)" * bool(against)
-    count = max(map(places, (log.driving.angle, float(log.ratio) * log.driving.angle)))
+    count, size = max(map(places, (angle, float(log.ratio) * angle))), len(np.unique(stop[kept]))
     ends = np.flatnonzero(np.diff(sense)) + 1
     spans = zip([0, *ends.tolist()], [*ends.tolist(), len(log)], strict=True)
     parts = [(a, b, bool(sense[a] > 0)) for a, b in spans if sense[a]]
@@ -386,13 +390,27 @@ def still_segments(log: EncoderLog) -> Segments:
         tuple(MotionPhase(a, b, "forward" if up else "backward", 0.0) for a, b, up in parts),
         len(log),
         (
-            f"a table of {len(log)} readings at standstill at {count} places: the flank"
-            f" is {how}, and there is no delay; if the shafts turned while it was recorded, say"
-            " --running",
+            f"a table of {size} readings at standstill at {count} places: the flank is {how}, and"
+            " there is no delay; if the shafts turned while it was recorded, say --running",
         ),
         crossing=0.0,
         still=True,
     )
+
+
+def stops_of(log: EncoderLog) -> Int[np.ndarray, " n"]:
+    """Return the number of the stop to which every sample belongs, −1 for one read in motion.
+
+    Samples of one stop share its approach, so that they are one reading. Without a clock, and where
+    most stops have one or two samples, every sample is a reading of its own.
+    """
+    step = np.diff(log.driving.angle, prepend=log.driving.angle[0])
+    number = np.cumsum(np.abs(step) > SAME * usual_step(step))
+    size = np.bincount(number)[number]
+    usual = float(np.median(size))
+    if "time" not in log.place.columns or usual < _SEVERAL:
+        return np.arange(len(log))
+    return np.where(size >= usual / _SEVERAL, number, -1)
 
 
 def places(angle: Float[np.ndarray, " n"]) -> int:
@@ -417,6 +435,10 @@ def _approach(angle: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
             sense[first[k] : first[k] + own] = way[k - 1]
     return sense
 
+
+_SEVERAL = 3
+"""Least number of samples of the usual stop of a log that was recorded while shafts were held; in
+stops that are so many times shorter the shafts moved (chosen)."""
 
 FULL_TURN = 0.99
 """A shaft that turned at least so many times has a first order; tables end a step before a turn."""

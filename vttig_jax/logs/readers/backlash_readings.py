@@ -222,7 +222,7 @@ def _column(table: TextTable, role: str, stated: str | None) -> tuple[int, str]:
         raise LogError(
             f"there is no column {suggested}; the file has"
             f" {', '.join(table.names)}: rename the right one"
-            f"{', or give --column driving=NAME' * (role == 'driving')}.",
+            f"{', or give --column driving=NAME without a log' * (role == 'driving')}.",
             where=table.source,
         )
     return matches[0]

@@ -136,6 +136,8 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
         if ends and (unit not in ("min", "h") or _TIME.match(stem)):  # `motor_min` is the lowest
             stem, suffix = stem[: -len(unit) - 1], unit
             break
+    if suffix is None and "rev" in units and stem.lower().endswith(("_turns", "_revs")):
+        stem, suffix = stem.rpartition("_")[0], "rev"
     if suffix and stem.lower().endswith("_per"):  # `_deg_per_s` is not a time in s
         stem, suffix = f"{stem}_{suffix}", None
     if unit_spelt(name) in ("s", "ms", "us", "ns"):  # a unit of time is the whole name

@@ -191,6 +191,11 @@ def split(line: str, delimiter: str | None, *, trim: bool = True) -> list[str]:
     return fields
 
 
+def _stripped(line: str, delimiter: str | None) -> str:
+    """Return a line without blanks around it; a tab that delimits an empty first field stays."""
+    return line.strip(" \r\n") if delimiter == "\t" else line.strip()
+
+
 def is_value(field: str) -> bool:
     """Return whether a field is a number, a date with time, or a time of day."""
     return looks_like_number(field) or looks_like_stamp(field)
@@ -360,9 +365,9 @@ class TextTable(Table):
 
     def _fields(self, line: str) -> list[str]:
         """Return the fields of a line without its comment; none for `;;` and for a ruled line."""
-        content = self._content(line).strip()
+        content = _stripped(self._content(line), self.delimiter)
         ruled = "---" in content and _RULED.fullmatch(content)
-        return split(content, self.delimiter) if content and not ruled else []
+        return split(content, self.delimiter) if content.strip() and not ruled else []
 
     def _content(self, line: str) -> str:
         """Return a line without its comment, which starts with the line or after a blank.
@@ -595,6 +600,8 @@ def find_table(
         header = None if start is None else _header_before(lines, start, mark)
         if start is not None and header is not None:
             names = _names_with_units(lines, header, mark, len(split(lines[start], mark)))
+            if header + 1 < start and (units := _units_below(lines, header, mark)):
+                header, names = header + 1, with_units(names, units)
             _check_width(lines, start, names, mark, source)
             return TextTable(names, lines, header, mark, **marks)
     if highest:
@@ -606,7 +613,7 @@ def find_table(
 
 def _names(line: str, delimiter: str | None, width: int) -> list[str]:
     """Return the names in a line above rows of `width` fields."""
-    text = line.strip()
+    text = _stripped(line, delimiter)
     for mark in COMMENTS:
         text = text.removeprefix(mark)
     if delimiter is not None:
@@ -623,6 +630,8 @@ def _names_with_units(lines: Lines, header: int, delimiter: str | None, width: i
     if header and not first and all(map(ways_in, ways)):  # each pair below one name
         above = accumulate(split(lines[header - 1], delimiter, trim=False), lambda a, b: b or a)
         return [f"{a} {b}".strip() for a, b in zip(above, ["", *ways], strict=False)]
+    if header > 1 and is_units_row(split(lines[header - 1], delimiter, trim=False)):
+        header -= 1  # names, units, and a row such as that of the amplifiers
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
         return names
     above = _names(lines[header - 1], delimiter, width)
@@ -631,6 +640,23 @@ def _names_with_units(lines: Lines, header: int, delimiter: str | None, width: i
     if len(above) < len(names) or all(map(looks_like_number, above)):
         return names
     return with_units(above, split(lines[header], delimiter, trim=False))
+
+
+def _units_below(lines: Lines, header: int, delimiter: str | None) -> list[str]:
+    """Return the row of units below the names, with empty fields, or an empty list.
+
+    Between blanks a unit belongs to the name whose end is nearest to its own.
+    """
+    fields = split(lines[header + 1], delimiter, trim=False)
+    if not is_units_row(fields):
+        return []
+    if delimiter is None:
+        ends = [one.end() for one in re.finditer(r"\S+(?: [\[(]?\S+)*", lines[header])]
+        placed = [""] * len(ends)
+        for one in re.finditer(r"\S+", lines[header + 1]):
+            placed[int(np.argmin([abs(one.end() - end) for end in ends]))] = one[0]
+        return placed
+    return fields
 
 
 def _first_row(lines: Lines, delimiter: str | None) -> int | None:
@@ -689,10 +715,17 @@ def _header_before(lines: Lines, start: int, delimiter: str | None) -> int | Non
     more names than columns are no header: a name has several words, or the line is a sentence. A
     row of numbers with empty fields has another width than `start` and is no header.
     """
-    width = len(split(lines[start], delimiter))
-    fallback = None
+    width, fallback = len(split(lines[start], delimiter)), None
+    whole = len(split(lines[start], delimiter, trim=False))
     for k in range(start - 1, -1, -1):
         names = _names(lines[k], delimiter, width)
+        # The last cells of the first row may be empty, as below `Remarks`.
+        if (
+            k == start - 1
+            and len(names) == whole > width
+            and not any(map(looks_like_number, names))
+        ):
+            return k
         if len(names) != width and _width_of_numbers(lines[k], delimiter):
             continue
         if len(names) == width:

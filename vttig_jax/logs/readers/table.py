@@ -163,7 +163,8 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     """Return a table of passes up and down side by side as one of one reading a row.
 
     The rows of a pass up are in the order of rising positions and those of a pass down in that of
-    falling ones. Readings that do not follow the positions are errors.
+    falling ones. Readings that do not follow the positions are errors. Rounds below one another, in
+    which the positions repeat, are further passes.
     A table with a time, or of which one of these columns is `requested`, stays as it is.
     """
     # A mean of passes is no pass of its own: it has the sense 0.
@@ -180,6 +181,10 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
         return table
     values = table.numeric()
     kept = [k for k, own in enumerate(senses) if not own and k in values]
+    rounds = max((_rounds(values[k]) for k in kept), default=1)
+    size = len(next(iter(values.values()), ())) // rounds
+    kept = [k for k in kept if rounds == 1 or _rounds(values[k]) == rounds]
+    values = values | {k: values[k][:size] for k in kept}
     even = [k for k in kept if abs(np.sign(np.diff(values[k])).sum()) == len(values[k]) - 1 > 0]
     named = [name_and_unit(name, SHAFT_UNITS, table.source) for name in names]
     stems, units = zip(*named, strict=True)
@@ -192,9 +197,10 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     counted = [k for k in even[:-1] if np.all(np.abs(np.diff(values[k])) == 1)]  # `No.`
     kept = [k for k in kept if k not in counted]
     rising = np.argsort(position)
-    order = np.concatenate([rising, rising[::-1]] * len(up))
-    reading = np.stack([values[k] for k in passes])[np.arange(len(order)) // len(rising), order]
-    ways = np.tile(np.repeat([1, -1], len(rising)), len(up))
+    order = np.concatenate([rising, rising[::-1]] * len(up) * rounds)
+    each = [values[k][r * size : (r + 1) * size] for r in range(rounds) for k in passes]
+    reading = np.stack(each)[np.arange(len(order)) // size, order]
+    ways = np.tile(np.repeat([1, -1], size), len(up) * rounds)
     name = " ".join(word for word in words_of(stems[0]) if word not in WAYS) or "driven"
     # Most steps of angles are alike, also of those modulo a turn, and steps of errors are not.
     slope = np.diff(reading.reshape(-1, len(position))[::2]) / np.diff(position[rising])
@@ -209,6 +215,14 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     return Table(
         columns, arrays, table.source, digest=table.digest, notes=told, ways={len(kept) + 1: "+"}
     )
+
+
+def _rounds(column: Real[np.ndarray, " n"]) -> int:
+    """Return how often the readings of a column come again, all in their order, or 1."""
+    count = int(np.count_nonzero(column == column[:1]))
+    size = len(column) // max(count, 1)
+    whole = size > 2 and np.array_equal(column, np.tile(column[:size], count))
+    return count if whole else 1
 
 
 _PARTS = (("deg", "d"), ("arcmin", "min", "m"), ("arcsec", "s"))
@@ -401,7 +415,8 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
     edges = len(own) if steps else sum(edges)
     if len(times) == 1 and np.all(np.any(changes, axis=0)):
         time = times[0]  # the shaft stands between two counts at its own edges
-        counts = np.interp(time, time[own], 0.5 * (counts[own - 1] + counts[own]))
+        ends = {"left": counts[0], "right": counts[-1]}
+        counts = np.interp(time, time[own], 0.5 * (counts[own - 1] + counts[own]), **ends)
     how = f"the rising edges of `{pair[0]}` in the direction of `{pair[1]}`"
     four = f"the edges of `{pair[0]}` and `{pair[1]}`, four a period"
     note = f"{name} counts {how if steps else four}: {edges} edges"

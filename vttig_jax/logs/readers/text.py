@@ -287,7 +287,7 @@ _AMOUNT = re.compile(r"[-+]?(?:\d[\d.]*|\.\d+)(?:[eE][-+]?\d+)?")
 def _known(data: bytes, codec: str) -> int:
     """Return how many words with other letters than those of ASCII are known in an encoding."""
     try:
-        return known_words(data.decode(codec)[:_TOP])
+        return known_words(codecs.getincrementaldecoder(codec)().decode(data[:_TOP]))
     except UnicodeDecodeError:
         return 0
 

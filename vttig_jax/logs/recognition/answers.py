@@ -34,10 +34,8 @@ def answer_to(
         case "no-time-unit" | "days-or-seconds":
             option, units = "--unit time=UNIT", {"time": "s"}
         case "no-unit" | "scaled-unit":
-            option = f"--unit {role and f'{role}='}UNIT"
-            if not role and reading.lead_mm is not None:  # an angle and a length
-                option = " ".join(f"--unit {shaft}=UNIT" for shaft in SHAFTS)
             units = dict.fromkeys([role] if role else SHAFTS, "deg")
+            option = " ".join(f"--unit {one}=UNIT" for one in units)
         case "no-counts" | "volts-a-turn":
             option, request = "--counts A,B", replace(request, counts=(1000, 1000))
         case "opposite-directions":

@@ -482,7 +482,7 @@ class Search:
         moving = [one for one in candidates if not one.is_constant]
         moving.sort(key=lambda one: bool(one.reading.setpoint))
         moving.sort(key=lambda one: (not one.reading.is_angle, one.reading.unit is None))
-        others = [one for one in self.free() if one.turns and one.reading.other]
+        others = [o for o in self.free() if (o.turns or o.has_levels) and o.reading.other]
         errors = self._error_columns()
         side = {"driving": 0, "driven": 2}
         channels = [one for one in moving + others if one.has_levels]
@@ -522,7 +522,7 @@ class Search:
             pairs = self._turning_together(*turning)
             shown = [f"{said} where `{a.name}` drives `{b.name}`" for said, _, a, b in pairs[:4]]
             seen = f"; the log shows {', or '.join(shown)}" * bool(shown) + seen
-            if len(pairs) == 1 and pairs[0][1] and "time" not in self.roles:
+            if len(pairs) == 1 and pairs[0][1]:
                 named = zip(SHAFTS, pairs[0][2:], strict=True)
                 named = [f"--column {r}='{one.name}'" for r, one in named if r in missing]
                 options = " ".join([*named, pairs[0][1]])
@@ -800,7 +800,8 @@ class Search:
     def _unit(self, one: Candidate, role: str) -> str | None:
         """Return the unit of a column in the role of a shaft; stated counts are the last resort."""
         written = one.reading.unit if one.reading.unit in SHAFT_UNITS else None
-        counted = self.statement.counted and role in SHAFTS
+        stated = {self.statement.unit.driving, self.statement.unit.driven}
+        counted = self.statement.counted and role in SHAFTS and "counts" not in stated
         return written or self.units.get(role) or ("counts" if counted else None)
 
     def _no_unit(self, unnamed: Sequence[tuple[str, Candidate]]) -> Question:
@@ -812,12 +813,11 @@ class Search:
             role = ""
         where = f"{self.source}: column `{one.name}`" if in_file and role else self.source
         slug, words = "scaled-unit" if scale else "no-unit", {"role": role or "driving"}
-        if slug == "no-unit" and not role and self.statement.layout.lead_mm is not None:
-            slug = "no-unit-of-axis"
         if all(one.is_voltage for one in columns) and not in_file:
             return ask("volts-a-turn", where, role=role, columns=columns, options=["--counts A,B"])
-        told = self._hint(slug, option=role and f"{role}=", counts=_COUNTS, **words)
-        slug = slug.removesuffix("-of-axis")
+        option = " ".join(f"--unit {one}=UNIT" for one in ([role] if role else SHAFTS))
+        lengths = ", and mm or um on this axis" * (self.statement.layout.lead_mm is not None)
+        told = self._hint(slug, option=option, lengths=lengths, counts=_COUNTS, **words)
         return ask(slug, where, role=role, columns=columns, options=[told], scale=scale)
 
     def _no_lead(self, role: str, one: Candidate) -> Question:

@@ -28,6 +28,10 @@ fraction of it (chosen)."""
 SHOWN = 3
 """Number of values of a column that an error message shows (chosen)."""
 
+MOST_CYCLES = 100
+"""A column that counts cycles of rows ends below this number; above, it may be a slow encoder
+(chosen)."""
+
 HEAD = 1000
 """Number of first rows that mostly tell that a column does not count the rows (chosen)."""
 
@@ -92,7 +96,14 @@ class Candidate:
 
     @cached_property
     def is_row_number(self) -> bool:
-        """Whether the values count the rows, with restarts at 0 or the first one, and few gaps."""
+        """Whether the values count the rows, with restarts at 0 or the first one, and few gaps.
+
+        So are numbers of cycles, each of which holds for several rows.
+        """
+        if self.values is not None and self.rows and self.rows >= 4 * (np.ptp(self.values) + 1):
+            steps = np.unique(np.diff(self.values))
+            if set(steps.tolist()) == {0, 1} and self.values[0] in (0, 1):
+                return bool(self.values[-1] < MOST_CYCLES)
         for part in (slice(HEAD), slice(None)):  # most columns are told by their first rows
             values = np.zeros(0) if self.values is None else self.values[part]
             steps = np.diff(values)
@@ -120,8 +131,14 @@ class Candidate:
 
         The first readings of a counter of 16 or 32 bits that passes zero are no levels.
         """
-        values = np.zeros(1) if self.values is None or not self.turns else self.values
+        values = np.zeros(1) if self.values is None else self.values
+        known = values[np.isfinite(values)]
+        if np.isnan(values).any() or not len(known) or self.is_row_number:
+            return False
+        values = np.clip(values, known.min(), known.max())  # ∞ is beyond the range of a scope
         size = float(np.ptp(values))
+        if size < LEAST_RANGE:
+            return False
         counter = any(0 <= bits - size < 0.01 * bits for bits in (2.0**16, 2.0**24, 2.0**32))
         off = np.abs(values - values.min() - 0.5 * size) > _LEVELS * size
         return self.rows > SHOWN**2 and float(np.mean(off)) > 0.99 and not counter
