@@ -176,3 +176,32 @@ def test_few_places_leave_out_high_orders_and_standstill_is_the_users_word(tmp_p
     path = table(tmp_path, np.arange(0.0, 1080.0, 5.0))
     assert fitted(path).core.shafts[0].still
     assert not fitted(path, standstill=False).core.shafts[0].still
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_the_samples_of_a_stop_are_one_reading(tmp_path, moves):
+    """What scatters from stop to stop is no noise of single samples, and moves are no stops."""
+    random = np.random.default_rng(4)
+    there = np.arange(0.0, 361.0, 9.0)
+    stops = np.concatenate([[-9.0], there, [369.0], there[::-1], [-9.0]])
+    way = np.concatenate([[1.0], np.diff(stops)])
+    scatter, held, rows = 4.0, 15, []
+    for before, stop, sense in zip(np.roll(stops, 1), stops, way, strict=True):
+        if moves and rows:
+            between = np.linspace(before, stop, 6)[1:-1]
+            rows += [(50 * a, a + random.normal(0, 5) * ARCSEC) for a in between]
+        off = sines(np.array([stop]), (26, 1, 64), (9, 50, 20))[0] + 60 * (sense < 0)
+        off += random.normal(0, scatter) + random.normal(0, 0.8, held)
+        rows += [(50 * stop, stop + one * ARCSEC) for one in off]
+    driving, driven = np.transpose(rows)
+    time = 0.1 * np.arange(len(rows))
+    path = written(tmp_path / "bench.csv", "time_s,driving_deg,driven_deg", time, driving, driven)
+    result = vttig_jax.fit(vttig_jax.read_log(path, ratio="50:1"))
+    expected = scatter * np.sqrt(2 / len(stops))
+    for name, true in (("driving_amplitude_arcsec", 9.0), ("driven_amplitude_arcsec", 26.0)):
+        one = result.parameters[name]
+        assert 0.7 * expected < one.std < 2 * expected
+        assert abs(one.value - true) < 3 * one.std
+    gap = result.parameters["constant_backlash_deg"]
+    assert abs(gap.value - 60 * ARCSEC) < 4 * gap.std
+    assert f"a table of {len(stops)} readings" in " ".join(one.sentence for one in result.findings)

@@ -107,7 +107,7 @@ class Candidate:
         for part in (slice(HEAD), slice(None)):  # most columns are told by their first rows
             values = np.zeros(0) if self.values is None else self.values[part]
             steps = np.diff(values)
-            ones, counts = steps == 1, (steps >= 1) & (steps % 1 == 0)
+            ones, counts = steps == 1, (steps >= 1) & (steps == np.rint(steps))
             if len(values) < 2 or not np.all(counts | np.isin(values[1:], (0, values[0]))):
                 return False
         return bool(np.mean(ones) > 0.9)
