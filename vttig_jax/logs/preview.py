@@ -338,7 +338,8 @@ def _readable(search: Search) -> tuple[dict[int, np.ndarray], list[str]]:
                 errors[name] = error
     if not arrays:
         raise next(iter(errors.values()))
-    notes = [f"column `{name}` is not read: {error.message}" for name, error in errors.items()]
+    seen = {name: error.message.replace("; correct it.", ".") for name, error in errors.items()}
+    notes = [f"column `{name}` is not read: {fault}" for name, fault in seen.items()]
     return dict(sorted(arrays.items())), notes
 
 

@@ -32,7 +32,8 @@ def answer_to(
         case "no-lead":
             option, changes = "--lead-mm MM", {"lead_mm": 1.0}
         case "no-time-unit" | "days-or-seconds":
-            option, units = "--unit time=UNIT", {"time": "s"}
+            counted = "sample" in columns[0].lower()
+            option, units = "--sample-rate HZ" if counted else "--unit time=UNIT", {"time": "s"}
         case "no-unit" | "scaled-unit":
             units = dict.fromkeys([role] if role else SHAFTS, "deg")
             option = " ".join(f"--unit {one}=UNIT" for one in units)
