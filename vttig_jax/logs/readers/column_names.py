@@ -414,15 +414,19 @@ def first_way(words: Sequence[str]) -> str:
 
 
 def is_error(name: str) -> bool:
-    """Return whether a name says an error of an angle: `Deviation`, `Winkelabweichung`."""
-    return bool(_found(words_of(name), ERRORS))
+    """Return whether a name says an error of an angle: `Deviation`, `Ist-Soll`."""
+    return bool(_found(words_of(name), ERRORS)) or len({*_sides(name)}) == 2
 
 
 def is_setpoint_first(name: str) -> bool:
     """Return whether a name says a setpoint minus what was measured, as `Soll-Ist` does."""
-    first, minus, second = name.partition("-" if "-" in name else "−")
-    said = [not SETPOINTS.isdisjoint(words_of(part)) for part in (first, second)]
-    return bool(minus) and said == [True, False] and bool(words_of(second))
+    return _sides(name) == [True, False]
+
+
+def _sides(name: str) -> list[bool]:
+    """Return for each side of a minus in a name whether it is a setpoint; [] without both sides."""
+    sides = [words_of(part) for part in name.partition("-" if "-" in name else "−")[::2]]
+    return [not SETPOINTS.isdisjoint(words) for words in sides] if all(sides) else []
 
 
 def is_transmission_error(name: str, where: str) -> bool:

@@ -391,14 +391,21 @@ def read_sections(lines: Lines, source: str) -> Found | None:
     columns: dict[str, np.ndarray] = {}
     notes = []
     first, *rest = found
-    ends = [
-        to_number(one.rows[k][1][0], decimal_of(one.rows, mark)) for one in found for k in (0, -1)
+    columns_of_ends = [
+        [to_number(one.rows[k][1][c], decimal_of(one.rows, mark)) for one in found for k in (0, -1)]
+        for c in range(min(len(one.names) for one in found))
     ]
-    senses = [
-        float(np.sign(b - a)) if a is not None and b is not None else 0.0
-        for a, b in zip(ends[::2], ends[1::2], strict=True)
-    ]
+    ends = columns_of_ends[0]
     rises = all(a is not None and b is not None and a < b for a, b in pairwise(ends))
+    ways = [
+        [
+            np.nan if a is None or b is None else float(np.sign(b - a))
+            for a, b in zip(c[::2], c[1::2], strict=True)
+        ]
+        for c in columns_of_ends
+    ]
+    # Positions come before errors, and numbers of points rise in every pass.
+    senses = next((one for one in ways if {*one} == {1.0, -1.0}), ways[0])
     timed = any(word in TIME for name in first.names for word in words_of(name))
     said = [ways_in(one.heading) for one in found]
     if all(len(ways) == 1 for ways in said):

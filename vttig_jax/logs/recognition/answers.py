@@ -30,7 +30,9 @@ def answer_to(
         case "no-time":
             option, changes = "--sample-rate HZ", {"sample_rate": 1.0}
         case "no-lead":
-            option, changes = "--lead-mm MM", {"lead_mm": 1.0}
+            gauge = role == "transmission_error"  # beside positions that are angles
+            option = "--radius-mm MM" if gauge else "--lead-mm MM"
+            changes = {"lead_mm": 1.0}
         case "no-time-unit" | "days-or-seconds":
             counted = "sample" in columns[0].lower()
             option, units = "--sample-rate HZ" if counted else "--unit time=UNIT", {"time": "s"}

@@ -559,6 +559,14 @@ class Search:
         Positions over which the driven shaft would turn less than half a turn, and the driving one
         at least nine tenths if they are those of the driven shaft, are taken for those of it.
         """
+        spans = [
+            0.0
+            if one.values is None
+            else np.ptp(one.values) * ANGLE_UNITS.get(one.reading.unit or "", 0)
+            for one in angles
+        ]
+        # Reversal values beside the positions are small.
+        angles = [one for one, span in zip(angles, spans, strict=True) if span >= max(spans) / 100]
         ratio, scaled = self.statement.ratio, self.statement.layout.driving_scale != 1
         scale = "I with I:1" if ratio is None else str(1 / ratio)
         option, told = "--column driving=NAME", self._hint("positions", scale=scale)
