@@ -36,13 +36,9 @@ def _log(kind: str, gap_deg: float = 0.0, seed: int = 0) -> EncoderLog:
     return EncoderLog.from_arrays(time, *angles, pair=paper_pair(), unit="deg")
 
 
-SURE = "without noise, an error of 1e-6° of the model is told as a gap"
-EXACT = pytest.param("angles", 0, marks=pytest.mark.xfail(reason=SURE, strict=True))
-
-
 @pytest.mark.portable
 @pytest.mark.parametrize(
-    ("kind", "seed"), [EXACT, ("noise", 0), *(("noisy counts", seed) for seed in range(3))]
+    ("kind", "seed"), [("angles", 0), ("noise", 0), *(("noisy counts", seed) for seed in range(3))]
 )
 def test_no_gap_is_reported_where_there_is_none(kind, seed):
     result = fit(_log(kind, seed=seed), paper_pair())
@@ -63,12 +59,7 @@ def test_a_gap_below_a_count_would_be(kind):
     assert gap.value == pytest.approx(3e-3, abs=max(4 * (gap.std or 0.0), 1e-6))
 
 
-STAYS = "the largest density of ten turns has noise, and a drift and a delay that are not there"
-
-
-@pytest.mark.parametrize(
-    "turns", [6, pytest.param(10, marks=pytest.mark.xfail(reason=STAYS, strict=True)), 20]
-)
+@pytest.mark.parametrize("turns", [6, 10, 20])
 def test_the_truth_comes_back_and_the_lack_of_noise_is_said(clean_rig, turns):
     rig = replace(clean_rig, motion=PassMotion(speed_rpm=180.0, reversal_deg=360.0 * turns))
     result = fit(rig.log(), rig.pair)

@@ -20,6 +20,10 @@ from .problem import cleared, problem_of, products_of, sides_of, with_known
 from .rows import LATE, Extra, RowName, Rows, S, Shafts, Wave, merged
 from .scope import Scope, scope_of
 
+_LONGEST = 0.05
+"""Largest delay that is followed, as a share of the duration of a log: the search does not settle
+where nothing tells a delay (chosen)."""
+
 _MOST_PASSES = 7
 CLEAR = 4.0
 """Standard errors of an order that stands out: noise alone passes it once in three thousand orders,
@@ -143,8 +147,10 @@ def mixed_fit(
         while True:
             search = largest if searched else partial(maximise, rough=True)
             found = search(problem.compressed, theta)
-            if theta is not None and not np.isfinite(found.aux.value):
-                theta = None  # what was largest before the last step of the delay has no density
+            if not np.isfinite(found.aux.value) and not (theta is None and searched):
+                # What was largest before the last step of the delay may have no density, nor what
+                # is usual.
+                theta, searched = None, theta is None
                 continue
             theta = np.asarray(found.value)
             steps += int(found.stats["num_steps"])
@@ -172,6 +178,9 @@ def mixed_fit(
             # sign: the next one is that of the secant, of half to three times the length.
             value, before = float(step[0][0]), value
             last = value / (float(np.clip((before - value) / last, 1 / 3, 2)) if last else 1.0)
+            if not abs(delay_s + last) < _LONGEST * max(np.ptp(one.time) for one in shafts):
+                settled = False
+                break
             delay_s += last
     return MixedFit(
         shafts=shafts,

@@ -3,18 +3,22 @@
 from itertools import pairwise
 
 import numpy as np
+from jaxtyping import Float
 from scipy.ndimage import uniform_filter1d
 
-from ..base.units import ARCSEC
+from ..base.units import ARCSEC, REV
 from ..logs.channel.unwrap import step_of
 from ..logs.checks.sampling import MODELLED, commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
-from ..logs.motion.segments import Segments, places, stops_of
+from ..logs.motion.segments import FULL_TURN, Segments, places, stops_of
 from .rows import Run, S, Shafts, merged
 
 _TORQUE_S = 0.1
 """Time over which torque is averaged: its noise would make the coefficient too small."""
+
+_ENOUGH = 20_000
+"""Number of samples from which slope and level of a log are seen (chosen)."""
 
 _TWICE = 1.8
 """Readings at a place of a table, on average, above which they tell a drift (chosen)."""
@@ -61,7 +65,6 @@ def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> 
         error = error + ratio * (log.driving_angle - driving)
     if log.driven is not None:
         error = error + (log.driven.steady_angle(log.time) - log.driven_angle)
-    slope, level = np.polyfit(driving, error, 1)
     speed, torque = log.smooth_speed(driving).value, log.torque
     if torque is not None:
         window = max(1, round(_TORQUE_S / log.interval_s))
@@ -76,7 +79,7 @@ def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> 
         interval_s=log.interval_s,
         runs=merged(runs),
         ramps=tuple(sorted(slowing)),
-        nominal=(ratio + float(slope), float(level)),
+        nominal=_nominal(driving, error, ratio, FULL_TURN),
         resolution=log.driving.resolution,
         torque=torque,
         axial_mm=log.axial_mm,
@@ -84,6 +87,23 @@ def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> 
         offsets=tuple(offsets),
     )
     return found.steadied(driving, (*runs, *slowing))
+
+
+def _nominal(
+    driving: Float[np.ndarray, " n"], error: Float[np.ndarray, " n"], ratio: float, least: float
+) -> tuple[float, float]:
+    """Return slope and level of the driven over the driving angle.
+
+    Over few turns a first order has a slope of its own, which is no error of the ratio: orders of
+    the driven shaft are beside them if it turned at least `least` times.
+    """
+    thin = slice(None, None, 1 + len(driving) // _ENOUGH)
+    angle = driving[thin]
+    orders = np.arange(1, 5) if np.ptp(ratio * angle) >= least * REV else np.arange(0)
+    phase = np.outer(ratio * angle, orders)
+    columns = np.column_stack([angle, np.ones(len(angle)), np.cos(phase), np.sin(phase)])
+    slope, level = np.linalg.lstsq(columns, error[thin], rcond=1e-6)[0][:2]
+    return ratio + float(slope), float(level)
 
 
 def _still(log: EncoderLog, segments: Segments) -> Shafts:
@@ -105,8 +125,6 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
     mean = lambda values: np.add.reduceat(values[order], first) / size  # noqa: E731
     driving, error = mean(log.driving_angle), mean(log.transmission_error)
     ratio, speed = float(log.ratio), np.zeros(len(first))
-    # Over one turn a first order has a slope of its own, which is no error of the ratio.
-    phase = np.outer(ratio * driving, np.arange(1, 5))
     # Readings that repeat at n places have one rounding, 2/n of its variance at every harmonic, of
     # which a ratio that is free lets as little as a third be seen.
     count = max(map(places, (driving, ratio * driving)))
@@ -114,8 +132,6 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
     step = step_of(error) if log.driven is None else log.driven.resolution
     # Errors that are small beside a step come from places at whole steps, and not from rounding.
     step *= float(np.ptp(error)) > 0.1 * step
-    columns = np.column_stack([driving, np.ones(len(first)), np.cos(phase), np.sin(phase)])
-    slope, level = np.linalg.lstsq(columns, error, rcond=1e-6)[0][:2]
     return Shafts(
         time=mean(log.time),
         driving=driving,
@@ -126,7 +142,7 @@ def _still(log: EncoderLog, segments: Segments) -> Shafts:
         interval_s=log.interval_s,
         runs=tuple(runs),
         ramps=(),
-        nominal=(ratio + float(slope), float(level)),
+        nominal=_nominal(driving, error, ratio, 0.0),
         resolution=log.driving.resolution,
         torque=None if log.torque is None else mean(log.torque),
         axial_mm=None if log.axial_mm is None else mean(log.axial_mm),

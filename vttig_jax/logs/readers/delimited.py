@@ -634,9 +634,14 @@ def _names_with_units(lines: Lines, header: int, delimiter: str | None, width: i
         header -= 1  # names, units, and a row such as that of the amplifiers
     if header == 0 or not is_units_row(split(lines[header], delimiter, trim=False)):
         return names
-    above = _names(lines[header - 1], delimiter, width)
+    row = lines[header - 1]
+    above = _names(row, delimiter, width)
+    numbered = len(above) > 1 == len({re.sub(r"\d+", "", name) for name in above})
+    if numbered and header > 1 and len(_names(lines[header - 2], delimiter, width)) == len(above):
+        row = lines[header - 2]  # above `Ch=0`, `Ch=1`
+        above = _names(row, delimiter, width)
     if delimiter is not None:  # a name of several columns is above the first one
-        above += [""] * (len(split(lines[header - 1], delimiter, trim=False)) - len(above))
+        above += [""] * (len(split(row, delimiter, trim=False)) - len(above))
     if len(above) < len(names) or all(map(looks_like_number, above)):
         return names
     return with_units(above, split(lines[header], delimiter, trim=False))

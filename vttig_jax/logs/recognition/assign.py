@@ -504,7 +504,11 @@ class Search:
         volts = volts * (not moving and not levels)
         if len(volts) >= len(missing):  # analogue outputs of encoders
             options += " --counts A,B" * (not self.statement.counted)
-        lengths = LENGTH_UNITS.keys() & {one.reading.other for one in self.free()}
+        lengths = [one for one in others if one.reading.other in LENGTH_UNITS]
+        if lengths and not moving and given:
+            if len(missing) == len(lengths) == 1:
+                options = f"--column {missing[0]}='{lengths[0].name}'"
+            options += " --lead-mm MM"
         if not given:
             why = "and without a ratio the motion says nothing"
             # `answer_to` takes what follows the last ", or ", which is the option for columns.
@@ -512,6 +516,8 @@ class Search:
             options = stated * (not self.clocked) + options
         elif volts or levels:
             why = "and volts and levels are no angles"
+        elif lengths and not moving:
+            why = "and a length is an angle only with its lead"
         elif not moving:
             why = "and no other column holds numbers that change"
         else:
