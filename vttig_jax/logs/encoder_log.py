@@ -323,8 +323,8 @@ class EncoderLog:
                 channel, told = make_channel(role, *one, time, layout, place, step, still=still)
                 channels[role], notes = channel, [*notes, *told]
                 if role == "driving":
-                    steps = steps_of(channel.reading, REV / abs(channel.radians_per_unit))
-                    still = is_at_standstill(steps, time, clock="time" in place.columns)
+                    turn, clock = REV / abs(channel.radians_per_unit), "time" in place.columns
+                    still = is_at_standstill(steps_of(channel.reading, turn), time, clock=clock)
         ratio = None if statement.ratio is None else float(statement.ratio)
         channels, told = without_shared_spikes(channels, time, ratio)
         notes += told

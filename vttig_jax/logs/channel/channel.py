@@ -62,7 +62,7 @@ _LEFT = {"driving": "interpolates {}", "driven": "leaves {} out"}
 def gaps_of(time: Real[np.ndarray, " n"]) -> Bool[np.ndarray, " steps"]:
     """Return which intervals between samples are gaps in time."""
     size = max(1, min(_NEAR, len(time) // 3))
-    usual = np.median(time[size:] - time[:-size]) / size
+    usual = np.median(time[size:] - time[:-size], overwrite_input=True) / size
     return np.diff(time) > GAP * usual
 
 

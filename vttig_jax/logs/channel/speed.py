@@ -211,7 +211,7 @@ def is_at_standstill(
     """
     usual = usual_step(signed)
     moved = np.abs(signed) > SAME * usual
-    if clock and len(signed):
+    if clock and len(signed) and np.mean(moved) < 1 - _HELD:
         ends = np.concatenate([[0], np.flatnonzero(moved), [len(signed)]])
         held = time[ends[1:]] - time[np.minimum(ends[:-1] + (ends[:-1] > 0), ends[1:])]
         held = held[held >= LONG_S]

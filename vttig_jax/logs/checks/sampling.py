@@ -187,6 +187,8 @@ def _locked(reading: Int64[np.ndarray, " n"], most: int) -> tuple[float, int, fl
         moved = reading[samples:] - reading[:-samples]
         mean, near = float(np.mean(moved)), 1e-3 + samples / len(moved)
         whole = round(mean)
+        if samples > MODELLED and abs(whole) >= samples:
+            break  # finer steps than these are not coarse
         if whole and abs(mean - whole) < near and np.mean(moved == whole) > 2 / 3:
             sums = total[samples:] - total[:-samples]
             strayed = float(np.ptp(sums - whole * np.arange(len(sums))))
