@@ -24,7 +24,7 @@ BOUNDS = {
     "pair": (621, 1),  # 560
     "kinematics": (1136, 23),  # 780
     "geometry": (3238, 53),  # 2800
-    "logs": (10330, 275),  # 7400
+    "logs": (10327, 275),  # 7400
     "rig": (288, 1),  # 260
     "model": (2137, 45),
     "identify": (3468, 39),  # 9000 together with posterior

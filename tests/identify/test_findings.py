@@ -197,10 +197,12 @@ def test_a_delay_that_creeps_and_a_gap_that_depends_on_the_speed_are_said():
     creeping = lambda time, _: 1e-3 + 6e-3 * time / 110.0  # noqa: E731
     one = finding(fit(log_of(passes=2, delay_s=creeping), PAIR), "delay-changes")
     assert one.numbers["largest_s"] > one.numbers["least_s"] + 2e-3
+    step = lambda angle, speed: np.where(speed > 50, 3 * GAP, GAP)  # noqa: E731
     bent = lambda angle, speed: GAP * (1 + 0.1 * (speed / 90) ** 2)  # noqa: E731
-    result = fit(log_of(rpms=(20.0, 40.0, 70.0, 90.0), gap=bent), PAIR)
-    assert "gap-of-speed" in slugs(result) and len(result.checks.gap_by_speed) > 2
-    assert result.checks.likelihood_ratio["gap_by_speed"] > 12
+    for gap in (step, bent):
+        result = fit(log_of(rpms=(20.0, 40.0, 70.0, 90.0), gap=gap), PAIR)
+        assert "gap-of-speed" in slugs(result) and len(result.checks.gap_by_speed) > 2
+        assert result.checks.likelihood_ratio["gap_by_speed"] > 12
 
 
 def test_a_ramp_is_no_speed_of_the_log():

@@ -110,13 +110,13 @@ def changing_delay(fit: Fit, found: Identified) -> Iterator[Finding]:
 
 
 def gap_of_speed(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say that the gap depends on the speed, by more than a user of it minds."""
+    """Say that the gap depends on the speed, by more than a share of a gap that the log tells."""
     rows, ratio = fit.checks.gap_by_speed, fit.checks.likelihood_ratio["gap_by_speed"]
     if ratio <= NEEDED or len(rows) < 2:
         return
     ends = min(rows, key=lambda one: one.value), max(rows, key=lambda one: one.value)
     slow, fast = sorted(ends, key=lambda one: one.speed_rpm)
-    if abs(fast.value - slow.value) < _MINDED * abs(slow.value):
+    if slow.std < abs(slow.value) > abs(fast.value - slow.value) / _MINDED:
         return
     yield _said(
         "gap-of-speed",

@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 
 from ..base.units import ARCSEC, REV
 from ..logs.channel.unwrap import step_of
-from ..logs.checks.sampling import MODELLED, commensurate
+from ..logs.checks.sampling import MODELLED, MOST_SAMPLES, commensurate
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import find_ramps
 from ..logs.motion.segments import FULL_TURN, Segments, places, stops_of
@@ -41,7 +41,7 @@ def shafts_of(log: EncoderLog, segments: Segments, *, planned: bool = False) -> 
     runs = [Run(s.start, s.stop, s.flank) for s in segments.segments]
     slowing: list[Run] = []
     blurred = log.driving_speed.window // 2  # there the smoothed speed spans the standstill
-    locked = commensurate(log, segments.segments, *[MODELLED] * planned)
+    locked = commensurate(log, segments.segments, MODELLED if planned else MOST_SAMPLES)
     offsets = [(a, b, std * ARCSEC) for one in locked for a, b, std in one.offsets if not planned]
     # The rounding of a ramp is noise, which runs of one rounding error each do not have.
     free = sum(run.stop - run.start for run in runs) > 2 * sum(b - a for a, b, _ in offsets)

@@ -40,7 +40,7 @@ from .unwrap import (
     wrap_steps,
 )
 
-GAP = 5.001
+_GAP = 5.001
 """Sampling intervals longer than this many usual intervals are gaps in time (chosen)."""
 
 _NEAR = 8
@@ -63,7 +63,7 @@ def gaps_of(time: Real[np.ndarray, " n"]) -> Bool[np.ndarray, " steps"]:
     """Return which intervals between samples are gaps in time."""
     size = max(1, min(_NEAR, len(time) // 3))
     usual = np.median(time[size:] - time[:-size], overwrite_input=True) / size
-    return np.diff(time) > GAP * usual
+    return np.diff(time) > _GAP * usual
 
 
 def _one_side(time: Real[np.ndarray, " n"], row: int | np.int64) -> str:
@@ -272,16 +272,15 @@ def without_shared_spikes(
     """
     spiky = {role: one for role, one in channels.items() if one.spikes is not None}
     off = {role: one.angle - one.steady_angle(time) for role, one in spiky.items()}
+    alone = np.True_
     if len(spiky) == 2 and ratio is not None:
-        a, b = ratio * off["driving"], off["driven"]
-        apart = np.abs(np.abs(a) - np.abs(b)) > _ALIKE * np.maximum(np.abs(a), np.abs(b))
-        alone = apart | (a == 0) | (b == 0)
-        for role, one in spiky.items():
-            seen = np.abs(off[role]) > QUANTA * one.resolution
-            mask = one.spikes & (alone & seen | one.stalled)
-            spiky[role] = replace(one, spikes=mask if mask.any() else None)
+        a, b = np.abs(ratio * off["driving"]), np.abs(off["driven"])
+        alone = np.abs(a - b) > _ALIKE * np.maximum(a, b)
     notes = []
     for role, one in spiky.items():
+        seen = np.abs(off[role]) > QUANTA * one.resolution
+        mask = one.spikes & (alone & seen | one.stalled)
+        spiky[role] = one = replace(one, spikes=mask if mask.any() else None)
         if one.spikes is not None and (others := one.spikes & ~one.stalled).any():
             number, share = int(np.count_nonzero(others)), float(np.mean(others))
             notes.append(

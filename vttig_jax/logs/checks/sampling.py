@@ -22,6 +22,9 @@ _STRAYED = 16
 """Largest range beside a line of p/q counts a sample, in counts/q, over which their rounding goes
 with the angle and does not average out (chosen)."""
 
+MOST_SAMPLES = 48
+"""Largest number q of samples after which rounding repeats that is searched (chosen)."""
+
 MODELLED = 12
 """Largest number q of samples after which rounding repeats for which the rounding of a steady
 driving shaft is an offset of its segment; above, counts are so coarse that it also moves the orders
@@ -35,7 +38,7 @@ SAME_SPEED = 0.03
 class Sampling:
     """Properties of the time stamps of a log; see `sampling_of` for rate and jitter.
 
-    `gaps` is the number of intervals longer than `GAP` median intervals, `duplicates` the number of
+    `gaps` is the number of intervals that `gaps_of` finds, `duplicates` the number of
     intervals of length 0. `shortest_s` and `longest_s` are the extremes of the intervals.
     """
 
@@ -81,7 +84,7 @@ class Commensurate:
     @property
     def sentence(self) -> str:
         """Sentence on what it does to a fit, with a cure."""
-        step = Fraction(self.counts_per_sample).limit_denominator(100).denominator
+        step = Fraction(self.counts_per_sample).limit_denominator(MOST_SAMPLES).denominator
         orders = f" and {self.rounding_arcsec:.2g}″ in orders" if self.rounding_arcsec else ""
         return (
             f"at {self.speed_rpm:.5g} rpm the {self.shaft} encoder passes"
@@ -136,7 +139,7 @@ def plateaus_of(segments: Sequence[Segment]) -> tuple[SpeedPlateau, ...]:
 
 
 def commensurate(
-    log: EncoderLog, segments: Sequence[Segment], most: int = 48
+    log: EncoderLog, segments: Sequence[Segment], most: int = MOST_SAMPLES
 ) -> tuple[Commensurate, ...]:
     """Return shafts with readings in whole counts that turn by p/q counts per sample, q ≤ `most`.
 
@@ -163,9 +166,8 @@ def commensurate(
             one = findings.setdefault(name, Commensurate(*name, 0.0, 0.0, rpm))
             size = gain * channel.resolution / (samples * ARCSEC)
             size /= float(np.sqrt(12 * max(strayed, 1.0)))
-            if (
-                shaft == "driving" and strayed <= 1 and samples <= MODELLED
-            ):  # one rounding error, an offset of the segment
+            if shaft == "driving" and strayed <= 1 and samples <= MODELLED:
+                # One rounding error, an offset of the segment.
                 own = segment.start, segment.stop, size
                 one = replace(one, offsets=(*one.offsets, own))
                 size *= (segment.stop - segment.start) / sizes[segment.flank]
@@ -188,7 +190,7 @@ def _locked(reading: Int64[np.ndarray, " n"], most: int) -> tuple[float, int, fl
         mean, near = float(np.mean(moved)), 1e-3 + samples / len(moved)
         whole = round(mean)
         if samples > MODELLED and abs(whole) >= samples:
-            break  # finer steps than these are not coarse
+            break  # a count or more a sample: such counts are not coarse
         if whole and abs(mean - whole) < near and np.mean(moved == whole) > 2 / 3:
             sums = total[samples:] - total[:-samples]
             strayed = float(np.ptp(sums - whole * np.arange(len(sums))))

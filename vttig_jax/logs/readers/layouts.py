@@ -383,7 +383,7 @@ def read_sections(lines: Lines, source: str) -> Found | None:
     """Return the columns of at least two tables, each with a line of names, or None.
 
     Passes up and down without a time are one table with a direction, which is that of the headings
-    or of the first column.
+    or of the first column that rises in some passes and falls in others.
     """
     found, mark = _sections(list(lines)) if lines.match(_WORD, 2) else ([], "")
     if not found:

@@ -50,9 +50,6 @@ _MOST_CHANNELS = 50
 _INFLUX = {"_time", "_value"}
 _NO_TAGS = ("", "result", "table", "_start", "_stop", "_time", "_value", "_field")
 
-_MOST_FIELDS = 8
-"""Largest number of columns of a long table (chosen)."""
-
 _FEWEST = 4
 """Least mean number of rows per channel (chosen)."""
 
@@ -264,7 +261,7 @@ def read_long_rows(
 
 def roles_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, int, int] | None:
     """Return the columns of time, name and value of a long table; None for any other table."""
-    if len(rows) < _FEWEST - 1 or not 3 <= len(head) == len(rows[0]) <= _MOST_FIELDS:
+    if len(rows) < _FEWEST - 1 or not 3 <= len(head) == len(rows[0]):
         return None
     if any(map(looks_like_number, head)):
         return None
