@@ -279,7 +279,7 @@ def without_shared_spikes(
     notes = []
     for role, one in spiky.items():
         seen = np.abs(off[role]) > QUANTA * one.resolution
-        mask = one.spikes & (alone & seen | one.stalled)
+        mask = np.asarray(one.spikes) & (alone & seen | one.stalled)
         spiky[role] = one = replace(one, spikes=mask if mask.any() else None)
         if one.spikes is not None and (others := one.spikes & ~one.stalled).any():
             number, share = int(np.count_nonzero(others)), float(np.mean(others))
