@@ -234,7 +234,8 @@ def student_draws(fit: Fit) -> GapDraws:
     values, axes = np.linalg.eigh(covariance)
     random = np.random.default_rng(0)
     normals = random.standard_normal((_MOST_DRAWS, len(mean)))
-    drawn = (normals - normals.mean(axis=0)) @ (axes * np.sqrt(np.maximum(values, 0))).T
+    # The symmetric root does not depend on the signs and the order of the axes.
+    drawn = (normals - normals.mean(axis=0)) @ (axes * np.sqrt(np.maximum(values, 0))) @ axes.T
     # One scale a draw: the noise that the log hardly tells is the same for all orders.
     share = random.uniform(size=(_MOST_DRAWS, 1))
     drawn = drawn * np.sqrt(freedom / (2 * gammaincinv(freedom / 2, share)))
