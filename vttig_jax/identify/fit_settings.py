@@ -28,8 +28,11 @@ Share = Annotated[float, Meta(ge=0, le=0.1)]
 Positive = Annotated[float, Meta(gt=0, le=sys.float_info.max)]
 
 
-def setting(text: str, option: str, metavar: str | None = None) -> Meta:
-    """Describe a field: its text for `help()` and `--help`, and its option on the command line."""
+def setting(text: str, metavar: str | None = None, option: str | None = None) -> Meta:
+    """Describe a field: its text for `help()` and `--help`, and its option on the command line.
+
+    The option has the name of the field, unless another one is given.
+    """
     return Meta(description=text, extra={"option": option, "metavar": metavar})
 
 
@@ -41,29 +44,20 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     **Arguments**
     """
 
-    flank: Annotated[Flank | None, setting("Use one flank only, as the paper does.", "--flank")] = (
-        None
-    )
+    flank: Annotated[Flank | None, setting("Use one flank only, as the paper does.")] = None
     perfect_encoders: Annotated[
         bool,
-        setting(
-            "Fit no encoder eccentricity. With one flank the encoders are always perfect.",
-            "--perfect-encoders",
-        ),
+        setting("Fit no encoder eccentricity. With one flank the encoders are always perfect."),
     ] = False
     perfect_gears: Annotated[
         bool,
-        setting(
-            "Fit no gear eccentricity: the first orders are those of the encoders.",
-            "--perfect-gears",
-        ),
+        setting("Fit no gear eccentricity: the first orders are those of the encoders."),
     ] = False
     delay: Annotated[
         Literal["auto", "off"] | Delay,
         setting(
             "Delay of the driven channel: fitted (auto, the default), taken as zero, or given in"
             " seconds (on the command line also as 0.5ms).",
-            "--delay",
             "auto|off|SECONDS",
         ),
     ] = "auto"
@@ -74,8 +68,8 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             " command line also as 0.0005s). By default it is half a sampling interval, and as much"
             " as the delay that the log shows. Where the log cannot tell a delay from the backlash,"
             " the interval of the backlash follows from it.",
-            "--delay-within",
             "MILLISECONDS",
+            "--delay-within",
         ),
     ] = None
     ratio_within: Annotated[
@@ -84,7 +78,6 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             "Standard deviation of the relative error of the ratio of a drive before the log is"
             " read; 0 for an exact one, 0.003 by default. The ratio of gears is that of their"
             " teeth.",
-            "--ratio-within",
             "SHARE",
         ),
     ] = 0.003
@@ -94,7 +87,6 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             "Standard deviation of orders before the log is read, in robust deviations of the"
             " transmission error; 3 by default. It is that of first orders of a drive, mesh orders,"
             " lines, and higher orders that stand out.",
-            "--orders-within",
             "DEVIATIONS",
         ),
     ] = 3.0
@@ -104,7 +96,6 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
             "Scale of the width of what a log need not contain (higher orders, differences between"
             " the flanks, drift, a delay that moves, a gap that depends on the speed), in multiples"
             " of what the noise hides; 1 by default.",
-            "--widths-within",
             "FACTOR",
         ),
     ] = 1.0
@@ -113,7 +104,7 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         setting(
             "Do the angles of several logs count from the same zero? By default they do where the"
             ' pair file says zero = "reading".',
-            "--same-zero/--own-zero",
+            option="--same-zero/--own-zero",
         ),
     ] = None
     standstill: Annotated[
@@ -121,21 +112,18 @@ class FitSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         setting(
             "Is the log a table of readings at standstill, or did the shafts turn? By default the"
             " log says: a table has no ramps, and no clock or unequal times between equal steps.",
-            "--standstill/--running",
+            option="--standstill/--running",
         ),
     ] = None
     use_readings: Annotated[
         bool,
-        setting(
-            "Let the backlash readings join the fit instead of only checking it.", "--use-readings"
-        ),
+        setting("Let the backlash readings join the fit instead of only checking it."),
     ] = False
     lines: Annotated[
         Literal["join", "report"],
         setting(
             "Lines of the residual that are no order join the model as fractional orders of the"
             " driving shaft (join, the default), or are only reported.",
-            "--lines",
         ),
     ] = "join"
 
@@ -191,7 +179,9 @@ def fields() -> tuple[Field, ...]:
     found = []
     for field in msgspec.structs.fields(FitSettings):
         shown = field.type.__metadata__[-1]
-        found.append(Field(field.name, field.type, field.default, shown.description, **shown.extra))
+        option = shown.extra["option"] or f"--{field.name.replace('_', '-')}"
+        own = field.name, field.type, field.default, shown.description
+        found.append(Field(*own, option, shown.extra["metavar"]))
     return tuple(found)
 
 
