@@ -11,6 +11,7 @@ from tests.model.rigs import PAIRS, exact_log, fitted, gear_pair, gears_of
 from vttig_jax.base import ARCSEC
 from vttig_jax.kinematics import exact_model
 from vttig_jax.model import ENCODERS, GEARS, KINDS, Relation, fitted_gears, parameters_of
+from vttig_jax.pair import Eccentricities
 from vttig_jax.pair.schema import Flank
 
 TRUTH = {
@@ -29,8 +30,8 @@ WAVES = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("b
 
 
 def _relation(pair, both=True, flank: Flank = "A") -> Relation:
-    numbers = float(pair.ratio), float(pair.centre_distance_mm), pair.base_radii.sum(axis=0), 0.0
-    return Relation((*GEARS, *ENCODERS), tuple(WAVES), both, flank, *map(jnp.asarray, numbers))
+    model = exact_model(pair, Eccentricities())
+    return Relation((*GEARS, *ENCODERS), tuple(WAVES), both, flank, model, jnp.zeros(()))
 
 
 def _values(truth: dict) -> np.ndarray:

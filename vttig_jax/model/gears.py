@@ -8,7 +8,7 @@ so that the physical parameters p minimise (h(p) − b̂)ᵀ V⁻¹ (h(p) − b�
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -18,9 +18,9 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from ..base.arrays import Numbers
-from ..kinematics.exact import ExactModel
+from ..kinematics.exact import ExactModel, exact_model
 from ..kinematics.flank_model import flank_index
-from ..pair.gear_pair import GearPair
+from ..pair.gear_pair import Eccentricities, GearPair
 from ..pair.schema import Flank
 from .columns import GAP, ColumnName
 from .mixed_fit import MixedFit
@@ -38,8 +38,9 @@ _TERMS = {("driving", 1): (1, 0), ("driven", 1): (0, 1), ("both", 1): (1, 1), ("
 
 
 class Relation(eqx.Module):
-    """Coefficients of the columns that follow from the parameters: ratio i, lengths in mm.
+    """Coefficients of the columns that follow from the parameters.
 
+    `model` is the exact model of the pair without errors, lengths in mm.
     `names` are the parameters: eccentricities (mm) and encoder errors (rad) in Cartesian form.
     `waves` are shaft and order of the tied harmonics of the model, `both` whether both flanks were
     measured, and `flank` that of a fit of one flank. The columns take the driven gear at
@@ -51,15 +52,8 @@ class Relation(eqx.Module):
     waves: tuple[tuple[str, int], ...] = eqx.field(static=True)
     both: bool = eqx.field(static=True)
     flank: Flank = eqx.field(static=True)
-    ratio: Float[Numbers, ""]
-    centre_distance: Float[Numbers, ""]
-    base_sum: Float[Numbers, "2"]
+    model: ExactModel
     gap: Float[Numbers, ""]
-
-    @property
-    def sizes(self) -> Float[np.ndarray, " p"]:
-        """Usual sizes of the parameters relative to each other."""
-        return np.array([1.0 if name in GEARS else 1e-3 for name in self.names])
 
     def tied_columns(self, index: Mapping[ColumnName, int]) -> list[int]:
         """Return the places of the tied coefficients in a model, in the order of `coefficients`."""
@@ -80,21 +74,16 @@ class Relation(eqx.Module):
         gears = [value.get(name, jnp.zeros(())) for name in GEARS]
         angles = 2 * np.pi * np.arange(POINTS) / POINTS
         grid = np.stack([x.ravel() for x in np.meshgrid(angles, angles, indexing="ij")])
-        model = ExactModel(
-            ratio=self.ratio,
-            centre_distance=jnp.asarray(self.centre_distance),
-            base_sum=self.base_sum,
-            driving_offset=gears[0] + 1j * gears[1],
-            driven_offset=gears[2] + 1j * gears[3],
-            offset=jnp.zeros(2),
-        )
+        offsets = {"driving_offset": gears[0] + 1j * gears[1]}
+        offsets["driven_offset"] = gears[2] + 1j * gears[3]
+        model = replace(self.model, **offsets)
         flanks: list[Flank] = [*S] if self.both else [self.flank]
         senses = np.array([[-2 * S[flank]] for flank in flanks])
-        sums = self.base_sum[np.array([flank_index(flank) for flank in flanks])][:, None]
+        sums = model.base_sum[np.array([flank_index(flank) for flank in flanks])][:, None]
         driving = jnp.asarray(grid[:1])
         driven = jnp.asarray(grid[1:]) - 0.5 * self.gap * senses
         error = jnp.asarray(model.turned(driving, driven, sums, senses))
-        for shaft, angle, gain in (("driving", driving, -self.ratio), ("driven", driven, 1.0)):
+        for shaft, angle, gain in (("driving", driving, -model.ratio), ("driven", driven, 1.0)):
             if (x := value.get(f"{shaft}_encoder_x")) is not None:
                 y = value[f"{shaft}_encoder_y"]
                 error = error + gain * (x * jnp.sin(angle) + y * jnp.cos(angle))
@@ -146,9 +135,7 @@ def relation_of(
         waves=tuple(present),
         both=both,
         flank=flank,
-        ratio=np.asarray(float(pair.ratio)),
-        centre_distance=np.asarray(float(pair.centre_distance_mm)),
-        base_sum=pair.base_radii.sum(axis=0),
+        model=exact_model(pair, Eccentricities()),
         gap=np.asarray(gap),
     )
 
@@ -180,19 +167,15 @@ def least_squares(
     count = len(mean)
     scale = jnp.sqrt(jnp.diag(covariance))
     factor = jnp.linalg.cholesky(covariance / scale[None] / scale[:, None] + 1e-12 * jnp.eye(count))
-    unit = jnp.asarray(relation.sizes)
+    # the usual sizes of the parameters relative to each other
+    unit = jnp.array([1.0 if name in GEARS else 1e-3 for name in relation.names])
 
     def residual(scaled: Float[Array, " p"], _: None) -> Float[Array, " c"]:
         off = (relation.coefficients(unit * scaled)[:count] - mean) / scale
         return jax.scipy.linalg.solve_triangular(factor, off, lower=True)
 
-    found = optx.least_squares(
-        residual,
-        optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10),
-        jnp.full(len(unit), 1e-6),
-        max_steps=64,
-        throw=False,
-    )
+    solver, start = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10), jnp.full(len(unit), 1e-6)
+    found = optx.least_squares(residual, solver, start, max_steps=64, throw=False)
     value = unit * found.value
     slopes = jax.jacfwd(relation.coefficients)(value)[:count]
     return value, slopes, relation.coefficients(value)[count:]
