@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ...base.errors import PairError
+from ...base.numerics.counting import pieces
 from ...base.units import REV
 from ...kinematics.flank_model import flank_index
 from ...kinematics.harmonic import OrderModel, linearised_series
@@ -61,31 +62,30 @@ class GapDraws:
         means = (jnp.asarray(p.mean(axis=0)) for p in (self.offset, self.cosine, self.sine))
         return OrderModel(jnp.asarray(float(self.pair.ratio)), self.terms, *means)
 
-    def errors(self, driving_angle: Angles, flank: Flank) -> Curves:
-        """Return the transmission error of every draw on one flank, rad, shape (angles, m)."""
+    def errors(self, driving_angle: Angles, flank: Flank | None) -> Curves:
+        """Return the transmission error of every draw on one flank, rad, shape (angles, m).
+
+        Without a flank it is the difference TE_B − TE_A, the backlash.
+        """
         centre, basis = self.linearised(driving_angle, flank)
-        return centre[:, None] + basis @ self.deviations(flank)
+        return centre[:, None] + basis @ self._deviations[flank]
 
     def over(self, driving_angle: Angles) -> Curves:
         """Return the backlash of every draw, rad of the driven gear, shape (angles, m)."""
-        centre, basis = self._gap_basis(driving_angle)
-        return centre[:, None] + basis @ self._gap_deviations
+        return self.errors(driving_angle, None)
 
     def chunks(self, driving_angle: Angles, flank: Flank | None = None) -> Iterator[Curves]:
-        """Yield the backlash of every draw for successive blocks of `driving_angle` (rad).
+        """Yield `errors` for successive blocks of `driving_angle` (rad).
 
-        Each block is a result of `over`, or of `errors` for a `flank`: rad of the driven gear,
-        shape (angles of the block, m). Blocks of at most `_CHUNK` angles limit the memory.
+        Blocks of at most `_CHUNK` angles limit the memory.
         """
-        for start in range(0, len(driving_angle), _CHUNK):
-            block = driving_angle[start : start + _CHUNK]
-            yield self.over(block) if flank is None else self.errors(block, flank)
+        for part in pieces(len(driving_angle), _CHUNK):
+            yield self.errors(driving_angle[part], flank)
 
     @cached_property
     def smallest(self) -> SmallestGap:
         """Smallest gap of every draw over the hunting period, also between grid points."""
-        angles, start = self._candidates()
-        angles = self._minima(angles, start)
+        angles = self._minima(*self._candidates())
         gaps = self._exact_gaps(angles)
         best = gaps.argmin(axis=1)[:, None]
         place = np.take_along_axis(angles, best, axis=1)[:, 0] % (self.pair.hunting_turns * REV)
@@ -102,8 +102,8 @@ class GapDraws:
         """
         places = np.unique(places)
         places = places[np.linspace(0, len(places) - 1, _LIMIT_PLACES).astype(int)]
-        centre, basis = self._gap_basis(places)
-        deviations = basis @ self._gap_deviations[:, :_LIMIT_DRAWS]
+        centre, basis = self.linearised(places)
+        deviations = basis @ self._deviations[None][:, :_LIMIT_DRAWS]
         std = np.maximum(deviations.std(axis=1), 1e-300)
         highest = (deviations / std[:, None]).max(axis=0)
         return float(np.min(centre + np.quantile(highest, 0.975) * std))
@@ -111,30 +111,29 @@ class GapDraws:
     # Linear curves
 
     def linearised(
-        self, driving_angle: Angles, flank: Flank
+        self, driving_angle: Angles, flank: Flank | None = None
     ) -> tuple[Angles, Float[np.ndarray, "n c"]]:
-        """Return TE of the mean coefficients, rad, and its derivatives by all coefficients."""
-        side = flank_index(flank)
+        """Return TE of the mean coefficients, rad, and its derivatives by all coefficients.
+
+        Without a flank TE_B − TE_A takes its place, with the coefficients of B, then those of A.
+        """
+        if flank is None:
+            centre_a, basis_a = self.linearised(driving_angle, "A")
+            centre_b, basis_b = self.linearised(driving_angle, "B")
+            return centre_b - centre_a, np.concatenate([basis_b, -basis_a], axis=1)
         parts = self.offset, self.cosine, self.sine
-        mean = [part[:, side].mean(axis=0) for part in parts]
+        mean = [part[:, flank_index(flank)].mean(axis=0) for part in parts]
         return linearised_series(float(self.pair.ratio), self.terms, mean, driving_angle)
 
-    def deviations(self, flank: Flank) -> Float[np.ndarray, "c m"]:
-        """Return the coefficients (offset, cosines, sines) of every draw minus their mean, rad."""
-        side = flank_index(flank)
-        parts = [self.offset[:, side, None], self.cosine[:, side], self.sine[:, side]]
-        whole = np.concatenate(parts, axis=1)
-        return np.ascontiguousarray((whole - whole.mean(axis=0)).T)
-
-    def _gap_basis(self, driving_angle: Angles) -> tuple[Angles, Float[np.ndarray, "n c"]]:
-        (centre_a, basis_a), (centre_b, basis_b) = (
-            self.linearised(driving_angle, flank) for flank in ("A", "B")
-        )
-        return centre_b - centre_a, np.concatenate([basis_b, -basis_a], axis=1)
-
     @cached_property
-    def _gap_deviations(self) -> Float[np.ndarray, "c m"]:
-        return np.concatenate([self.deviations("B"), self.deviations("A")])
+    def _deviations(self) -> dict[Flank | None, Float[np.ndarray, "c m"]]:
+        """Coefficients (offset, cosines, sines) of every draw minus their mean, rad.
+
+        Those of each flank, and as `linearised` takes them without a flank.
+        """
+        on_flanks = np.concatenate([self.offset[..., None], self.cosine, self.sine], axis=2)
+        a, b = np.ascontiguousarray((on_flanks - on_flanks.mean(axis=0)).transpose(1, 2, 0))
+        return {"A": a, "B": b, None: np.concatenate([b, a])}
 
     # The smallest gap
 
@@ -154,8 +153,8 @@ class GapDraws:
         kept = self._possible_minima(count, width)
         lowest = np.full((_CANDIDATES, len(self.offset)), np.inf)
         places = np.zeros_like(lowest)
-        for start in range(0, len(kept), _CHUNK):
-            points = kept[start : start + _CHUNK]
+        for part in pieces(len(kept), _CHUNK):
+            points = kept[part]
             needed = np.unique(np.concatenate([points - 1, points, points + 1]))
             gaps = self.over(needed * width)
             index = np.searchsorted(needed, points)
@@ -180,16 +179,15 @@ class GapDraws:
         curve is at most its Mahalanobis length times the standard deviation at the same angle
         (Cauchy and Schwarz). Points at which even the longest draw stays too high are left out.
         """
-        deviations = self._gap_deviations
+        deviations = self._deviations[None]
         values, vectors = np.linalg.eigh(np.cov(deviations))
         used = values > 1e-12 * max(values.max(), 1e-300)
         roots = vectors[:, used] * np.sqrt(values[used])
         white = (vectors[:, used] / np.sqrt(values[used])).T @ deviations
         longest = np.sqrt(np.max(np.sum(white**2, axis=0), initial=0.0))
         centre, reach = np.empty(count), np.empty(count)
-        for start in range(0, count, 16 * _CHUNK):
-            part = slice(start, min(start + 16 * _CHUNK, count))
-            centre[part], basis = self._gap_basis(np.arange(part.start, part.stop) * width)
+        for part in pieces(count, 16 * _CHUNK):
+            centre[part], basis = self.linearised(np.arange(part.start, part.stop) * width)
             reach[part] = longest * np.linalg.norm(basis @ roots, axis=1)
         # Between grid points, a curve is at most `dip` lower, by the bound `bend` of its curvature.
         bend = float(np.abs(self._series).max(axis=0) @ self._speeds**2)
@@ -260,7 +258,6 @@ class GapDraws:
         return gaps
 
     def _draw_slices(self, candidates: int) -> Iterator[slice]:
-        """Yield slices of the draws that keep arrays over (draws, candidates, terms) small."""
+        """Return slices of the draws that keep arrays over (draws, candidates, terms) small."""
         size = max(1, _MOST_PHASES // 8 // max(1, candidates * len(self.terms)))
-        for start in range(0, len(self.offset), size):
-            yield slice(start, start + size)
+        return pieces(len(self.offset), size)
