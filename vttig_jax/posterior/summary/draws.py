@@ -75,13 +75,12 @@ def parameters_of_draws(
             continue
         unit = fit.parameters[name].unit
         scale = {"deg": DEG, "arcsec": ARCSEC}.get(unit, 1.0)
-        if name != quantity and quantity.endswith("_y"):
-            continue
-        if name != quantity and quantity.endswith("_x"):
+        component = "" if name == quantity else quantity[-2:]
+        if component == "_x":
             phase = f"{quantity.removesuffix('_x')}_phase_deg"
             pair = polar_of_draws((name, phase), unit, flat[:, place : place + 2] / scale)
             found |= {one.name: one for one in pair}
-        else:
+        elif component != "_y":
             found[name] = scalar_of_draws(name, unit, flat[:, place] / scale)
     return found
 
@@ -92,9 +91,8 @@ def scalar_of_draws(name: str, unit: str, draws: Float[np.ndarray, " n"]) -> Pos
     `draws` are in the unit `unit` of the parameter.
     """
     value, std = float(draws.mean()), float(draws.std(ddof=1))
-    significant = abs(value) >= SIGNIFICANT * std
-    reason = None if significant else BELOW
-    return _told(name, unit, value, std, np.quantile(draws, _TAILS), significant, reason)
+    reason = None if abs(value) >= SIGNIFICANT * std else BELOW
+    return _told(name, unit, value, std, np.quantile(draws, _TAILS), reason)
 
 
 def _told(
@@ -103,14 +101,15 @@ def _told(
     value: float,
     std: float,
     quantiles: Sequence[float] | np.ndarray,
-    significant: bool = True,
     reason: str | None = None,
 ) -> PosteriorParameter:
-    """Return a parameter with its lower bound, median and upper bound, the `quantiles`."""
+    """Return a parameter with its lower bound, median and upper bound, the `quantiles`.
+
+    It is significant unless there is a `reason` why not.
+    """
     low, median, high = map(float, quantiles)
-    ends = {"low95": low, "median": median, "high95": high}
-    known = {"determined": True, "significant": significant, "reason": reason}
-    return PosteriorParameter(name, unit, value, std, **ends, **known)
+    told = value, std, low, high, True, reason is None, reason
+    return PosteriorParameter(name, unit, *told, median=median)
 
 
 def phase_of_draws(name: str, angles_deg: Float[np.ndarray, " n"]) -> PosteriorParameter:
@@ -153,7 +152,7 @@ def polar_of_draws(
     _, median, _ = spread = np.quantile(length, _TAILS)
     if value < SIGNIFICANT * std:
         upper = float(np.quantile(length, 0.95))
-        amplitude = _told(names[0], unit, value, std, (0.0, median, upper), False, UPPER)
+        amplitude = _told(names[0], unit, value, std, (0.0, median, upper), UPPER)
         reason = f"{names[0]} is below three standard errors"
         phase = PosteriorParameter(names[1], "deg", determined=True, reason=reason)
         return replace(amplitude, upper95=upper), phase
