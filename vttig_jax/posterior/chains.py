@@ -212,8 +212,10 @@ class _Run:
         self.around = target.around()
         moves = [(emcee.moves.MHMove(self.around), _SHARE), (emcee.moves.DEMove(), 1 - _SHARE)]
         shape = header.walkers, len(header.names)
-        backends = [Backend() for _ in range(header.ensembles)]
-        for number, backend in enumerate(backends):
+        density = target.log_density
+        self.ensembles: list[emcee.EnsembleSampler] = []
+        for number in range(header.ensembles):
+            backend = Backend()
             backend.reset(*shape)
             if record is not None:
                 backend.chain, backend.log_prob = record.draws[number], record.log_density[number]
@@ -222,21 +224,14 @@ class _Run:
                 position, has_gauss, gauss = record.rest[number].tolist()
                 key = record.keys[number]
                 backend.random_state = "MT19937", key, int(position), int(has_gauss), gauss
-        self.ensembles = [
-            emcee.EnsembleSampler(
-                *shape, target.log_density, vectorize=True, moves=moves, backend=backend
-            )
-            for backend in backends
-        ]
-        for one in self.ensembles:
+            settings: dict[str, Any] = {"vectorize": True, "moves": moves, "backend": backend}
+            one = emcee.EnsembleSampler(*shape, density, **settings)
             # emcee's wrapper would print all points on Ctrl-C.
-            one.log_prob_fn = target.log_density  # pyright: ignore
-        self._states: list[Any]
-        if record is None:
-            self._states = self._starts()
-            self.record = self._recorded(0)
-        else:
-            self._states, self.record = [one.get_last_sample() for one in backends], record
+            one.log_prob_fn = density  # pyright: ignore
+            self.ensembles.append(one)
+        begun = () if record is None else self.ensembles
+        self._states: list[Any] = [one.get_last_sample() for one in begun] or self._starts()
+        self.record = self._recorded(0) if record is None else record
 
     def _starts(self) -> list[emcee.State]:
         """Return different points of the pool for every ensemble, with a random generator each."""
