@@ -126,13 +126,7 @@ def _maximise(
         told = solved(theta, logs)
         return told.value, told
 
+    options, start = {"far": far, "moments": moments, "rough": rough}, jnp.asarray(start)
     return optx.minimise(
-        negative,
-        Newton(),
-        jnp.asarray(start),
-        logs,
-        {"far": far, "moments": moments, "rough": rough},
-        has_aux=True,
-        max_steps=60,
-        throw=False,
+        negative, Newton(), start, logs, options, has_aux=True, max_steps=60, throw=False
     )

@@ -16,6 +16,7 @@ from jaxtyping import Complex, Float, Int
 from scipy.interpolate import CubicHermiteSpline
 from scipy.ndimage import uniform_filter1d
 
+from ..base.numerics.counting import pieces
 from ..base.units import DEG, REV
 from ..logs.channel.speed import cubic_noise, smooth_speed
 from ..pair.schema import Flank
@@ -292,16 +293,16 @@ def rows_of(
     """
     size = max(1, round(row_s / shafts.interval_s))
     lost = int(np.ceil(abs(delay_s) / shafts.interval_s))
-    pieces, first, last, flanks = [], [], [], []
+    parts, first, last, flanks = [], [], [], []
     for start, stop, flank in shafts.runs:
         start, stop = (start + lost, stop) if delay_s > 0 else (start, stop - lost)
         count = (stop - start) // size
         if count > LAGS + 1:
-            pieces.append(np.arange(start, start + count * size))
-            first.append(sum(map(len, pieces[:-1])) // size)
+            parts.append(np.arange(start, start + count * size))
+            first.append(sum(map(len, parts[:-1])) // size)
             last.append(first[-1] + count - 1)
             flanks.append(flank)
-    samples = (np.concatenate(pieces) if pieces else np.arange(0)).reshape(-1, size)
+    samples = (np.concatenate(parts) if parts else np.arange(0)).reshape(-1, size)
     moved, moved_speed = shafts.delayed(delay_s)
     span, level = np.ptp(shafts.time), shafts.level
     centre = moved[samples].mean() if len(samples) else 0.0
@@ -336,9 +337,7 @@ def rows_of(
 
     names = {name: place for place, (name, _) in enumerate(columns(samples[:0]))}
     table = np.empty((len(samples), len(names)))
-    step = max(1, _PIECE // size)
-    for begin in range(0, len(samples), step):
-        own = slice(begin, begin + step)
+    for own in pieces(len(samples), max(1, _PIECE // size)):
         for name, values in columns(samples[own]):
             table[own, names[name]] = values
     if shafts.torque is not None and len(table):
