@@ -133,17 +133,12 @@ class ReadingsFit(Record, frozen=True):
             ),
             ("scatter", "unknown" if self.scatter_deg is None else f"{self.scatter_deg:.2g}°"),
         ]
-        table = text_table(
-            [
-                [
-                    f"{one.shaft} {one.order:g}",
-                    f"{one.amplitude_deg:.5f} ± {one.std_deg:.2g}",
-                    f"{one.phase_deg:.4g}" if one.significant else "not above its noise",
-                ]
-                for one in self.orders
-            ],
-            ["order", "amplitude [°]", "phase [°]"],
-        )
+        orders = []
+        for one in self.orders:
+            size = f"{one.amplitude_deg:.5f} ± {one.std_deg:.2g}"
+            phase = f"{one.phase_deg:.4g}" if one.significant else "not above its noise"
+            orders.append([f"{one.shaft} {one.order:g}", size, phase])
+        table = text_table(orders, ["order", "amplitude [°]", "phase [°]"])
         return "\n\n".join([key_values(rows, title=self.source), *[table] * bool(self.orders)])
 
 
