@@ -1,7 +1,5 @@
 """Backlash map of a fit, and flank models in the angles that the encoders read."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax.numpy as jnp
 from jax.typing import ArrayLike
@@ -14,7 +12,7 @@ from ..base.units import DEG
 from ..kinematics.backlash_map import BacklashMap
 from ..kinematics.flank_model import FlankModel, GridOrders
 from ..kinematics.harmonic import OrderModel
-from ..pair.gear_pair import Drive
+from ..pair.gear_pair import Eccentricities, GearPair
 from ..pair.schema import Flank
 from .given import StoredModel
 from .orders import mounted_closed, mounted_exact
@@ -63,17 +61,17 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
     given = constant_backlash_deg is not None
     if both or not given:
         refuse_unknown_gap(fit)
-    shift = None if given else shift_of_delay(fit)
-    if isinstance(fit.pair, Drive) or fit.given is not None:
-        if not both:
-            what = "drive without gear geometry" if fit.given is None else "given flank model"
-            raise NoAnswerError(
-                f"one flank of a {what} says nothing about the other; record both directions.",
-                where=fit.source,
-            )
-        model = _shifted(fit, constant_backlash_deg)
-        return with_coverage(BacklashMap(model, None, fit.pair, shift=shift), fit, given)
-    for shaft in () if both else ("driving", "driven"):
+    relation = isinstance(fit.pair, GearPair) and fit.given is None
+    rig = fit.eccentricities(constant_backlash_deg) if relation else None
+    if both:
+        return map_of(fit, _shifted(fit, constant_backlash_deg), rig, given=given)
+    if rig is None or not isinstance(fit.pair, GearPair):
+        what = "drive without gear geometry" if fit.given is None else "given flank model"
+        raise NoAnswerError(
+            f"one flank of a {what} says nothing about the other; record both directions.",
+            where=fit.source,
+        )
+    for shaft in ("driving", "driven"):
         eccentricity = fit.parameters[f"{shaft}_eccentricity_mm"]
         if not eccentricity.determined:
             raise NoAnswerError(
@@ -81,14 +79,26 @@ def backlash_map(fit: Fit, *, constant_backlash_deg: float | None = None) -> Bac
                 f" undetermined ({eccentricity.reason}); record both directions.",
                 where=fit.source,
             )
-    rig = fit.eccentricities(constant_backlash_deg)
-    gap_rad = float(rig.constant_backlash_deg) * DEG
-    mounting = fit.mounting(gap_rad)
-    first_order = mounted_closed(fit.pair, rig, mounting)
-    model: FlankModel = mounted_exact(fit.pair, rig, mounting)
-    if both:
-        model = _shifted(fit, constant_backlash_deg)
-    return with_coverage(BacklashMap(model, first_order, fit.pair, shift=shift), fit, given)
+    mounting = fit.mounting(float(rig.constant_backlash_deg) * DEG)
+    return map_of(fit, mounted_exact(fit.pair, rig, mounting), rig, given=given)
+
+
+def map_of(
+    fit: Fit, model: FlankModel, rig: Eccentricities | None, *, given: bool = False
+) -> BacklashMap:
+    """Return the map of a flank model of a fit, with the closed form of a rig beside it.
+
+    It has the angles that the logs covered, states why there is no hunting period, if the fitted
+    ratio is not that of the pair, and why its extremes are not known. They are, without the
+    interval of an unknown delay, if the constant backlash is `given`.
+    """
+    first = None
+    if rig is not None and isinstance(fit.pair, GearPair):
+        mounting = fit.mounting(float(rig.constant_backlash_deg) * DEG)
+        first = mounted_closed(fit.pair, rig, mounting)
+    shift = None if given else shift_of_delay(fit)
+    unknown = None if given else unknown_extremes(fit)
+    return BacklashMap(model, first, fit.pair, fit.coverage, no_period(fit), shift, unknown)
 
 
 def shift_of_delay(fit: Fit) -> tuple[float, float] | None:
@@ -191,13 +201,3 @@ def unknown_extremes(fit: Fit) -> str | None:
         return None
     covered = fit.checks.gap_over_angles_covered.in_words
     return f"not known: {gap.reason}; the mean over the angles covered is {covered}"
-
-
-def with_coverage(grid: BacklashMap, fit: Fit, given: bool = False) -> BacklashMap:
-    """Return the map `grid` with the angles that the logs covered.
-
-    It also states why there is no hunting period, if the fitted ratio is not that of the pair, and
-    why its extremes are not known; they are, if the constant backlash is `given`.
-    """
-    unknown = None if given else unknown_extremes(fit)
-    return replace(grid, coverage=fit.coverage, no_period=no_period(fit), unknown=unknown)

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from ...base.files.text_tables import key_values
 from ...base.results import PlottedResult
 from ...base.units import DEG
-from ...identify.backlash import shift_of_delay, with_coverage
-from ...identify.orders import mounted_closed
+from ...identify.backlash import map_of
 from ...kinematics.backlash_map import BacklashMap
 from ...pair.gear_pair import GearPair
 from .draws import SmallestGap, millimetres
@@ -217,14 +216,8 @@ def band_map(
         turns = min(float(pair.hunting_turns), MOST_ROWS * step_deg / 360.0)
     rows = math.ceil(turns * 360.0 / step_deg - 1e-9)
     angle = np.arange(rows) * step_deg * DEG
-    first = None
-    fit = posterior.fit
-    if isinstance(pair, GearPair):
-        rig = posterior.eccentricities()
-        gap_rad = float(rig.constant_backlash_deg) * DEG
-        first = mounted_closed(pair, rig, fit.mounting(gap_rad))
-    shift = shift_of_delay(fit)
-    grid = with_coverage(BacklashMap(draws.mean_model, first, pair, shift=shift), fit)
+    rig = posterior.eccentricities() if isinstance(pair, GearPair) else None
+    grid = map_of(posterior.fit, draws.mean_model, rig)
     bands = streamed_band(draws.chunks(angle), probability)
     return BandedMap(
         map=grid,
