@@ -1,7 +1,8 @@
 """Result of a plan: its classes, report and JSON object, and the notes on it."""
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -64,7 +65,7 @@ class Plan(TextResult):
     conditional_on: tuple[str, ...]
     outcome: str
     short: tuple[str, ...]
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -106,17 +107,11 @@ class Plan(TextResult):
         }
 
     def __str__(self) -> str:
-        head = key_values(
-            [
-                ("run", self.run),
-                ("time", _time(self.duration_s)),
-                ("samples", f"{self.samples} at {self.run.rate_hz:g} Hz, {self.used} to be fitted"),
-                ("flanks", " and ".join(self.flanks)),
-                ("noise assumed", _noise(self)),
-                ("outcome of a fit", self.outcome.replace("_", " ")),
-            ],
-            title=f"plan for {self.pair.name or 'a drive or pair'}",
-        )
+        samples = f"{self.samples} at {self.run.rate_hz:g} Hz, {self.used} to be fitted"
+        asked = [("run", self.run), ("time", _time(self.duration_s)), ("samples", samples)]
+        asked += [("flanks", " and ".join(self.flanks)), ("noise assumed", _noise(self))]
+        asked.append(("outcome of a fit", self.outcome.replace("_", " ")))
+        head = key_values(asked, title=f"plan for {self.pair.name or 'a drive or pair'}")
         shown = [p for p in self.parameters.values() if p.determined]
         any_wanted = any(p.wanted is not None for p in shown)
         titles = ["parameter", "expected std", *(["wanted"] if any_wanted else []), "at", "unit"]
@@ -136,15 +131,10 @@ class Plan(TextResult):
 def planned_parameter(parameter: Parameter, assumed: float | None) -> PlannedParameter:
     """Return the expected accuracy of a parameter of the planned fit, with its assumed value."""
     told, known = parameter.determined, assumed is not None
-    return PlannedParameter(
-        parameter.name,
-        parameter.unit,
-        std=parameter.std,
-        determined=told,
-        significant=told and (parameter.significant or not known),
-        reason=parameter.reason if known or not told else None,
-        assumed=assumed,
-    )
+    significant = told and (parameter.significant or not known)
+    shown: dict[str, Any] = {"std": parameter.std, "determined": told, "significant": significant}
+    shown["reason"] = parameter.reason if known or not told else None
+    return PlannedParameter(parameter.name, parameter.unit, **shown, assumed=assumed)
 
 
 def _time(seconds: float) -> str:
