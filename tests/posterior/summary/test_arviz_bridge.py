@@ -10,7 +10,7 @@ from tests.posterior.densities import plain
 from tests.posterior.made import quick_posterior
 from vttig_jax.base import UsageError
 from vttig_jax.posterior import Until, run_ensembles
-from vttig_jax.posterior.summary.arviz_export import arviz_data
+from vttig_jax.posterior.summary.posterior import arviz_data
 
 
 class Group(dict):
