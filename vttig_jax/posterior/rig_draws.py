@@ -68,14 +68,11 @@ def tie_of(fit: Fit, told: Quantities) -> Tie | None:
     relation, problem = told.gears.relation, fit.core.posterior.problem
     places, scale = relation.tied_columns(problem.index), np.diag(problem.natural)
     own = told.at(*relation.names)
-    return Tie(
-        relation,
-        jnp.asarray((np.diag(scale) * problem.unit)[places]),
-        jnp.asarray((scale * problem.start)[places]),
-        jnp.asarray(told.gears.values),
-        jnp.asarray(told.covariance[np.ix_(own, own)]),
-        tuple(unit_of(fit, name) for name in relation.names),
-    )
+    rows, start = (np.diag(scale) * problem.unit)[places], (scale * problem.start)[places]
+    of_fit = told.gears.values, told.covariance[np.ix_(own, own)]
+    rows, start, values, spread = map(jnp.asarray, (rows, start, *of_fit))
+    units = tuple(unit_of(fit, name) for name in relation.names)
+    return Tie(relation, rows, start, values, spread, units)
 
 
 def rig_draws(
