@@ -33,6 +33,19 @@ class Problem:
         """Place of every column by its name, see `index_of`."""
         return index_of(self.columns)
 
+    def of(
+        self,
+        columns: tuple[Column, ...],
+        logs: Sequence[Rows],
+        weights: Sequence[Float[np.ndarray, " n"]] | None,
+        delay_s: float,
+    ) -> "Problem":
+        """Return the problem of other columns or rows with the priors of this one."""
+        widths = (np.asarray(self.compressed.usual) * self.unit).tolist()
+        usual: dict[str, float] = dict(zip(GROUPS, widths, strict=True))
+        memory, centres = np.asarray(self.compressed.memory), {DELAY: delay_s}
+        return problem_of(columns, logs, weights, centres=centres, usual=usual, memory=memory)
+
 
 def index_of(columns: Sequence[Column]) -> dict[ColumnName, int]:
     """Return the place of every column by its name; rounding stands behind that of its name."""

@@ -1,11 +1,19 @@
-"""Calibration of a fit: how often its intervals hold the truth of rigs like this one."""
+"""Calibration of a fit: how often its intervals hold the truth of rigs like this one.
+
+These rigs have the motion and the noise of the fit, with truths and rows drawn from its posterior.
+"""
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from scipy import stats
+from scipy.signal import lfilter
 
 from ...base.errors import NoAnswerError
 from ...base.files.text_tables import key_values, text_table
@@ -15,8 +23,112 @@ from ...base.threads import one_blas_thread
 from ...identify.fit_settings import FitSettings
 from ...identify.identification import told_by
 from ...identify.result import Fit
+from ...model.columns import GROUPS
+from ...model.density import LAGS, whitening
+from ...model.functionals import Posterior
+from ...model.gears import Gears, Relation, fitted_gears
+from ...model.mixed_fit import MixedFit, largest, residuals
 from ...model.parameter import Parameter
-from .drawn import LikeRigs
+from ...model.rows import Rows
+from ...pair.gear_pair import Drive, GearPair
+
+OF_A_LOG = ("drift", "delay_parts")
+"""Groups of coefficients that belong to a recording and not to the rig: drawn anew from their prior
+at the fitted width. All others are drawn from their posterior."""
+
+_FORGOTTEN = 2000
+"""Rows after which noise has forgotten how it began (chosen)."""
+
+
+@dataclass(frozen=True, eq=False)
+class LikeRigs:
+    """Rigs like that of a fit, with its columns, noise and coefficients.
+
+    A rig has coefficients β ~ N(β̂, M⁻¹); those of drift and of the parts of the delay are new,
+    β ~ N(0, τ²). Of gears first eccentricities and encoder errors are drawn, and the first orders
+    follow through the exact relation. Its rows are y = X β + n with noise n of the fitted θ.
+    """
+
+    fit: MixedFit
+    pair: GearPair | Drive
+    kinds: tuple[str, ...]
+
+    @cached_property
+    def _tied(self) -> tuple[Gears, Float[np.ndarray, "p p"]] | None:
+        """The fitted gears with the factor of their covariance; None without gears."""
+        if not isinstance(self.pair, GearPair):
+            return None
+        gears = fitted_gears(self.pair, self.fit, self.kinds)
+        if gears is None:
+            return None
+        covariance = self.fit.posterior.told(gears.rows, moved=True)[1]
+        return gears, _root(covariance)
+
+    @cached_property
+    def _spread(self) -> Float[np.ndarray, "columns columns"]:
+        """Factor of M⁻¹."""
+        size = len(self.fit.posterior.problem.columns)
+        return _root(np.asarray(self.fit.posterior.at.spread)[:size, :size])
+
+    def drawn(self, generator: np.random.Generator) -> Float[np.ndarray, " columns"]:
+        """Return the scaled coefficients β of a rig."""
+        posterior, problem = self.fit.posterior, self.fit.posterior.problem
+        size = len(problem.columns)
+        beta = np.asarray(posterior.at.beta)[:size]
+        beta = beta + self._spread @ generator.standard_normal(size)
+        member = np.asarray(problem.compressed.member)[:size]
+        for place, group in enumerate(GROUPS):
+            own = member[:, place] > 0
+            if group in OF_A_LOG and own.any():
+                width = np.exp(posterior.theta[LAGS + 1 + place]) / np.sqrt(member[own, place])
+                beta[own] = width * generator.standard_normal(own.sum())
+        if self._tied is not None:
+            gears, root = self._tied
+            values = gears.values + root @ generator.standard_normal(len(root))
+            places = gears.relation.tied_columns(problem.index)
+            tied = np.asarray(_coefficients(gears.relation, jnp.asarray(values)))[: len(places)]
+            scale = np.diag(problem.natural)[places]
+            beta[places] = (tied / scale - problem.start[places]) / problem.unit
+        return beta
+
+    def truth(self, beta: Float[np.ndarray, " columns"]) -> MixedFit:
+        """Return the fit as if its coefficients were those of a rig, exactly."""
+        posterior = self.fit.posterior
+        whole = jnp.asarray(posterior.at.beta).at[: len(beta)].set(jnp.asarray(beta))
+        at = eqx.tree_at(lambda solved: solved.beta, posterior.at, whole)
+        return replace(self.fit, posterior=replace(posterior, at=at))
+
+    def refitted(
+        self, beta: Float[np.ndarray, " columns"], generator: np.random.Generator
+    ) -> MixedFit:
+        """Return the fit of new rows of a rig in the same motion."""
+        posterior, problem = self.fit.posterior, self.fit.posterior.problem
+        taps, std = np.asarray(whitening(posterior.partial)), posterior.innovation_std
+        expected = problem.natural @ (problem.unit * beta + problem.start)
+        rows: list[Rows] = []
+        left = residuals(problem.columns, self.fit.rows, expected)
+        for one, off in zip(self.fit.rows, left, strict=True):
+            table = one.table.copy()
+            table[:, -1] -= off
+            for first, last in zip(one.first, one.last, strict=True):  # a noise of its own each
+                white = std * generator.standard_normal(last - first + 1 + _FORGOTTEN)
+                table[first : last + 1, -1] += np.asarray(lfilter([1.0], taps, white))[_FORGOTTEN:]
+            rows.append(replace(one, table=table))
+        new = problem.of(problem.columns, rows, None, self.fit.delay_s)
+        found = largest(new.compressed)
+        posterior = Posterior(new, np.asarray(found.value), found.aux)
+        return replace(self.fit, rows=tuple(rows), posterior=posterior, weights=None)
+
+
+_coefficients = eqx.filter_jit(Relation.coefficients)
+
+
+def _root(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """Return a matrix whose product with its transpose is a covariance."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, axes = np.linalg.eigh(covariance / scale / scale[:, None])
+    return scale[:, None] * axes * np.sqrt(np.maximum(values, 0.0))
+
 
 TOLERATED = 0.925
 """Smallest true coverage of 95 % intervals that counts as calibrated (chosen)."""
@@ -136,32 +248,16 @@ class Calibration(TextResult):
         }
 
     def __str__(self) -> str:
-        head = key_values(
-            [("rigs like this one", self.rigs), ("seed", self.seed)], title=self.source
-        )
-        rows = [
-            (
-                name,
-                f"{100 * one.coverage.share:.1f}",
-                f"{100 * one.coverage.low:.1f}–{100 * one.coverage.high:.1f}",
-                f"{100 * one.told:.0f}",
-                f"{one.rms:.2f}",
-                f"{one.std:.2g}",
-                one.unit,
-                "holds" if one.holds else "TOO NARROW",
-            )
-            for name, one in self.parameters.items()
-        ]
-        titles = (
-            "parameter",
-            ("95 % interval holds", "%"),
-            ("binomial", "%"),
-            ("told", "%"),
-            "rms error/std",
-            "mean std",
-            "unit",
-            "",
-        )
+        asked = [("rigs like this one", self.rigs), ("seed", self.seed)]
+        head = key_values(asked, title=self.source)
+        rows = []
+        for name, one in self.parameters.items():
+            hits, verdict = one.coverage, "holds" if one.holds else "TOO NARROW"
+            shares = f"{100 * hits.share:.1f}", f"{100 * hits.low:.1f}–{100 * hits.high:.1f}"
+            sizes = f"{100 * one.told:.0f}", f"{one.rms:.2f}", f"{one.std:.2g}"
+            rows.append((name, *shares, *sizes, one.unit, verdict))
+        titles = ["parameter", "95 % interval holds [%]", "binomial [%]", "told [%]"]
+        titles += ["rms error/std", "mean std", "unit", ""]
         verdict = "yes" if self.is_calibrated else f"NO; too narrow: {', '.join(self.failed)}"
         table = text_table(rows, titles, align="lrrrrrll")
         return "\n\n".join([head, table, f"calibrated: {verdict}"])
@@ -269,15 +365,10 @@ def _table(
         if coverages[name].probability > FAMILY_WISE / remaining:
             break
         narrow.add(name)
-    return {
-        name: Judged(
-            name=name,
-            unit=units[name],
-            coverage=coverages[name],
-            told=len(own) / rigs,
-            rms=float(np.sqrt(np.mean([error**2 for error, _, _ in own]))),
-            std=float(np.mean([std for _, _, std in own])),
-            holds=name not in narrow,
-        )
-        for name, own in seen.items()
-    }
+    table = {}
+    for name, own in seen.items():
+        errors, _, stds = (np.array(part) for part in zip(*own, strict=True))
+        rms, std, told = float(np.sqrt(np.mean(errors**2))), float(np.mean(stds)), len(own) / rigs
+        holds = name not in narrow
+        table[name] = Judged(name, units[name], coverages[name], told, rms, std, holds)
+    return table
