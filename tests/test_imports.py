@@ -40,10 +40,10 @@ FLOORS = {
     "rig": "",
     "model": (
         "density outliers rows runs scope columns newton problem functionals mixed_fit gears "
-        "starts lines parameter parameters"
+        "lines parameter parameters"
     ),
     "identify": (
-        "fit_settings records orders turn_averages accuracy starts readings given door coverage "
+        "fit_settings records orders turn_averages accuracy starts readings given "
         "checking result findings archive identification many backlash"
     ),
     "posterior": (
@@ -227,8 +227,8 @@ def test_an_upward_import_is_seen_and_a_downward_one_is_not():
         ("vttig_jax.rig.synthetic", "from vttig_jax import fit"),
         ("vttig_jax.control.plants.plant", "from ...identify.identification import fit"),
         ("vttig_jax.control.motion.motion", "from ..plants.plant import Plant"),
-        ("vttig_jax.identify.door", "from . import archive"),
-        ("vttig_jax.identify.door", "from .nonesuch import fitting"),
+        ("vttig_jax.identify.checking", "from . import archive"),
+        ("vttig_jax.identify.checking", "from .nonesuch import fitting"),
     ):
         assert violations(source, module) != []
     for module, source in (

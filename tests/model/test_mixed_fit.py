@@ -117,7 +117,7 @@ def test_what_the_motion_does_not_tell_is_said(columns):
 
 
 def test_a_known_delay_is_no_column_and_torque_is_one(columns):
-    fit = fitted(logged(columns), delay_s=4e-4, assumed=Assumptions(delay="known"))
+    fit = fitted(logged(columns), assumed=Assumptions(delay_s=4e-4))
     assert DELAY not in fit.posterior.problem.index
     assert abs(_claims(fit)[GAP].value - 0.1) < 3 * _claims(fit)[GAP].std
     time, driving, driven = columns

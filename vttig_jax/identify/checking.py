@@ -1,8 +1,10 @@
-"""Computation of the checks of a fit."""
+"""What a fit was made of, and the computation of its checks."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import PurePath
 
 import msgspec
 import numpy as np
@@ -13,6 +15,9 @@ from ..kinematics.flank_model import FlankModel, flank_index
 from ..kinematics.harmonic import OrderModel
 from ..kinematics.te_curve import TECurve
 from ..logs.channel.speed import robust_deviation
+from ..logs.checks.ratio import SeenRatio
+from ..logs.encoder_log import EncoderLog
+from ..logs.lines.search import Line
 from ..logs.motion.segments import Segment, Segments
 from ..model.columns import DELAY, GAP
 from ..model.density import LAGS, whitening
@@ -20,7 +25,8 @@ from ..model.mixed_fit import NEEDED, MixedFit, likelihood_ratio, residuals
 from ..model.parameter import OPEN, Parameter
 from ..model.parameters import gap_row
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
-from .door import Identified
+from ..pair.schema import Flank
+from .given import GivenModel
 from .orders import mounted_exact
 from .records import (
     Checks,
@@ -47,6 +53,26 @@ _GAPS = 1.5
 with the angle. Chosen value."""
 
 
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """The mixed model fitted to logs, and what was seen of them at the door.
+
+    `short`: flanks without a stroke that is long enough. `given`: flank model of the user.
+    """
+
+    logs: Sequence[EncoderLog]
+    core: MixedFit
+    lines: list[Line]
+    segments: list[Segments]
+    ratios: list[SeenRatio]
+    short: tuple[Flank, ...]
+    given: GivenModel | None = None
+
+    def name(self, log: int) -> str:
+        """Return the name of a log and a colon, or nothing for a single log."""
+        return f"{PurePath(self.logs[log].source).name}: " if len(self.logs) > 1 else ""
+
+
 def checks_of(
     found: Identified,
     pair: GearPair | Drive,
@@ -61,7 +87,9 @@ def checks_of(
         group: likelihood_ratio(core, group) for group in ("drift", "delay_parts", "gap_by_speed")
     }
     gap = covered_gap(core, parameters.get("gap_over_angles_covered"))
+    drawing = None if isinstance(pair, Drive) else float(pair.drawing_backlash) / DEG
     joined = {wave.order for wave in core.waves if wave.shaft == "line"}
+    lines = (FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in found.lines)
     constant = parameters["constant_backlash_deg"].value
     if len(core.scope.flanks) < 2 and isinstance(pair, GearPair) and isinstance(model, OrderModel):
         model, constant = _first_orders(core, pair, parameters, model), 0.0
@@ -76,9 +104,7 @@ def checks_of(
         outliers=1 - float(core.good.mean()),
         passes=core.passes,
         solver_steps=core.steps,
-        lines=tuple(
-            FoundLine(**vars(one), joined=one.cycles_per_rev in joined) for one in found.lines
-        ),
+        lines=tuple(lines),
         ratio=tuple(
             RatioCheck(str(one.given), one.seen, one.std, one.verdict, one.cause)
             for one in found.ratios
@@ -87,9 +113,7 @@ def checks_of(
         reversals=reversals,
         jumps=_jumps(reversals, gap, constant),
         readings=readings,
-        drawing_backlash_deg=None
-        if isinstance(pair, Drive)
-        else float(pair.drawing_backlash) / DEG,
+        drawing_backlash_deg=drawing,
     )
 
 
@@ -248,15 +272,12 @@ def _reversals(
         return tuple(found)
     angles = np.array([one.driving_deg for one in found]) * DEG
     variable = np.asarray(model.backlash(angles)) / DEG - constant
-    # The fitted backlash has a place in the logs that have the zero of the first one.
-    return tuple(
-        one
-        if any(core.shafts[one.log - 1].start.spread)
-        else msgspec.structs.replace(
-            one, variable_backlash_deg=extra, constant_backlash_deg=one.jump_deg - extra
-        )
-        for one, extra in zip(found, variable.tolist(), strict=True)
-    )
+    for place, (one, extra) in enumerate(zip(found, variable.tolist(), strict=True)):
+        # The fitted backlash has a place in the logs that have the zero of the first one.
+        if not any(core.shafts[one.log - 1].start.spread):
+            told = {"variable_backlash_deg": extra, "constant_backlash_deg": one.jump_deg - extra}
+            found[place] = msgspec.structs.replace(one, **told)
+    return tuple(found)
 
 
 def _jumps(
@@ -351,16 +372,11 @@ def reversal_jumps(
             if min(map(len, passes)) < 3:
                 continue
             levels, variances = zip(*(_level(left[k] - middle, te[k]) for k in passes), strict=True)
-            jumps.append(
-                Reversal(
-                    log=log,
-                    driving_deg=float(angle[turn] / DEG - sense * middle),
-                    turn_deg=float(angle[turn] / DEG),
-                    jump_deg=sense * (levels[1] - levels[0]) / DEG,
-                    crossing=start < beyond,
-                    std_deg=math.sqrt(sum(variances)) / DEG,
-                )
-            )
+            jump, std = sense * (levels[1] - levels[0]) / DEG, math.sqrt(sum(variances)) / DEG
+            turn_deg = float(angle[turn] / DEG)
+            place = float(angle[turn] / DEG - sense * middle)
+            told = {"crossing": start < beyond, "std_deg": std}
+            jumps.append(Reversal(log, place, turn_deg, jump, **told))
             break
     return jumps
 

@@ -15,7 +15,6 @@ from msgspec.structs import asdict
 
 from ..base.units import DEG, duration_text
 from ..logs.checks.sampling import commensurate
-from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import hidden_shaft
 from ..logs.motion.segments import CLEAR
 from ..logs.slope import better_fraction, computed_text, exact_slope
@@ -23,7 +22,7 @@ from ..model.columns import DELAY, waves_of
 from ..model.mixed_fit import NEEDED, mixed_fit
 from ..model.parameters import FULL_TURN
 from ..pair.gear_pair import GearPair
-from .door import Identified
+from .checking import Identified
 from .records import Finding
 from .result import Fit
 from .starts import disagreements
@@ -157,15 +156,11 @@ def shown_delay(fit: Fit, found: Identified) -> Iterator[Finding]:
         )
 
 
-def unclear_flanks(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say that the flank of many samples is unknown."""
+def flanks(fit: Fit, found: Identified) -> Iterator[Finding]:
+    """Say where the flank of many samples is unknown, and which flank has no long enough stroke."""
     for number, one in enumerate(found.segments):
         if one.unclear:
             yield _said("flank-unclear", text=found.name(number) + one.unclear)
-
-
-def short_flanks(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say which flank has no stroke that is long enough."""
     for flank in found.short:
         yield _said("flank-short", flank=flank)
 
@@ -179,20 +174,18 @@ def computed_column(fit: Fit, found: Identified) -> Iterator[Finding]:
             yield _said("column-computed", text=text, ratio=slope)
 
 
-def _one_count(log: EncoderLog) -> float:
-    """Return one count of both encoders as a share of the travel of the driven shaft."""
-    driven = log.driven.resolution if log.driven is not None else 0.0
-    counts = driven + abs(float(log.ratio)) * log.driving.resolution
-    return counts / float(np.ptp(log.driven_angle))
-
-
 def ratio_off(fit: Fit, found: Identified) -> Iterator[Finding]:
     """Say that the ratio of the log is not the given one."""
     given = fit.pair.ratio
     for one in fit.regressors:
         if one.name == "ratio" and one.significant and one.value is not None:
             off, std = 1e6 * (one.value / float(given) - 1), 1e6 * (one.std or 0.0) / float(given)
-            if all(abs(off) < 1e6 * _one_count(log) for log in found.logs):
+            counts = []  # one of both encoders, as a share of the travel of the driven shaft
+            for log in found.logs:
+                driven = log.driven.resolution if log.driven is not None else 0.0
+                count = driven + abs(float(log.ratio)) * log.driving.resolution
+                counts.append(count / float(np.ptp(log.driven_angle)))
+            if abs(off) < 1e6 * min(counts):
                 return  # floored counts lose up to a count over the travel
             yield _said("ratio-off", off_ppm=off, std_ppm=std, size_ppm=abs(std), given=given)
             return
@@ -200,17 +193,6 @@ def ratio_off(fit: Fit, found: Identified) -> Iterator[Finding]:
         if seen.is_doubtful and seen.cause != "delay" and isinstance(fit.pair, GearPair):
             yield _said("ratio-doubtful", text=seen.sentence.removesuffix("."))
             return
-
-
-def seen_ratio(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say which ratio the first log shows."""
-    one = fit.checks.ratio[0]
-    if one.seen is None:
-        return
-    std = one.std or 0.0
-    better = better_fraction(Fraction(one.given), one.seen, std)
-    entry = "ratio-seen teeth" if better else "ratio-seen"
-    yield _said(entry, given=one.given, seen=one.seen, std=std, better=better)
 
 
 def gap_crossed_late(fit: Fit, found: Identified) -> Iterator[Finding]:
@@ -250,53 +232,33 @@ def locked_counts(fit: Fit, found: Identified) -> Iterator[Finding]:
             yield _said("counts-locked", text=found.name(number) + said, cure=cure)
 
 
-def outliers(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say how many rows are outliers."""
+def noise_and_drift(fit: Fit, found: Identified) -> Iterator[Finding]:
+    """Say how many rows are outliers, that the log has no noise, and that its level moves."""
     if share := fit.checks.outliers:
         entry = "outliers many" if share > 0.1 else "outliers"
         yield _said(entry, share=share, percent=100 * share)
-
-
-def no_noise(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say that the log has no noise."""
     if fit.noise.std_deg * DEG < 1e-4 * fit.core.usual:
         yield _said("no-noise", std_deg=fit.noise.std_deg)
-
-
-def drift(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say that the level of the transmission error moves."""
-    ratio = fit.checks.likelihood_ratio["drift"]
-    if ratio > NEEDED:
+    if (ratio := fit.checks.likelihood_ratio["drift"]) > NEEDED:
         yield _said("drift", drift_arcsec=fit.checks.drift_arcsec, likelihood_ratio=ratio)
 
 
 def found_lines(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say which lines the model does not list as orders."""
+    """Say which lines the model does not list as orders, and which shafts may have them.
+
+    Several lines may be orders of a shaft without an encoder. Lines at one fraction 1/n of both
+    shafts are their first orders, counted n-fold.
+    """
+    lines = fit.checks.lines
     mean = " in the mean of both flanks" if len(fit.core.scope.flanks) == 2 else ""
-    for one in fit.checks.lines:
+    for one in lines:
         entry = "line-joined" if one.joined else "line-left"
         yield _said(entry, mean=mean, std=one.cycles_std, **vars(one))
-
-
-def hidden(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say that several lines are orders of a shaft without an encoder."""
-    lines = fit.checks.lines
     shaft = hidden_shaft([x.cycles_per_rev for x in lines], [x.cycles_std for x in lines])
     if shaft is not None:
         *first, last = map(str, shaft.orders)
-        yield _said(
-            "hidden-shaft",
-            turns_per_rev=shaft.turns,
-            std=shaft.std,
-            first=", ".join(first),
-            last=last,
-            coincidence=shaft.coincidence,
-        )
-
-
-def wrong_counts(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say that lines at one fraction 1/n of both shafts are their first orders, counted n-fold."""
-    lines = fit.checks.lines
+        told = {"turns_per_rev": shaft.turns, "std": shaft.std, "coincidence": shaft.coincidence}
+        yield _said("hidden-shaft", first=", ".join(first), last=last, **told)
     for one in lines:
         times = round(1 / one.cycles_per_rev)
         wanted = (1 / times, abs(fit.core.scope.ratio) / times) if times > 1 else ()
@@ -381,31 +343,28 @@ def logged(fit: Fit, found: Identified) -> Iterator[Finding]:
                 yield _said(slug, text=found.name(number) + text)
 
 
-def readings(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Compare backlash readings with the fit."""
-    if one := fit.checks.readings:
+def compared(fit: Fit, found: Identified) -> Iterator[Finding]:
+    """Compare the fit with readings, a hunting period later, the ratio seen, and the drawing."""
+    checks, ratio = fit.checks, fit.checks.ratio[0]
+    if one := checks.readings:
         entry = "readings contradict" if one.contradicts else "readings"
         yield _said(entry, joined="joined the fit" if one.used else "check only", **asdict(one))
-
-
-def closed(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say how well the transmission error repeats after a hunting period."""
-    if one := fit.checks.closure:
+    if one := checks.closure:
         yield _said("closure", **asdict(one))
-
-
-def drawn(fit: Fit, found: Identified) -> Iterator[Finding]:
-    """Say which backlash the drawing has."""
-    if (drawing := fit.checks.drawing_backlash_deg) is not None:
-        yield _said("drawing", backlash_deg=drawing)
+    if ratio.seen is not None:
+        std = ratio.std or 0.0
+        better = better_fraction(Fraction(ratio.given), ratio.seen, std)
+        entry = "ratio-seen teeth" if better else "ratio-seen"
+        yield _said(entry, given=ratio.given, seen=ratio.seen, std=std, better=better)
+    if checks.drawing_backlash_deg is not None:
+        yield _said("drawing", backlash_deg=checks.drawing_backlash_deg)
 
 
 FINDINGS: tuple[Callable[[Fit, Identified], Iterator[Finding]], ...] = (
     negative_gap,
     not_settled,
     computed_column,
-    unclear_flanks,
-    short_flanks,
+    flanks,
     open_delay,
     changing_delay,
     shown_delay,
@@ -415,19 +374,12 @@ FINDINGS: tuple[Callable[[Fit, Identified], Iterator[Finding]], ...] = (
     ratio_off,
     other_rig,
     locked_counts,
-    outliers,
-    no_noise,
-    drift,
+    noise_and_drift,
     found_lines,
-    hidden,
-    wrong_counts,
     equal_orders,
     open_starts,
     logged,
-    readings,
-    closed,
-    seen_ratio,
-    drawn,
+    compared,
 )
 """Functions that make the findings of a fit."""
 

@@ -31,16 +31,17 @@ from scipy.linalg import qr
 
 from ..base.arrays import Numbers
 from ..base.errors import NoAnswerError, UsageError
+from ..base.numerics.counting import pieces
 from ..base.units import DEG, REV
 from ..kinematics.backlash_map import chunked
 from ..kinematics.flank_error import FlankError
 from ..kinematics.flank_model import FlankModel, GridOrders, ImplicitModel
 from ..kinematics.harmonic import OrderModel
-from ..model.columns import Assumptions, ColumnName, design_of, embedding
-from ..model.mixed_fit import MixedFit
+from ..model.columns import Assumptions, ColumnName, design_of
+from ..model.mixed_fit import MixedFit, combined
 from ..model.parameter import Parameter
 from ..model.parameters import Quantities
-from ..model.rows import Extra, RowName, Rows, S, Shafts
+from ..model.rows import SHAFTS, Extra, RowName, Rows, S, Shafts
 from ..pair.gear_pair import Drive, GearPair
 from ..pair.schema import Flank, HarmonicOrders
 from .fit_settings import FitSettings
@@ -86,27 +87,20 @@ class GivenModel(Extra):
         parameters, for leaves that are neither parameters nor constants, and where the transmission
         error has the wrong shape or cannot be traced.
         """
+        kind = type(model).__name__
         if isinstance(model, type):
-            raise UsageError(
-                f"{model.__name__} is a class; give an instance of it, with the start values.",
-                where="model",
-            )
-        if not callable(getattr(model, "transmission_error", None)):
-            raise UsageError(
-                f"a {type(model).__name__} has no method `transmission_error(angle, flank)`; give"
-                " an eqx.Module that has one.",
-                where="model",
-            )
-        names = tuple(_names(model))
-        if not names:
-            raise UsageError(
-                f"{type(model).__name__} has no parameters; make at least one field an array of"
-                " floating-point numbers, for example with converter=jnp.asarray.",
-                where="model",
-            )
-        given = cls(model, names, np.asarray(_split(model)[0]))
-        _require_shape(given)
-        return given
+            wrong = f"{model.__name__} is a class; give an instance of it, with the start values."
+        elif not callable(getattr(model, "transmission_error", None)):
+            wrong = f"a {kind} has no method `transmission_error(angle, flank)`; give an eqx.Module"
+            wrong += " that has one."
+        elif names := tuple(_names(model)):
+            given = cls(model, names, np.asarray(_split(model)[0]))
+            _require_shape(given)
+            return given
+        else:
+            wrong = f"{kind} has no parameters; make at least one field an array of floating-point"
+            wrong += " numbers, for example with converter=jnp.asarray."
+        raise UsageError(wrong, where="model")
 
     @property
     def name(self) -> str:
@@ -128,9 +122,7 @@ class GivenModel(Extra):
         """The model of the user, with `values` in its leaves."""
         return _split(self.tree)[1](jnp.asarray(self.values))
 
-    def on(
-        self, angle: Float[np.ndarray, " n"], flank: Flank, where: str = ""
-    ) -> Float[np.ndarray, "n columns"]:
+    def on(self, angle: Float[np.ndarray, " n"], flank: Flank) -> Float[np.ndarray, "n columns"]:
         """Return the transmission error, rad, and its derivatives at driving angles, rad.
 
         **Raises** `NoAnswerError` naming the parameter, the flank and the angle where a value or a
@@ -146,7 +138,7 @@ class GivenModel(Extra):
                 f"the flank model {self.name} has no finite {what} on flank {flank} at the driving"
                 f" angle {angle[row] / DEG:.6g}°; write it so that it is smooth there, or start"
                 " from other values.",
-                where=where or "model",
+                where="model",
             )
         return table
 
@@ -156,13 +148,12 @@ class GivenModel(Extra):
         size = rows.samples.shape[1]
         kept = [0, *(1 + self.names.index(name) for name in self.told)]
         table = np.empty((len(rows.table), len(kept)))
-        step = max(1, _PIECE // size)
         for flank in S:
             own = np.flatnonzero(rows.flank == flank)
-            for begin in range(0, len(own), step):
-                piece = own[begin : begin + step]
-                found = self.on(moved[rows.samples[piece]].ravel(), flank)
-                table[piece] = found.reshape(len(piece), size, -1).mean(1)[:, kept]
+            for part in pieces(len(own), max(1, _PIECE // size)):
+                found = self.on(moved[rows.samples[own[part]]].ravel(), flank)
+                found = found.reshape(-1, size, found.shape[1]).mean(1)
+                table[own[part]] = found[:, kept]
         readings = rows.table[:, -1] - table[:, 0]
         rows = replace(rows, table=np.column_stack([rows.table[:, :-1], readings]))
         names = [RowName("given", name) for name in self.told]
@@ -319,24 +310,23 @@ def searched(
     design = design_of(shafts, drive, orders, assumed=assumed, given=given)
     design = replace(design, given=None)  # rows as short as the flank model needs, without it
     columns = [c for c in design.columns if c.prior not in ("delay_parts", "gap_by_speed")]
-    angles: dict[Flank, list[np.ndarray]] = {flank: [] for flank in S}
-    readings, others = [], []
-    tables = design.rows(shafts)
-    for flank in S:
-        for log, rows in enumerate(tables):
-            own = rows.flank == flank
-            table = rows.table[own] @ embedding(columns, rows.names, log, flank)
-            angles[flank].append(rows.angle[own])
-            readings.append(table[:, -1])
-            others.append(table[:, :-1])
-    table = np.concatenate(others)
-    size = np.linalg.norm(table, axis=0)
-    left, singular, _ = np.linalg.svd(table / np.where(size > 0, size, 1.0), full_matrices=False)
+    logs = design.rows(shafts)
+    flank, angle = (np.concatenate([getattr(one, x) for one in logs]) for x in ("flank", "angle"))
+    table = np.concatenate(combined(columns, logs, np.eye(len(columns) + 1)))
+    table = table[np.argsort(flank, kind="stable")]  # as the angles: A, then B
+    others, readings = table[:, :-1], table[:, -1]
+    size = np.linalg.norm(others, axis=0)
+    left, singular, _ = np.linalg.svd(others / np.where(size > 0, size, 1.0), full_matrices=False)
     basis = left[:, singular > 1e-9 * singular[0]]
-    on_flanks = tuple(map(np.concatenate, angles.values()))
-    misfit = _Misfit(on_flanks, np.concatenate(readings), basis)
-    values = _least_squares(given, misfit)
-    return _told(given.at(values), misfit)
+    misfit = _Misfit(tuple(angle[flank == one] for one in S), readings, basis)
+    slopes, whole = misfit.slopes(given)
+    size = np.linalg.norm(slopes, axis=0)
+    told = size > _RANK * whole
+    unit = float(np.std(misfit.readings)) or 1.0
+    scale = np.where(told, unit / np.where(told, size, 1.0), 0.0)
+    values = np.asarray(_minimised(given.tree, given.values, scale, misfit))
+    # The start stays where no parameters are better.
+    return _told(given.at(values) if np.all(np.isfinite(values)) else given, misfit)
 
 
 def _told(given: GivenModel, misfit: _Misfit) -> GivenModel:
@@ -378,25 +368,9 @@ def _minimised(
         rest = misfit.readings - jnp.concatenate(error)
         return rest - misfit.columns @ (misfit.columns.T @ rest)
 
-    found = optx.least_squares(
-        left,
-        optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9),
-        jnp.zeros(len(start)),
-        max_steps=_MOST_STEPS,
-        throw=False,
-    )
+    solver, zero = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9), jnp.zeros(len(start))
+    found = optx.least_squares(left, solver, zero, max_steps=_MOST_STEPS, throw=False)
     return start + scale * found.value
-
-
-def _least_squares(given: GivenModel, misfit: _Misfit) -> Float[np.ndarray, " p"]:
-    """Return the parameters of the smallest misfit, or those at the start if none are better."""
-    slopes, whole = misfit.slopes(given)
-    size = np.linalg.norm(slopes, axis=0)
-    told = size > _RANK * whole
-    unit = float(np.std(misfit.readings)) or 1.0
-    scale = np.where(told, unit / np.where(told, size, 1.0), 0.0)
-    found = np.asarray(_minimised(given.tree, given.values, scale, misfit))
-    return found if np.all(np.isfinite(found)) else given.values
 
 
 def given_column(name: str) -> ColumnName:
@@ -439,11 +413,9 @@ def fitted_given(
 
 def given_quantities(core: MixedFit, told: Quantities, given: GivenModel) -> Quantities:
     """Return the numbers of a fit with those of its flank model."""
-    index = core.posterior.problem.index
-    names = [name for name in given.names if given_column(name) in index]
-    rows = [core.posterior.row(given_column(name)) for name in names]
+    rows = [core.posterior.row(given_column(name)) for name in given.told]
     values = dict(zip(given.names, given.values, strict=True))
-    told = told.joined(names, rows, [values[name] for name in names])
+    told = told.joined(given.told, rows, [values[name] for name in given.told])
     shift = told.shift.copy()
     if (angles := core.scope.covered).size and len(core.scope.flanks) == 2:
         error = [given.on(angles, flank)[:, 0].mean() for flank in S]
@@ -457,29 +429,19 @@ def given_parameters(
     parameters: dict[str, Parameter], told: Quantities, pair: GearPair | Drive, given: GivenModel
 ) -> dict[str, Parameter]:
     """Return the parameters of a fit with those of its flank model under their names."""
-    kept = (
-        "constant_backlash_deg",
-        "delay_s",
-        "gap_over_angles_covered",
-        "backlash_plus_delay_deg",
-    )
-    found: dict[str, Parameter] = {}
+    found: list[Parameter] = []
     for name, one in parameters.items():
-        if name not in kept:
+        if name.startswith(SHAFTS):  # amplitudes and phases
             unit = one.unit
             if isinstance(pair, GearPair) and name.endswith("_amplitude_arcsec"):
                 name, unit = name.replace("amplitude_arcsec", "eccentricity_mm"), "mm"
             one = Parameter(name, unit, reason=GIVEN_INSTEAD)
-        elif name in ("gap_over_angles_covered", "backlash_plus_delay_deg"):
-            one = told.scalar(name.removesuffix("_deg"), "deg", DEG, label=name)
-        found[name] = one
-    reasons = dict(given.open_reasons)
+        found.append(one)
+    lost = dict(given.open_reasons)
     for name in given.names:
-        if name in reasons:
-            found[name] = Parameter(name, "as given", reason=reasons[name])
-        else:
-            found[name] = told.scalar(name, "as given")
-    return found
+        open_one = Parameter(name, "as given", reason=lost.get(name))
+        found.append(open_one if name in lost else told.scalar(name, "as given"))
+    return {one.name: one for one in found}
 
 
 class FittedModel(ImplicitModel):

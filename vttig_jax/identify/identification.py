@@ -1,4 +1,7 @@
-"""Identification of a rig from its logs: checks at the door, the mixed model, and its result."""
+"""Identification of a rig from its logs: checks at the door, the mixed model, and its result.
+
+The logs of one fit must be of one pair, distinct and long enough.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import NoAnswerError
+from ..base.errors import LogError, NoAnswerError, UsageError
 from ..base.runtime import require_x64
 from ..base.threads import one_blas_thread
 from ..base.units import ARCSEC, DEG
@@ -17,7 +20,8 @@ from ..logs.encoder_log import EncoderLog
 from ..logs.lines.search import Line
 from ..logs.motion.flank_assignment import assigned_segments
 from ..logs.readers.backlash_readings import BacklashReadings
-from ..model.columns import DELAY, RATIO, Assumptions, ColumnName, waves_of
+from ..model.columns import DELAY, RATIO, Assumptions, ColumnName, row_duration, waves_of
+from ..model.density import LAGS
 from ..model.gears import KINDS
 from ..model.lines import found_lines, refined, short_lines
 from ..model.mixed_fit import MixedFit, mixed_fit
@@ -31,13 +35,11 @@ from ..model.parameters import (
     parameters_of,
     quantities_of,
 )
-from ..model.rows import SHAFTS, RowName, Run, Shafts
+from ..model.rows import SHAFTS, RowName, Run, Shafts, Wave
 from ..model.runs import shafts_of
-from ..model.starts import Turns, start_of
-from ..pair.gear_pair import Drive, GearPair
+from ..pair.gear_pair import Drive, GearPair, pair_from_spec
 from ..pair.schema import Flank, HarmonicOrders
-from .checking import checks_of, curves_of, noise_of
-from .door import Identified, require_distinct, require_pair, stated_drive, usable
+from .checking import Identified, checks_of, curves_of, noise_of
 from .findings import contradicts, findings_of
 from .fit_settings import FitSettings, from_keywords, takes_settings
 from .given import (
@@ -54,7 +56,7 @@ from .orders import order_model, order_table
 from .readings import compared, updated
 from .records import Outcome
 from .result import Fit, FitRequest
-from .starts import OWN, log_records, require_one_rig, with_starts
+from .starts import OWN, Turns, log_records, require_one_rig, start_of, with_starts
 
 
 @takes_settings
@@ -129,7 +131,12 @@ def fit(
     if not logs:
         raise ValueError("Argument `log` must hold at least one log, but is empty.")
     require_distinct(logs)
-    pair = stated_drive(logs[0]) if pair is None else pair
+    if pair is None:  # the gears or the drive that the options of the log state
+        if logs[0].spec is None:
+            raise ValueError(
+                "Argument `pair` must be given for a log that was read with a pair, but is None."
+            )
+        pair = pair_from_spec(logs[0].spec)
     if orders is not None and not isinstance(orders, HarmonicOrders):
         raise ValueError(
             "Argument `orders` must be `vttig_jax.pair.HarmonicOrders(driving_orders=(1,),"
@@ -181,24 +188,84 @@ def identified(
     return Identified(logs, core, lines, segments, ratios, short, given)
 
 
+def require_pair(log: EncoderLog, pair: GearPair | Drive) -> None:
+    """Refuse a log that was read with another ratio than that of the pair."""
+    if log.ratio != pair.ratio:
+        raise LogError(
+            f"this log was read with the ratio {log.ratio}, but the pair has {pair.ratio}; read it"
+            " with the pair that it is fitted with.",
+            where=log.source,
+        )
+
+
+def require_distinct(logs: Sequence[EncoderLog]) -> None:
+    """Refuse a log that is given twice."""
+    for number, log in enumerate(logs):
+        for other in logs[:number]:
+            if log is other or (log.sha256 and log.sha256 == other.sha256):
+                same = log.source == other.source
+                seen = "given twice" if same else f"the same data as {other.source}"
+                raise UsageError(f"{seen}; give every log once.", where=log.source)
+
+
+def usable(
+    shafts: Sequence[Shafts], waves: Sequence[Wave], where: str
+) -> tuple[tuple[Shafts, ...], tuple[Flank, ...]]:
+    """Return the logs without the runs of a flank on which all runs are too short for rows.
+
+    The second result names these flanks.
+
+    **Raises** `NoAnswerError` if no run is left.
+    """
+    highest = max((wave.cycles(shafts[0].ratio) for wave in waves), default=1.0)
+    found = [one for one in shafts if one.runs]
+    row_s = row_duration(found, highest) if found else 0.0
+    long = {
+        run.flank
+        for one in found
+        for run in one.runs
+        if (run.stop - run.start) // max(1, round(row_s / one.interval_s)) > LAGS + 1
+    }
+    if not long:
+        raise NoAnswerError(
+            f"no flank has {LAGS + 2} readings of this table; read more places, or every place"
+            " several times."
+            if any(one.still for one in found)
+            else f"no stretch of certain contact on one flank holds {LAGS + 2} averaged samples;"
+            " record longer strokes at a steady speed.",
+            where=where,
+        )
+    seen: set[Flank] = {run.flank for one in found for run in one.runs}
+    kept = [replace(one, runs=tuple(r for r in one.runs if r.flank in long)) for one in shafts]
+    return tuple(kept), tuple(seen - long)
+
+
 def told_by(
-    core: MixedFit, pair: GearPair | Drive, settings: FitSettings, where: str
+    core: MixedFit,
+    pair: GearPair | Drive,
+    settings: FitSettings,
+    where: str,
+    given: GivenModel | None = None,
 ) -> tuple[Quantities, dict[str, Parameter]]:
     """Return the quantities of a fit, and its parameters by name.
 
     **Raises** `NoAnswerError` if they are no finite numbers.
     """
     kinds, told = settings.kinds, None
-    apart = len(core.scope.flanks) == 2 or isinstance(pair, Drive)
+    relation = pair if given is None else Drive(pair.ratio)
+    apart = len(core.scope.flanks) == 2 or isinstance(relation, Drive)
     if np.all(np.isfinite(core.posterior.at.hessian)):
-        told = quantities_of(core, pair, kinds if apart else [k for k in kinds if k == KINDS[0]])
+        fitted_kinds = kinds if apart else [k for k in kinds if k == KINDS[0]]
+        told = quantities_of(core, relation, fitted_kinds)
+        told = told if given is None else given_quantities(core, told, given)
     if told is None or not np.all(np.isfinite(told.covariance)):
         raise NoAnswerError(
             "the fit found no largest density, so that it has no numbers; list fewer orders in"
             " [fit], or record more turns.",
             where=where,
         )
-    return told, parameters_of(core, pair, told, kinds)
+    parameters = parameters_of(core, relation, told, kinds)
+    return told, parameters if given is None else given_parameters(parameters, told, pair, given)
 
 
 def on_flank(shafts: Shafts, flank: Flank | None) -> Shafts:
@@ -227,18 +294,14 @@ def without_axial(shafts: Shafts, pair: GearPair | Drive) -> Shafts:
 def assumptions_of(settings: FitSettings) -> Assumptions:
     """Return what the settings assume before the logs are read."""
     within_ms = settings.delay_within_ms
+    known_s = 0.0 if isinstance(settings.delay, str) else float(settings.delay)
     return Assumptions(
-        delay="fitted" if settings.delay == "auto" else "known",
+        delay_s=None if settings.delay == "auto" else known_s,
         delay_within_s=None if within_ms is None else 1e-3 * within_ms,
         ratio=float(settings.ratio_within),
         orders=float(settings.orders_within),
         widths=float(settings.widths_within),
     )
-
-
-def known_delay(settings: FitSettings) -> float:
-    """Return the delay that the settings give, s; 0 if it is fitted or taken as zero."""
-    return float(settings.delay) if isinstance(settings.delay, int | float) else 0.0
 
 
 def fitted(
@@ -251,9 +314,8 @@ def fitted(
 ) -> tuple[MixedFit, list[Line], GivenModel | None]:
     """Fit the mixed model, and once more with the lines that the residual has."""
     assumed = assumptions_of(settings)
-    fixed_s = known_delay(settings)
     if all(one.still for one in shafts):
-        assumed, fixed_s = replace(assumed, delay="known"), 0.0
+        assumed = replace(assumed, delay_s=0.0)
     if given is not None:
         if not isinstance(pair, Drive):
             mesh = (k * pair.driving.teeth for k in range(1, orders.mesh_orders + 1))
@@ -262,7 +324,7 @@ def fitted(
             assumed = replace(assumed, ratio=0.0)
         pair = Drive(pair.ratio)  # the flank model takes the place of the gears
         given = searched(given, shafts, pair, orders, assumed)
-    fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed, delay_s=fixed_s)
+    fit = partial(mixed_fit, pair=pair, orders=orders, assumed=assumed)
     turns = None
     if given is None:
         core, turns = with_starts(
@@ -270,10 +332,7 @@ def fitted(
         )
     else:
         core, given = fitted_given(given, shafts, fit)
-    first = core
-    lines = [
-        replace(one, cycles_per_rev=float(f"{one.cycles_per_rev:.7g}")) for one in found_lines(core)
-    ]
+    first, lines = core, found_lines(core)
     if not lines or settings.lines != "join":
         return core, lines, given
     cycles = [one.cycles_per_rev for one in lines]
@@ -305,15 +364,11 @@ def result_of(
     if readings is not None and settings.use_readings:
         core = updated(core, readings)
         found = replace(found, core=core)
-    told, parameters = told_by(core, pair if given is None else Drive(pair.ratio), settings, source)
-    model, whole = order_model(core), None
-    if given is not None:
-        told = given_quantities(core, told, given)
-        parameters = given_parameters(parameters, told, pair, given)
-        whole = fitted_model(told, given, model)
+    told, parameters = told_by(core, pair, settings, source, given)
+    model = order_model(core)
+    whole = None if given is None else fitted_model(told, given, model)
     curves, residuals = curves_of(core)
-    flank_model = model if whole is None else whole
-    checks = checks_of(found, pair, parameters, curves, flank_model, compared_with)
+    checks = checks_of(found, pair, parameters, curves, whole or model, compared_with)
     if parameters["constant_backlash_deg"].determined:
         parameters.pop("gap_over_angles_covered", None)
     records = log_records(core, logs)
@@ -360,26 +415,23 @@ def regressors_of(core: MixedFit, told: Quantities) -> tuple[Parameter, ...]:
         name, unit = "torque_arcsec_per_unit", "arcsec/unit of torque"
         found.append(told.scalar("torque", unit, ARCSEC, label=name))
     if "ratio" in told.names:
-        index, turns = core.posterior.problem.index, core.scope.turns
-        column = core.posterior.problem.columns[index[RATIO]]
-        open_firsts = [
-            shaft
-            for shaft in SHAFTS
-            if turns[shaft] < FULL_TURN and ColumnName(RowName(shaft, 1, "cos"), 0) not in index
-        ]
-        if open_firsts:
-            shaft = open_firsts[0]
-            reason = f"over {turns[shaft]:.2g} turns the first order of the {shaft} shaft, which is"
-            reason += " not in the model, is a slope too"
-            found.append(Parameter("ratio", "1", reason=reason))
-        elif told.std("ratio") > TOLD * column.width:
-            share = column.width / abs(core.scope.ratio)
+        index, turns, given = core.posterior.problem.index, core.scope.turns, core.scope.ratio
+        width, std = core.posterior.problem.columns[index[RATIO]].width, told.std("ratio")
+        firsts = {shaft: ColumnName(RowName(shaft, 1, "cos"), 0) for shaft in SHAFTS}
+        slopes = [s for s in SHAFTS if turns[s] < FULL_TURN and firsts[s] not in index]
+        one = Parameter("ratio", "1")
+        if slopes:
+            reason = f"over {turns[slopes[0]]:.2g} turns the first order of the {slopes[0]} shaft,"
+            reason += " which is not in the model, is a slope too"
+        elif std > TOLD * width:
+            share = width / abs(given)
             reason = f"the log does not tell it: within ± {share:.2g} of the ratio as assumed"
-            found.append(Parameter("ratio", "1", reason=reason))
         else:
-            one = told.scalar("ratio", "1", less=core.scope.ratio)
+            one = told.scalar("ratio", "1")
+            off = abs(float(told.mean[told.names.index("ratio")]) - given)
+            one = replace(one, significant=off >= SIGNIFICANT * std)
             reason = None if one.significant else f"within {SIGNIFICANT:g} standard errors as given"
-            found.append(replace(one.moved(core.scope.ratio), reason=reason))
+        found.append(replace(one, reason=reason))
     return tuple(found)
 
 

@@ -1,8 +1,10 @@
 """Result of a fit: parameters, orders, flank model, checks and findings, and its report."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +15,21 @@ from ..base.errors import NoAnswerError
 from ..base.facade import from_front_door
 from ..base.files.text_tables import decimals, key_values, listed, text_table
 from ..base.results import PlottedResult
-from ..base.units import ARCSEC, DEG, duration_text
-from ..kinematics.flank_error import FlankError
+from ..base.units import ARCSEC, DEG, REV, duration_text
+from ..kinematics.flank_error import FlankError, errors_at, flank_error
 from ..kinematics.flank_model import FlankModel
 from ..kinematics.harmonic import OrderModel
-from ..kinematics.hunting_coverage import HuntingCoverage
+from ..kinematics.hunting_coverage import HuntingCoverage, hunting_coverage
 from ..kinematics.te_curve import TECurve
 from ..model.mixed_fit import MixedFit
 from ..model.parameter import Parameter, open_reasons
 from ..pair.gear_pair import Drive, Eccentricities, GearPair
 from ..pair.schema import Flank, HarmonicOrders
 from .accuracy import Accuracy, accuracy_of
-from .coverage import covered_errors, log_coverage
 from .fit_settings import FitSettings
 from .given import FittedModel, StoredModel
-from .orders import Order
-from .records import Checks, Finding, LogRecord, Noise, Outcome
+from .orders import Order, exceeds_noise, is_fractional
+from .records import Checks, Finding, LogRecord, LogStart, Noise, Outcome
 from .turn_averages import Measured, measured
 
 
@@ -123,16 +124,53 @@ class Fit(PlottedResult):
 
     @cached_property
     def coverage(self) -> HuntingCoverage:
-        """Part of the hunting period that the logs cover."""
-        return log_coverage(self.curves, self.logs, self.pair)
+        """Part of the hunting period that the logs cover: driving angles.
+
+        The curves of the first log have the zero of the map. A further log with a zero of its own
+        has start angles a₁ and a₂ that are known up to whole turns of their shafts. It lies in the
+        turn k of the driving shaft for which i (a₁ + 2πk) is closest to a₂ modulo 2π. Where the
+        start angles are too uncertain to separate neighbouring turns, the curves of this log are
+        not placed.
+
+        **Example**
+        ```python
+        >>> import vttig_jax
+        >>> from vttig_jax.rig import paper_rig
+        >>> vttig_jax.enable_x64()
+        >>> rig = paper_rig()
+        >>> print(vttig_jax.fit(rig.log(), rig.pair).coverage)
+        all 16 driving turns of the hunting period on both flanks
+
+        ```
+        """
+        curves = self.curves
+        places = [_place(log.start, self.pair) for log in self.logs] or [0.0]
+        # The time of every log starts again.
+        again = [later.time[0] < earlier.time[-1] for earlier, later in pairwise(curves)]
+        if curves and sum(again) + 1 == len(places):
+            numbers = np.cumsum([0, *again]).tolist()
+            return hunting_coverage(curves, self.pair, [places[number] for number in numbers])
+        # It is unknown which curve belongs to which log, but logs with a common zero need no place.
+        common = 0.0 if all(place == 0.0 for place in places) else None
+        return hunting_coverage(curves, self.pair, [common] * len(curves))
 
     @cached_property
     def flank_errors(self) -> dict[Flank, FlankError]:
         """Size of the fitted transmission error of each measured flank over the covered angles.
 
-        Fractional orders are part of it; drift and regressors are not.
+        Fractional orders are part of it, with the phases of the first log; drift and regressors are
+        not. A `StoredModel` has the sizes that its fit has stored.
         """
-        return covered_errors(self.flank_model, self.orders, self.coverage)
+        model, found = self.flank_model, dict[Flank, FlankError]()
+        if isinstance(model, StoredModel):
+            return dict(model.errors)
+        highest = max([model.highest_order, *(float(one.order) for one in self.orders)])
+        for flank, spans in self.coverage.spans.items():
+            own = [one for one in self.orders if one.flank == flank]
+            size = flank_error(partial(_error, model, flank, own), spans, highest)
+            significant = isinstance(model, FittedModel) or exceeds_noise(own)
+            found[flank] = replace(size, significant=significant)
+        return found
 
     @cached_property
     def measured(self) -> Measured | None:
@@ -176,21 +214,16 @@ class Fit(PlottedResult):
         """
         _require_relation(self)
         cartesian = dict(zip(self.covariance_names, self.values, strict=True))
-        driving, driven = (
-            complex(cartesian[f"{shaft}_x"], cartesian[f"{shaft}_y"])
-            if self.parameters[f"{shaft}_eccentricity_mm"].determined
-            else 0.0
-            for shaft in ("driving", "driven")
-        )
+        polar: dict[str, Any] = {}
+        for shaft in ("driving", "driven"):
+            offset = complex(0.0)
+            if self.parameters[f"{shaft}_eccentricity_mm"].determined:
+                offset = complex(cartesian[f"{shaft}_x"], cartesian[f"{shaft}_y"])
+            polar[f"{shaft}_mm"] = abs(offset)
+            polar[f"{shaft}_phase_deg"] = np.angle(offset, deg=True)
         if constant_backlash_deg is None:
             constant_backlash_deg = cartesian.get("constant_backlash", 0.0) / DEG
-        return Eccentricities(
-            abs(driving),
-            np.angle(driving, deg=True),
-            abs(driven),
-            np.angle(driven, deg=True),
-            constant_backlash_deg,
-        )
+        return Eccentricities(**polar, constant_backlash_deg=constant_backlash_deg)
 
     def save(self, folder: str | Path, *, overwrite: bool = False, figures: bool = True) -> None:
         """Write a run folder, as `vttig fit --out` does; see `vttig_jax.runs.save_fit`."""
@@ -288,38 +321,22 @@ def fit_text(fit: Fit) -> str:
     shown = [p for p in (*fit.parameters.values(), *fit.regressors) if p.determined]
     rms, noise, samples = fit.residual_rms_deg, fit.noise, fit.samples
     drift = fit.checks.drift_arcsec if fit.checks.likelihood_ratio.get("drift", 0.0) > 0 else 0.0
-    head = key_values(
-        [
-            *(("log", one.source) for one in fit.logs[1:] and fit.logs),
-            *([] if fit.logs[1:] else [("log", fit.source)]),
-            ("outcome", fit.outcome.replace("_", " ")),
-            *([] if fit.given is None else [("flank model", fit.given.name)]),
-            ("flanks", " and ".join(fit.flanks)),
-            (
-                "samples",
-                f"{samples['read']} read, {samples['used']} used ({samples['forward']} forward,"
-                f" {samples['backward']} backward)",
-            ),
-            ("zero of both angles", _ZEROS[fit.zero]),
-            *_starts(fit.logs),
-            ("residual", f"{rms:.5f}° rms ({rms * DEG / ARCSEC:.2f}″) of averaged rows"),
-            *(
-                (
-                    f"error of flank {flank}",
-                    f"{error}, over {error.turns:.3g} of {fit.pair.hunting_turns} driving turns",
-                )
-                for flank, error in fit.flank_errors.items()
-            ),
-            (
-                "noise",
-                f"rows of {duration_text(noise.block_s)}, correlation time"
-                f" {duration_text(noise.correlation_s)}, {100 * noise.slow_share:.0f} % of its"
-                " variance is slow",
-            ),
-            ("drift", f"{drift:.2g}″" if drift >= 0.005 else "none"),
-        ],
-        title=fit.pair.name or "fit",
-    )
+    rows = [("log", one.source) for one in (fit.logs if fit.logs[1:] else (fit,))]
+    rows.append(("outcome", fit.outcome.replace("_", " ")))
+    if fit.given is not None:
+        rows.append(("flank model", fit.given.name))
+    used = f"{samples['used']} used ({samples['forward']} forward, {samples['backward']} backward)"
+    rows += [("flanks", " and ".join(fit.flanks)), ("samples", f"{samples['read']} read, {used}")]
+    rows += [("zero of both angles", _ZEROS[fit.zero]), *_starts(fit.logs)]
+    rows.append(("residual", f"{rms:.5f}° rms ({rms * DEG / ARCSEC:.2f}″) of averaged rows"))
+    for flank, error in fit.flank_errors.items():
+        turns = f"{error.turns:.3g} of {fit.pair.hunting_turns} driving turns"
+        rows.append((f"error of flank {flank}", f"{error}, over {turns}"))
+    memory = f"correlation time {duration_text(noise.correlation_s)}"
+    memory += f", {100 * noise.slow_share:.0f} % of its variance is slow"
+    rows.append(("noise", f"rows of {duration_text(noise.block_s)}, {memory}"))
+    rows.append(("drift", f"{drift:.2g}″" if drift >= 0.005 else "none"))
+    head = key_values(rows, title=fit.pair.name or "fit")
     table = text_table([parameter_cells(p) for p in shown], PARAMETER_HEADERS)
     parts = [head, *_titled("warnings", list(fit.warnings)), *([table] if shown else [])]
     parts += [*_orders(fit), *conditions(fit.conditional_on)]
@@ -371,16 +388,13 @@ def _starts(logs: tuple[LogRecord, ...]) -> list[tuple[str, str]]:
             return f"{shaft} unknown (no order that both logs share tells it)"
         return f"{shaft} {value:.3f}° ± {std:.2g}°"
 
-    return [
-        (
-            f"start of log {number}",
-            angle("driving", log.start.driving_deg, log.start.driving_std_deg)
-            + ", "
-            + angle("driven", log.start.driven_deg, log.start.driven_std_deg),
-        )
-        for number, log in enumerate(logs[1:], 2)
-        if log.start.driving_std_deg != 0
-    ]
+    rows = []
+    for number, start in enumerate((log.start for log in logs[1:]), 2):
+        if start.driving_std_deg != 0:
+            driving = angle("driving", start.driving_deg, start.driving_std_deg)
+            driven = angle("driven", start.driven_deg, start.driven_std_deg)
+            rows.append((f"start of log {number}", f"{driving}, {driven}"))
+    return rows
 
 
 def doubt(
@@ -420,3 +434,36 @@ def parameter_cells(p: Parameter) -> list[str]:
     unlike = " (as given)" if p.name == "ratio" else doubt(p.value, p.low95, p.high95, p.reason)
     mark = "" if p.significant else unlike
     return [p.name, number(p.value) + mark, number(p.std), freedom, span, p.unit]
+
+
+_LARGEST_TE_DEG = 0.5
+"""Largest transmission error assumed in a start angle of a log, ° of the driven shaft (chosen)."""
+
+
+def _place(start: LogStart, pair: GearPair | Drive) -> float | None:
+    """Return the driving angle of the zero of a log in the hunting period, rad, or None."""
+    if start.driving_deg is None or start.driven_deg is None:
+        return None
+    spreads = start.driving_std_deg or 0.0, start.driven_std_deg or 0.0
+    if not any(spreads):  # not fitted: the zero of the first log
+        return start.driving_deg * DEG
+    ratio = float(pair.ratio)
+    uncertain = 3 * math.hypot(ratio * spreads[0], spreads[1]) + _LARGEST_TE_DEG
+    if not all(spreads) or not uncertain < 180.0 / pair.hunting_turns:
+        return None
+    places = start.driving_deg * DEG + np.arange(pair.hunting_turns) * REV
+    distance = np.mod(ratio * places - start.driven_deg * DEG + REV / 2, REV) - REV / 2
+    return float(places[np.argmin(np.abs(distance))])
+
+
+def _error(
+    model: FlankModel, flank: Flank, orders: Sequence[Order], driving: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Return TE of `flank`, rad, with its fractional orders, at driving angles in rad."""
+    error = errors_at(model, flank, driving)
+    shafts = {"driving": driving, "driven": float(model.ratio) * driving + error}
+    for one in orders:
+        if is_fractional(one):
+            phase = one.order * shafts[one.shaft] + one.phase_deg * DEG
+            error = error + one.amplitude_arcsec * ARCSEC * np.sin(phase)
+    return error

@@ -4,18 +4,21 @@ Logs whose starts are told share their orders: amplitudes are those of all, phas
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from ..base.errors import LogError
 from ..base.numerics.polar_spread import polar_spread
 from ..base.units import ARCSEC, DEG, REV
 from ..logs.encoder_log import EncoderLog
-from ..model.columns import ColumnName
+from ..model.columns import GAP, Column, ColumnName
+from ..model.density import LAGS, normal
+from ..model.functionals import Posterior
 from ..model.mixed_fit import MixedFit
-from ..model.rows import SHAFTS, UNTOLD, S, Shafts, Start
-from ..model.starts import Turns, alone, start_of
+from ..model.rows import SHAFTS, UNTOLD, Extra, RowName, Rows, S, Shafts, Start, Wave
 from .orders import CLEAR, order_rows
 from .records import Disagreement, LogRecord, LogStart
 
@@ -26,6 +29,72 @@ _ANGLES = np.linspace(0.0, REV, 1441)[:-1]
 _SETTLED, _MOST_FITS = 0.3, 3
 _SHARE = 0.2
 """First orders that differ by more than a fifth, beyond chance, are those of two rigs (chosen)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turns(Extra):
+    """Derivatives of logs by their start angles, whose columns belong to the model.
+
+    The harmonic C cos ψ + S sin ψ with ψ = n₁(φ₁ + a₁) + n₂(φ₂ + a₂) has the derivatives
+    n (S cos ψ − C sin ψ) by a₁ and a₂. Only harmonics that a log shares count.
+
+    **Arguments**
+    - `waves`: harmonic → S and C of both flanks (mean and difference), rad.
+    """
+
+    waves: dict[Wave, Float[np.ndarray, "2 2"]]
+
+    @classmethod
+    def of(cls, fit: MixedFit) -> "Turns":
+        """Return the derivatives at the harmonics that a fit has for its first log."""
+        index, found = fit.posterior.problem.index, fit.posterior.coefficients
+        both = (False, True) if GAP in index else (False,)
+        waves = {}
+        for wave in fit.waves:
+            rows = wave.row("sin"), wave.row("cos")
+            places = [[index[ColumnName(row, 0, differs)] for differs in both] for row in rows]
+            waves[wave] = found[np.array(places)]
+        return cls(waves)
+
+    def with_derivatives(self, shafts: Shafts, rows: Rows, delay_s: float) -> Rows:
+        """Return the rows with the derivatives as columns."""
+        slopes = np.zeros((2, len(rows.table)))
+        s = np.where(rows.flank == "A", S["A"], S["B"])
+        sides = np.stack([np.ones(len(rows.table)), s])
+        for wave, series in self.waves.items():
+            if shafts.start.tells(wave):
+                sine, cosine = series @ sides[: series.shape[1]]
+                cos, sin = (rows.column(wave.row(part)) for part in ("cos", "sin"))
+                slopes += np.outer((wave.driving, wave.driven), sine * cos - cosine * sin)
+        names = [RowName("start", shaft) for shaft in SHAFTS]
+        return rows.with_columns(dict(zip(names, slopes, strict=True)))
+
+
+def start_of(fit: MixedFit, log: int) -> Start:
+    """Return the start of a log after the steps of a fit."""
+    start, posterior = fit.shafts[log].start, fit.posterior
+    angles, spread = list(start.angles), list(start.spread)
+    for place, shaft in enumerate(SHAFTS):
+        if (name := ColumnName(RowName("start", shaft), log)) in posterior.problem.index:
+            step = posterior.one(posterior.row(name))
+            angles[place] += step.value
+            spread[place] = step.std
+    return Start((angles[0], angles[1]), (spread[0], spread[1]))
+
+
+def alone(fit: MixedFit) -> MixedFit:
+    """Return a fit whose logs have harmonics of their own, at the noise and widths of `fit`."""
+    posterior, logs = fit.posterior, range(len(fit.rows))
+    columns: list[Column] = []
+    for column in posterior.problem.columns:
+        of_wave = column.row.part is not None
+        columns += [replace(column, logs=(log,)) for log in logs] if of_wave else [column]
+    problem = posterior.problem.of(tuple(columns), fit.rows, fit.weights, fit.delay_s)
+    theta = posterior.theta.copy()
+    theta[LAGS:] += np.log(posterior.problem.unit / problem.unit)
+    given = normal(jnp.asarray(theta), problem.compressed)
+    at = replace(posterior.at, beta=given.solved(given.half), spread=given.spread)
+    return replace(fit, posterior=Posterior(problem, theta, at))
 
 
 def with_starts(
@@ -104,30 +173,18 @@ def log_records(core: MixedFit, logs: Sequence[EncoderLog]) -> tuple[LogRecord, 
     """Return the record of every log."""
     found = []
     for number, (log, rows) in enumerate(zip(logs, core.rows, strict=True)):
-        size = rows.samples.shape[1]
-        used = {flank: size * int(np.sum(rows.flank == flank)) for flank in S}
-        total = sum(used.values())
-        found.append(
-            LogRecord(
-                source=log.source,
-                sha256=log.sha256,
-                zero=log.zero,
-                start=_log_start(start_of(core, number)),
-                zero_readings={
-                    shaft: None
-                    if one is None
-                    else (one.origin if log.zero == "start" else one.reading[0].item())
-                    for shaft, one in (("driving", log.driving), ("driven", log.driven))
-                },
-                samples={
-                    "read": len(log),
-                    "used": total,
-                    "forward": used["A"],
-                    "backward": used["B"],
-                    "masked": len(log) - total,
-                },
-            )
-        )
+        size, zeros = rows.samples.shape[1], dict[str, int | float | None]()
+        forward, backward = (size * int(np.sum(rows.flank == flank)) for flank in S)
+        used = forward + backward
+        samples = {"read": len(log), "used": used, "forward": forward, "backward": backward}
+        samples["masked"] = len(log) - used
+        for shaft, channel in zip(SHAFTS, (log.driving, log.driven), strict=True):
+            zeros[shaft] = None
+            if channel is not None:
+                first = channel.reading[0].item()
+                zeros[shaft] = channel.origin if log.zero == "start" else first
+        start = _log_start(start_of(core, number))
+        found.append(LogRecord(log.source, log.sha256, log.zero, start, zeros, samples))
     return tuple(found)
 
 

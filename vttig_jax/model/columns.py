@@ -22,7 +22,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -64,7 +64,7 @@ class Assumptions:
     """What is assumed before the logs are read: physics, not estimates.
 
     **Arguments**
-    - `delay`: "fitted", or "known" where the delay is given and no column is fitted.
+    - `delay_s`: known delay, for which no column is fitted; None where it is fitted.
     - `delay_within_s`: prior standard deviation of the delay; by default half a sampling interval,
       and at least the delay itself.
     - `ratio`: prior standard deviation of the relative error of the ratio of a drive: a ratio is
@@ -74,7 +74,7 @@ class Assumptions:
     - `widths`: scale of the width τ of every group, in standard errors of a harmonic in the noise.
     """
 
-    delay: Literal["fitted", "known"] = "fitted"
+    delay_s: float | None = None
     delay_within_s: float | None = None
     ratio: float = 3e-3
     orders: float = 3.0
@@ -210,7 +210,7 @@ class Design:
         if self.both:
             yield Column(ONE, differs=True)
             yield from rounded(ONE, range(len(shafts)), differs=True)
-        if assumed.delay == "fitted":
+        if assumed.delay_s is None:
             half = 0.5 * max(one.interval_s for one in shafts)
             width = assumed.delay_within_s or max(half, abs(self.delay_s))
             yield Column(DELAY.row, prior=KNOWN, width=width)
@@ -238,7 +238,7 @@ class Design:
                 yield Column(RowName("offset", k), (log,), prior=KNOWN, width=width)
             for k in range(KNOTS if self.drift else 0):
                 yield Column(RowName("drift", k), (log,), prior="drift", width=KNOTS**-0.5)
-            if assumed.delay == "fitted" and self.both:  # on one flank it is a drift
+            if assumed.delay_s is None and self.both:  # on one flank it is a drift
                 for k in range(PARTS):
                     yield Column(RowName("part", k), (log,), prior="delay_parts")
         if self.both and not self.still:

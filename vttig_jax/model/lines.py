@@ -21,7 +21,7 @@ _HIGHEST, _FALSE_ALARM, _MOST, _APART = 12.0, 1e-6, 3, 4.0
 
 
 def found_lines(fit: MixedFit) -> list[Line]:
-    """Return lines of the residual that are no order of the model.
+    """Return lines of the residual that are no order of the model, their cycles to seven digits.
 
     Logs with zeros of their own are searched one by one: no start angle tells the phase of a line.
     """
@@ -36,7 +36,7 @@ def found_lines(fit: MixedFit) -> list[Line]:
         cycles = line.cycles_per_rev
         new = all(abs(cycles - k) > _APART * line.cycles_std for k in known)
         if new and all(abs(cycles - one.cycles_per_rev) >= apart for one in lines):
-            lines.append(line)
+            lines.append(replace(line, cycles_per_rev=float(f"{cycles:.7g}")))
     return lines[:_MOST]
 
 
@@ -48,18 +48,11 @@ def short_lines(fit: MixedFit) -> list[Line]:
     """
     if fit.scope.turns["driving"] >= _RESOLVED:
         return []
-    problem = fit.posterior.problem
-    fine = [
-        rows_of(
-            one,
-            fit.waves,
-            0.25 * rows.samples.shape[1] * one.interval_s,
-            fit.delay_s,
-            fit.bends,
-            ratio=RATIO in problem.index,
-        )
-        for one, rows in zip(fit.shafts, fit.rows, strict=True)
-    ]
+    problem, fine = fit.posterior.problem, []
+    ratio = RATIO in problem.index
+    for one, rows in zip(fit.shafts, fit.rows, strict=True):
+        row_s = 0.25 * rows.samples.shape[1] * one.interval_s
+        fine.append(rows_of(one, fit.waves, row_s, fit.delay_s, fit.bends, ratio=ratio))
     left = np.concatenate(residuals(problem.columns, fine, fit.posterior.coefficients))
     runs = list(chain(*_stretches(fine, left, np.isfinite(left))))
     found = _searched(runs, least=_HIGHEST, most=math.inf)
@@ -136,7 +129,7 @@ def refined(
     in the model, so that one fit has one number for each. The last step, which is not taken, counts
     in the standard error of the frequency.
     """
-    cycles = np.array([float(f"{line.cycles_per_rev:.7g}") for line in lines])
+    cycles = np.array([line.cycles_per_rev for line in lines])
     apart = np.abs(cycles[:, None] - cycles) + np.where(np.eye(len(lines)) > 0, np.inf, 0.0)
     alone = apart.min(axis=1) > _RESOLVED / turns
     phase = np.array([line.phase_deg for line in lines]) * DEG
@@ -164,19 +157,11 @@ def refined(
     found = []
     for place, line in enumerate(lines):
         both = slice(2 * place, 2 * place + 2)
-        amplitude, std, phase_deg, _ = polar_spread(
+        size, std, phase_deg, _ = polar_spread(
             waves[place] / ARCSEC, spread[both, both] / ARCSEC**2
         )
-        step = steps.get(place)
-        cycles_std = line.cycles_std if step is None else math.hypot(step.std, step.value)
-        found.append(
-            replace(
-                line,
-                cycles_per_rev=shifts.cycles[place],
-                cycles_std=cycles_std,
-                amplitude_arcsec=amplitude,
-                amplitude_std_arcsec=std,
-                phase_deg=phase_deg,
-            )
-        )
+        told = {"amplitude_arcsec": size, "amplitude_std_arcsec": std, "phase_deg": phase_deg}
+        if (step := steps.get(place)) is not None:
+            told["cycles_std"] = math.hypot(step.std, step.value)
+        found.append(replace(line, cycles_per_rev=shifts.cycles[place], **told))
     return core, found

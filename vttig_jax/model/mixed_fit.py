@@ -86,7 +86,6 @@ def mixed_fit(
     orders: HarmonicOrders,
     *,
     lines: Sequence[float] = (),
-    delay_s: float = 0.0,
     after: MixedFit | None = None,
     assumed: Assumptions = Assumptions(),
     given: Extra | None = None,
@@ -97,7 +96,6 @@ def mixed_fit(
     - `shafts`: logs with their runs and starts. - `orders`: harmonic orders of both shafts and the
       mesh.
     - `lines`: frequencies of further lines, cycles per driving turn.
-    - `delay_s`: delay of the driven channel at which the first pass begins, or the known one.
     - `after`: an earlier fit of these logs, at whose delay, outliers and orders that stand out
       this one begins.
     - `assumed`: what is assumed before the logs are read.
@@ -106,11 +104,10 @@ def mixed_fit(
     """
     shafts = tuple(shafts)
     design = design_of(shafts, pair, orders, lines=lines, assumed=assumed, given=given)
-    weights = None
+    delay_s, weights, free = assumed.delay_s or 0.0, None, assumed.delay_s is None
     if after is not None:
         delay_s, weights = after.delay_s, after.weights
         design = replace(design, clear=after.clear)
-    free = assumed.delay == "fitted"
     theta, searched, noise, steps = None, False, 0.0, 0
     number, value, last = 0, 0.0, 0.0
     while True:

@@ -1,7 +1,7 @@
 """Parameter of a fit: its value and interval, or the reason why it has none."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from ..base.units import ARCSEC, DEG, REV
@@ -39,12 +39,6 @@ class Parameter:
     reason: str | None = None
     upper95: float | None = None
     freedom: float | None = None
-
-    def moved(self, by: float) -> "Parameter":
-        """Return the parameter with `by` added to its value and to both bounds of its interval."""
-        if self.value is None or self.low95 is None or self.high95 is None:
-            return self
-        return replace(self, value=self.value + by, low95=self.low95 + by, high95=self.high95 + by)
 
     def to_json(self) -> dict:
         """Return the fields in the JSON object of a fit, the last two only if they are known."""

@@ -83,30 +83,19 @@ class Quantities:
         """Return the standard deviation of a number."""
         return math.sqrt(max(float(self.covariance[*self.at(name, name)]), 0.0))
 
-    def scalar(
-        self, name: str, unit: str, scale: float = 1.0, *, label: str = "", less: float = 0.0
-    ) -> Parameter:
-        """Return a number, `less` a known one, in a unit of `scale`, as a determined parameter.
+    def scalar(self, name: str, unit: str, scale: float = 1.0, *, label: str = "") -> Parameter:
+        """Return a number in a unit of `scale`, as a determined parameter.
 
         It is significant beyond three standard errors. `label` names it in place of its own name.
         """
         (at,) = self.at(name)
-        value, freedom = (float(self.mean[at]) - less) / scale, float(self.freedom[at])
+        value, freedom = float(self.mean[at]) / scale, float(self.freedom[at])
         std = self.std(name) / scale
         half = float(stdtrit(freedom, 0.975)) * std
-        significant = abs(value) >= SIGNIFICANT * std
-        return Parameter(
-            label or name,
-            unit,
-            value,
-            std,
-            value - half,
-            value + half,
-            True,
-            significant,
-            None if significant else BELOW,
-            freedom=freedom,
-        )
+        told = value, std, value - half, value + half, True
+        if abs(value) >= SIGNIFICANT * std:
+            return Parameter(label or name, unit, *told, True, freedom=freedom)
+        return Parameter(label or name, unit, *told, reason=BELOW, freedom=freedom)
 
 
 def gap_row(fit: MixedFit, angles: Angles) -> Row:
@@ -128,41 +117,32 @@ def quantities_of(
     """Return the numbers of a fit; gears or encoders that are not in `kinds` are perfect."""
     posterior, index, scope = fit.posterior, fit.posterior.problem.index, fit.scope
     both = GAP in index
-    names: list[str] = []
-    rows: list[Row] = []
-    shift: list[float] = []
-
-    def add(name: str, row: Row, by: float = 0.0) -> None:
-        names.append(name)
-        rows.append(row)
-        shift.append(by)
-
+    told: dict[str, tuple[Row, float]] = {}
     found = fitted_gears(pair, fit, kinds) if isinstance(pair, GearPair) else None
     if found is not None:
         for name, value, row in zip(found.relation.names, found.values, found.rows, strict=True):
-            add(name, row, float(value - row @ posterior.moved))
+            told[name] = row, float(value - row @ posterior.moved)
     elif isinstance(pair, Drive):
         # Without gears the first order is that of the encoder, E₂ sin(φ₂ + ε₂) − i E₁ sin(φ₁ + ε₁).
         for shaft, gain in zip(SHAFTS, (-1 / scope.ratio if kinds[0] else 1.0, 1.0), strict=True):
             for axis, part in (("x", "sin"), ("y", "cos")):
                 if (name := ColumnName(RowName(shaft, 1, part), 0)) in index:
-                    add(f"{shaft}{kinds[0]}_{axis}", gain * posterior.row(name))
+                    told[f"{shaft}{kinds[0]}_{axis}"] = gain * posterior.row(name), 0.0
     late = posterior.row(DELAY) if DELAY in index else None
     if both:
         constant = 0.0 if found is None else float(found.constants[-1])
-        add("constant_backlash", posterior.row(GAP), -constant)
+        told["constant_backlash"] = posterior.row(GAP), -constant
         if len(scope.covered):
             covered = gap_row(fit, scope.covered)
-            add("gap_over_angles_covered", covered)
+            told["gap_over_angles_covered"] = covered, 0.0
             if late is not None:
                 gain = abs(scope.ratio) * sum(scope.speeds)
-                add("backlash_plus_delay", covered + gain * late, gain * fit.delay_s)
-    if late is not None:
-        add("delay", late, fit.delay_s)
-    for name, by in ((TORQUE, 0.0), (RATIO, scope.ratio)):
+                told["backlash_plus_delay"] = covered + gain * late, gain * fit.delay_s
+    for name, by in ((DELAY, fit.delay_s), (TORQUE, 0.0), (RATIO, scope.ratio)):
         if name in index:
-            add(str(name), posterior.row(name), by)
-    return Quantities(posterior, tuple(names), np.stack(rows), np.array(shift), found)
+            told[str(name)] = posterior.row(name), by
+    rows, shift = zip(*told.values(), strict=True)
+    return Quantities(posterior, tuple(told), np.stack(rows), np.array(shift), found)
 
 
 def polar(
@@ -172,22 +152,20 @@ def polar(
     mean: Float[np.ndarray, "2"],
     spread: Float[np.ndarray, "2 2"],
     freedom: float,
-) -> tuple[Parameter, Parameter]:
+) -> list[Parameter]:
     """Return amplitude and phase of x + jy = amplitude exp(j phase)."""
     amplitude, std, phase, phase_std = polar_spread(mean / scale, spread / scale**2)
     quantile = float(stdtrit(freedom, 0.975))
     if amplitude < SIGNIFICANT * std:
         upper = upper_limit(amplitude, spread / scale**2)
         more = {"reason": UPPER, "upper95": upper}
+        one = Parameter(names[0], unit, amplitude, std, 0.0, upper, True, **more)
         reason = f"{names[0]} is below three standard errors"
-        return (
-            Parameter(names[0], unit, amplitude, std, 0.0, upper, True, **more),
-            Parameter(names[1], "deg", determined=True, reason=reason),
-        )
-    return tuple(
+        return [one, Parameter(names[1], "deg", determined=True, reason=reason)]
+    return [
         Parameter(name, u, v, s, v - quantile * s, v + quantile * s, True, True, freedom=freedom)
         for name, u, v, s in ((names[0], unit, amplitude, std), (names[1], "deg", phase, phase_std))
-    )  # pyright: ignore[reportReturnType]
+    ]
 
 
 ONE_DIRECTION = "one direction: encoder and gear eccentricity are one number"
@@ -219,18 +197,16 @@ def parameters_of(
                 name, unit, scale = f"{shaft}_eccentricity_mm", "mm", 1.0
             names = (name, f"{source}_phase_deg")
             reason = _reason(fit, told, shaft, kind, kinds, drive=drive)
+            both: list[Parameter] = []
             if reason is None:
                 at = told.at(f"{source}_x", f"{source}_y")
                 spread, freedom = told.covariance[np.ix_(at, at)], float(min(told.freedom[at]))
-                one, two = polar(names, unit, scale, told.mean[at], spread, freedom)
-                if (one.high95 or 0.0) <= largest[unit]:
-                    found += [one, two]
-                    continue
-                reason = OPEN
-            found += [
-                Parameter(names[0], unit, reason=reason),
-                Parameter(names[1], "deg", reason=reason),
-            ]
+                both = polar(names, unit, scale, told.mean[at], spread, freedom)
+                reason = OPEN if (both[0].high95 or 0.0) > largest[unit] else None
+            if reason is not None:
+                units = zip(names, (unit, "deg"), strict=True)
+                both = [Parameter(name, its, reason=reason) for name, its in units]
+            found += both
         if not kind:
             found.append(_backlash(fit, told))
     found.append(_delay(fit, told))
