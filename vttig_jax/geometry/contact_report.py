@@ -128,19 +128,29 @@ class Contacts:
                 lines[int(self.section_pair[place, pair])] = np.stack(points, axis=-1)[touches]
         return lines
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of one flank in `flanks` of schema `vttig.contact/1`."""
+        error = self.transmission_error[self.in_contact] / DEG
+        kinds = Counter(map(self.kind, range(len(self.driving_angle))))
+        return {
+            "transmission_error_min_deg": error.min() if len(error) else None,
+            "transmission_error_max_deg": error.max() if len(error) else None,
+            "pairs_in_contact": float(self.pairs_in_contact.mean()),
+            "largest_misfit_deg": self.largest_misfit / DEG,
+            "kinds": dict(kinds.most_common()),
+        }
+
     def __str__(self) -> str:
         count = len(self.driving_angle)
-        kinds = Counter(self.kind(place) for place in range(count))
         rows = [("angles", f"{count}")]
         if count:
-            error = (self.transmission_error[self.in_contact] / DEG).round(5) + 0.0  # no −0
-            span = f"{error.min():.5f}° … {error.max():.5f}°" if len(error) else None
+            low, high, pairs, misfit, kinds = self.to_json().values()
             rows += [
-                ("transmission error", span),
-                ("pairs in contact", f"{self.pairs_in_contact.mean():.3f} on average"),
-                ("largest misfit", f"{self.largest_misfit / DEG:.5f}° of a section"),
+                ("transmission error", None if low is None else f"{low:z.5f}° … {high:z.5f}°"),
+                ("pairs in contact", f"{pairs:.3f} on average"),
+                ("largest misfit", f"{misfit:.5f}° of a section"),
+                *((kind, f"{times} of {count}") for kind, times in kinds.items()),
             ]
-            rows += [(kind, f"{times} of {count}") for kind, times in kinds.most_common()]
         return key_values(rows, title=f"contact, flank {self.flank}")
 
 

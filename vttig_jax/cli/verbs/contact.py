@@ -1,6 +1,5 @@
 """`vttig contact`: first contact of the tooth surfaces over the hunting period."""
 
-from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,7 +30,6 @@ from ..output import Output
 if TYPE_CHECKING:
     from ...geometry.backlash import GapReport
     from ...geometry.contact_report import Contacts
-    from ...geometry.deviations import Deviations
     from ...pair.gear_pair import GearPair
 
 
@@ -104,17 +102,14 @@ def command(
     require_rows(turns, step_deg)
     mounted = Eccentricities() if rig is None else fitted_rig(rig, pair)
     apparent = None if rig is None else float(mounted.constant_backlash_deg)
-    measured = tilt = None
-    if not (deviations is None and pitch is None):
-        measured = read_deviations(deviations, pitch, pair=gears)
-    if inclination_urad or deviation_urad:
-        tilt = Misalignment(inclination_urad * 1e-6, deviation_urad * 1e-6)
+    measured = read_deviations(deviations, pitch, pair=gears) if deviations or pitch else None
+    tilt = Misalignment(inclination_urad * 1e-6, deviation_urad * 1e-6)
     try:
         with arguments_as_options():
             model = contact_model(
                 gears,
                 eqx.tree_at(lambda one: one.axial_mm, mounted, np.float64(axial_mm)),
-                misalignment=tilt,
+                misalignment=tilt if inclination_urad or deviation_urad else None,
                 deviations=measured,
                 centre_distance_mm=centre_distance_mm,
             )
@@ -153,7 +148,7 @@ def command(
             "axial_mm": gap.axial_mm,
             "rows": len(left),
             "rows_with_backlash": len(known),
-            "flanks": {name: _flank(found) for name, found in flanks.items()},
+            "flanks": {name: found.to_json() for name, found in flanks.items()},
             **ends,
             "drawn_backlash_deg": gap.backlash / DEG,
             "apparent_backlash_deg": None if gap.apparent is None else gap.apparent / DEG,
@@ -166,7 +161,7 @@ def command(
                 folder.write_bytes(name, data)
             folder.write_text(_RECORD, dumps(record) + "\n")
             folder.write_text(_TABLE, _table(flanks, left))
-    output.emit(record, _text(flanks, record, gap, measured, out))
+    output.emit(record, _text(flanks, record, gap, out))
 
 
 def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, bytes]:
@@ -189,24 +184,8 @@ def _figures(gears: "GearPair", flanks: "dict[str, Contacts]") -> dict[str, byte
     return drawn
 
 
-def _flank(found: "Contacts") -> dict[str, Any]:
-    kinds = Counter(found.kind(place) for place in range(len(found.driving_angle)))
-    error = found.transmission_error[found.in_contact] / DEG
-    return {
-        "transmission_error_min_deg": error.min() if len(error) else None,
-        "transmission_error_max_deg": error.max() if len(error) else None,
-        "pairs_in_contact": float(found.pairs_in_contact.mean()),
-        "largest_misfit_deg": found.largest_misfit / DEG,
-        "kinds": dict(kinds.most_common()),
-    }
-
-
 def _text(
-    flanks: "dict[str, Contacts]",
-    record: dict[str, Any],
-    gap: "GapReport",
-    deviations: "Deviations | None",
-    out: Path | None,
+    flanks: "dict[str, Contacts]", record: dict[str, Any], gap: "GapReport", out: Path | None
 ) -> str:
     """Return the text that is printed without `--json`."""
     from ...geometry.backlash import TOUCHING
@@ -224,9 +203,9 @@ def _text(
     if out is not None:
         rows.append(("table", str(out / _TABLE)))
     over = f"backlash of the surfaces over {record['span_turns']:g} turns"
-    measured = [] if deviations is None else [str(deviations)]
-    parts = [str(found) for found in flanks.values()]
-    return "\n".join([*measured, *parts, key_values(rows, title=over), str(gap)])
+    measured = flanks["A"].model.deviations
+    parts = [*([] if measured is None else [measured]), *flanks.values()]
+    return "\n".join([*map(str, parts), key_values(rows, title=over), str(gap)])
 
 
 def _table(flanks: "dict[str, Contacts]", backlash_deg: Any) -> str:
