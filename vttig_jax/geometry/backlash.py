@@ -326,15 +326,11 @@ class GapReport:
 
     def __str__(self) -> str:
         radius = self.reference_radius_mm
-        size = np.array([self.backlash / DEG, self.backlash_mm])
         pairs = [
             ("centre distance", f"{self.centre_distance_mm:g} mm"),
             ("axial position", f"{self.axial_mm:g} mm"),
-            ("backlash", "{:.4f}° = {:.4f} mm".format(*(size.round(4) + 0.0))),  # no −0
-            (
-                "least room at z",
-                "A {:.3f} mm, B {:.3f} mm".format(*(self.contact_z_mm.round(3) + 0.0)),
-            ),
+            ("backlash", f"{self.backlash / DEG:z.4f}° = {self.backlash_mm:z.4f} mm"),
+            ("least room at z", "A {:z.3f} mm, B {:z.3f} mm".format(*self.contact_z_mm)),
         ]
         if self.difference is not None and self.apparent is not None:
             pairs.append(("apparent, of the fit", f"{self.apparent / DEG:.4f}°"))
@@ -343,12 +339,10 @@ class GapReport:
             if self.opening_mm:
                 text += f" or {-thinner / self.opening_mm:+.3f} mm of s"
             pairs.append((f"less that drawn at s = {self.logged_axial_mm:g}", text))
-        sizes = np.stack([self.section_backlash / DEG, self.section_backlash * radius], axis=-1)
+        marks = np.where(self.interferes, "interferes", "")
         rows = [
-            (f"{z:.3f}", f"{angle:.4f}", f"{arc:.4f}", "interferes" if interferes else "")
-            for z, (angle, arc), interferes in zip(
-                self.z_mm, sizes.round(4) + 0.0, self.interferes, strict=True
-            )
+            (f"{z:.3f}", f"{gap / DEG:z.4f}", f"{gap * radius:z.4f}", mark)
+            for z, gap, mark in zip(self.z_mm, self.section_backlash, marks, strict=True)
         ]
         headers = [("z", "mm"), ("backlash", "°"), ("backlash", "mm"), ""]
         table = text_table(rows, headers, align="rrrl")

@@ -126,8 +126,8 @@ def span(tooth: Tooth, z: float = 0.0, teeth: int | None = None) -> Span:
         )
     # Outermost flanks have a common normal if their base helices have the same hand and angle; a
     # crowned flank has one only where its helix angle is zero.
-    left_helix, right_helix = base_helix_angles(tooth, z)
     around = [base_helix_angles(tooth, z + k * float(tooth.module_mm)) for k in (-1, 0, 1)]
+    left_helix, right_helix = around[1]
     curved = (np.ptp(around, axis=0) > _SAME).any()
     common = abs(left_helix + right_helix) <= _SAME and not (curved and abs(left_helix) > _SAME)
     normal = abs(left_helix) if common else None
@@ -689,12 +689,12 @@ def measures_text(
     def both(key: str, digits: int) -> str:
         return " / ".join(f"{value:.{digits}f}" for value in mesh[key].values())
 
-    backlash = [round(mesh[f"backlash_{unit}"], 4) + 0.0 for unit in ("deg", "mm")]  # no −0
+    angle, arc = mesh["backlash_deg"], mesh["backlash_mm"]
     together = [
         ("working pressure angle A / B", f"{both('working_pressure_angle_deg', 4)}°"),
         ("pitch diameters", f"{both('pitch_diameter_mm', 4)} mm"),
         ("contact ratio A / B", both("contact_ratio", 3)),
-        ("backlash", "{:.4f}° of the driven gear = {:.4f} mm".format(*backlash)),
+        ("backlash", f"{angle:z.4f}° of the driven gear = {arc:z.4f} mm"),
     ]
     table.append(key_values(together, title=f"in mesh at a = {mesh['centre_distance_mm']:g} mm"))
     lines: dict[str, None] = {}  # a set in order; notes common to all gears carry no name

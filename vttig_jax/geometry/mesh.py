@@ -12,15 +12,7 @@ from jaxtyping import Float, Int
 from ..base.errors import PairError, UsageError
 from ..base.files.limits import free_bytes
 from ..base.shown_text import shown_name
-from .outline import (
-    ORDER,
-    Blank,
-    Counts,
-    GearProfile,
-    ToothGrid,
-    blank_of,
-    section_points,
-)
+from .outline import ORDER, Blank, Counts, GearProfile, ToothGrid, blank_of, section_points
 from .surface import PARTS, turned
 from .tooth import Tooth
 
