@@ -187,12 +187,6 @@ class GearProfile:
                 "undercut",
             ),
             (
-                filled[:, -1],
-                "neighbouring teeth touch at the tip circle",
-                "make the face narrower or the helix angles smaller",
-                "space",
-            ),
-            (
                 (filled[:, 1:] & ~filled[:, :-1]).any(axis=1),
                 "the undercut teeth overlap above the root",
                 "take more teeth, a larger profile shift or a narrower face",
@@ -207,7 +201,7 @@ class GearProfile:
 def gear_profile(tooth: Tooth) -> GearProfile:
     """Return the profile curves of a gear that `check_tooth` accepts.
 
-    **Raises** `PairError` if an undercut removes a flank or if fillet and flank do not join.
+    **Raises** `PairError` if fillet and flank do not join.
     """
     left, right = (_half_profile(tooth, side) for side in SIDES)
     return GearProfile(tooth, left, right)
@@ -216,13 +210,8 @@ def gear_profile(tooth: Tooth) -> GearProfile:
 def _half_profile(tooth: Tooth, side: Side) -> HalfProfile:
     rack = replace(rack_side(tooth, side), recession=Taper(0.0))
     half = HalfProfile(rack, float(rack.pressure_angle), *map(float, flank_span(tooth, side)))
-    cure = "take more teeth, a larger profile shift or a smaller fillet radius."
-    if undercut_depth(tooth, side) > 0:
-        form = form_radius(tooth, side)
-        if math.isnan(form) or not half(np.ones(()))[0] > form:
-            raise PairError(
-                f"the undercut removes the whole {side} flank; {cure}", where="undercut"
-            )
+    form = form_radius(tooth, side)
+    if undercut_depth(tooth, side) > 0 and half(np.ones(()))[0] > form:
         share = root_scalar(
             lambda u: float(half(np.asarray(u))[0]) - form, bracket=(0.0, 1.0), xtol=1e-15
         ).root
@@ -235,7 +224,8 @@ def _half_profile(tooth: Tooth, side: Side) -> HalfProfile:
     gap = math.hypot(radius[1] - radius[0], radius[0] * (angle[1] - angle[0]))
     if not gap < _GAP_MM or not (np.diff(half.table[1]) > 0).all():
         raise PairError(
-            f"fillet and {side} flank do not form one curve of increasing radius; {cure}",
+            f"fillet and {side} flank do not form one curve of increasing radius; take more teeth,"
+            " a larger profile shift or a smaller fillet radius.",
             where="fillet",
         )
     return half
