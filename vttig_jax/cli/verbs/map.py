@@ -119,10 +119,8 @@ def command(
         shown += f"\n\n{_NO_ERROR_BAND if quantity == 'error' else _NO_BAND}"
     elif quantity != "error":
         for one in record["binding"]:
-            shown += (
-                f"\n  a closing of {one['closing_mm']:g} mm binds with probability"
-                f" {one['probability']:.3g} ± {one['std_error']:.1g}"
-            )
+            shown += "\n  a closing of {closing_mm:g} mm binds with probability".format(**one)
+            shown += " {probability:.3g} ± {std_error:.1g}".format(**one)
     if out is not None:
         texts = {out.with_suffix(".json"): dumps(record) + "\n", out: csv_text(found.columns)}
         run.write_beside(texts, overwrite=overwrite)

@@ -17,8 +17,6 @@ from ..output import Output
 
 if TYPE_CHECKING:
     from ...geometry.measures import GearMeasures
-    from ...geometry.tooth import Tooth
-    from ...pair.gear_pair import GearPair
 
 
 @verb(
@@ -60,11 +58,12 @@ def command(
     angle, pitch diameters, contact ratio and backlash. What the pair file states of a gear
     (`stated = { tip_diameter_mm = 94.0 }` in [driving] or [driven]) stands beside it.
     """
+    from ...geometry.checks import check_measurable
     from ...geometry.measures import compare_stated, measure_gear, measure_pair, measures_text
+    from ...geometry.tooth import SHAFTS, tooth_of
 
     spec = load_pair_spec(pair)
     drawn = gears_of(spec, pair, "nothing to measure")
-    teeth, mesh = _teeth(drawn, pair, section_mm), measure_pair(drawn)
     gears, stated, notes = {}, {}, {}
     record: dict[str, Any] = {
         "schema": "vttig.measure/1",
@@ -72,8 +71,16 @@ def command(
         "source": str(pair),
         "section_mm": section_mm,
     }
-    for shaft, tooth in teeth.items():
-        table = getattr(spec, shaft).stated or StatedTable()
+    for shaft in SHAFTS:
+        table, tooth = getattr(spec, shaft).stated or StatedTable(), tooth_of(drawn, shaft)
+        half = float(tooth.face_width_mm) / 2
+        if abs(section_mm) > half:
+            raise UsageError(
+                f"--section-mm {section_mm:g} lies outside of the {shaft} gear, whose face ends at"
+                f" ±{half:g} mm."
+            )
+        with PAIR_FILE.error_context(f"{pair}: {shaft}"):
+            check_measurable(tooth, section_mm)
         found = measure_gear(
             tooth,
             section_mm=section_mm,
@@ -91,28 +98,8 @@ def command(
         f"{spec.name or 'gear pair'}: section z = {section_mm:g} mm {place} the middle of the face;"
         " lengths in mm"
     )
-    output.emit(record | {"mesh": mesh}, measures_text(gears, stated, notes, title, mesh))
-
-
-def _teeth(pair: "GearPair", path: Path, section_mm: float) -> "dict[str, Tooth]":
-    """Return shaft → tooth of both gears, each in its own frame.
-
-    **Raises** `PairError` or `UsageError` for a gear that cannot be measured at `section_mm`.
-    """
-    from ...geometry.checks import check_measurable
-    from ...geometry.tooth import tooth_of
-
-    teeth = {"driving": tooth_of(pair, "driving"), "driven": tooth_of(pair, "driven")}
-    for shaft, tooth in teeth.items():
-        half = float(tooth.face_width_mm) / 2
-        if abs(section_mm) > half:
-            raise UsageError(
-                f"--section-mm {section_mm:g} lies outside of the {shaft} gear, whose face ends at"
-                f" ±{half:g} mm."
-            )
-        with PAIR_FILE.error_context(f"{path}: {shaft}"):
-            check_measurable(tooth, section_mm)
-    return teeth
+    record["mesh"] = measure_pair(drawn)
+    output.emit(record, measures_text(gears, stated, notes, title, record["mesh"]))
 
 
 def _require_some(gears: "dict[str, GearMeasures]", radii_mm: tuple[float, ...]) -> None:

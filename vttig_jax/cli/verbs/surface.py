@@ -18,6 +18,20 @@ if TYPE_CHECKING:
 
 _MESHES, _SOLIDS, _DRAWINGS = (".stl",), (".step", ".stp"), (".svg", ".dxf")
 _PICTURES = (".png",)
+_SHOWN = {
+    "teeth": ("teeth", "{teeth}"),
+    "triangles": ("triangles", "{triangles}"),
+    "faces": ("faces", "{faces}"),
+    "points": ("points", "{points}"),
+    "sections": ("sections", "{sections}"),
+    "section_mm": ("section at z", "{section_mm:g} mm"),
+    "volume_mm3": ("volume", "{volume_mm3:.1f} mm³"),
+    "area_mm2": ("area", "{area_mm2:.3f} mm²"),
+    "error_um": ("measured error", "{error_um:.3g} µm of {tolerance_um:g} µm allowed"),
+    "bytes": ("file size", "{bytes} bytes"),
+}
+"""Entry of the record → its name and its value in the text."""
+
 _STAGES = 4
 """Largest number of stages of the progress bar: surfaces, sewing, volume and file of a solid."""
 
@@ -139,25 +153,9 @@ def _built(
 
 
 def _text(record: dict[str, Any], name: str) -> str:
-    rows: list[tuple[str, str]] = [
-        ("format", str(record["format"]).upper()),
-        ("teeth", str(record["teeth"])),
-    ]
-    labels = {
-        "triangles": ("triangles", "d", ""),
-        "faces": ("faces", "d", ""),
-        "points": ("points", "d", ""),
-        "sections": ("sections", "d", ""),
-        "section_mm": ("section at z", "g", " mm"),
-        "volume_mm3": ("volume", ".1f", " mm³"),
-        "area_mm2": ("area", ".3f", " mm²"),
-    }
-    for key, (label, form, unit) in labels.items():
+    rows = [("format", str(record["format"]).upper())]
+    for key, (label, value) in _SHOWN.items():
         if key in record:
-            rows.append((label, f"{record[key]:{form}}{unit}"))
-    if "error_um" in record:
-        measured = f"{record['error_um']:.3g} µm of {record['tolerance_um']:g} µm allowed"
-        rows.append(("measured error", measured))
-    rows.append(("file size", f"{record['bytes']} bytes"))
+            rows.append((label, value.format(**record)))
     lines = [key_values(rows, title=name), *(f"  {note}" for note in record["notes"])]
     return "\n".join([*lines, f"written to {record['file']}"])
