@@ -15,11 +15,10 @@ from vttig_jax.base.units import DEG
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.logs.motion.segments import find_segments
 from vttig_jax.logs.readers.backlash_readings import read_backlash_readings
-from vttig_jax.rig.fixed_gear import fixed_gear_readings
 from vttig_jax.rig.imperfections import EncoderError
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig as rig_of_the_paper
-from vttig_jax.rig.synthetic import SyntheticRig
+from vttig_jax.rig.synthetic import SyntheticRig, fixed_gear_readings
 
 ANGLES = np.array([0.0, 90.0, 1080.0, 2106.0, 3600.0, 5761.3, 7560.0, -45.0])
 COUNT_DEG = 360.0 / 90_000

@@ -93,11 +93,9 @@ def random_orders(
         size = 2 * (highest - 1)
         amplitudes = generator.rayleigh(size=size)
         amplitudes *= pitch_rms_deg * np.sqrt(2 / np.sum(amplitudes**2))
-        phases = generator.uniform(0, 360, size + 1)
-        orders = product(_SHAFTS, range(2, highest + 1))
-        errors += [
-            OrderError(shaft, order, flank, float(amplitude), float(phase))
-            for (shaft, order), amplitude, phase in zip(orders, amplitudes, phases, strict=False)
-        ]
-        errors.append(OrderError("mesh", 1, flank, mesh_amplitude_deg, float(phases[-1])))
+        sizes = [*amplitudes.tolist(), mesh_amplitude_deg]
+        phases = generator.uniform(0, 360, size + 1).tolist()
+        orders: list[tuple[Shaft, int]] = [*product(_SHAFTS, range(2, highest + 1)), ("mesh", 1)]
+        for (shaft, order), amplitude, phase in zip(orders, sizes, phases, strict=True):
+            errors.append(OrderError(shaft, order, flank, amplitude, phase))
     return tuple(errors)
