@@ -13,9 +13,8 @@ from vttig_jax.base import ARCSEC, DEG, REV
 from vttig_jax.pair import Drive
 from vttig_jax.plotting import plot
 from vttig_jax.plotting.backlash_map import plot_band_map
-from vttig_jax.plotting.corner_picture import plot_corner
+from vttig_jax.plotting.posterior_pictures import plot_corner, plot_trace
 from vttig_jax.plotting.style import COLOURS
-from vttig_jax.plotting.trace_picture import plot_trace
 from vttig_jax.posterior import band_map
 
 NAMES = ("constant_backlash", "driving_x", "driving_encoder_x")

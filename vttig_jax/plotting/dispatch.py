@@ -20,15 +20,14 @@ from ..posterior.summary.bands import BandedMap
 from ..posterior.summary.posterior import Posterior
 from .backlash_map import plot_band_map, plot_map
 from .contact import plot_contact
-from .corner_picture import plot_corner
 from .deviations import plot_deviations
 from .fit import plot_fit, plot_te
 from .order_spectrum import plot_orders
+from .posterior_pictures import plot_corner, plot_trace
 from .residual import plot_log, plot_residual
 from .simulation import plot_simulation
 from .sweep import plot_sweep
 from .tooth import plot_tooth
-from .trace_picture import plot_trace
 
 
 @singledispatch

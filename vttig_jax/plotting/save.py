@@ -11,11 +11,10 @@ from ..kinematics.backlash_map import BacklashMap
 from ..posterior.summary.bands import BandedMap
 from ..posterior.summary.posterior import Posterior
 from .backlash_map import plot_band_map, plot_map
-from .corner_picture import plot_corner
 from .fit import plot_fit
 from .order_spectrum import plot_orders
+from .posterior_pictures import plot_corner, plot_trace
 from .residual import plot_residual
-from .trace_picture import plot_trace
 
 _PICTURES: dict[type, dict[str, Callable[..., Figure]]] = {
     Fit: {
