@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..base.files.text_tables import key_values
 from ..base.units import DEG, REV
@@ -31,8 +31,8 @@ class TECurve:
     def __len__(self) -> int:
         return len(self.driving_angle)
 
-    def part(self, points: slice) -> "TECurve":
-        """Return the curve of the consecutive points that the slice `points` selects."""
+    def part(self, points: slice | Bool[np.ndarray, " n"]) -> "TECurve":
+        """Return the curve of the points that the slice or mask `points` selects."""
         arrays = (self.driving_angle, self.transmission_error, self.time)
         return TECurve(self.flank, *(values[points] for values in arrays))
 

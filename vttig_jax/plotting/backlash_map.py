@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,7 +13,7 @@ from ..kinematics.backlash_map import BacklashMap, Extreme
 from ..posterior.summary.bands import BandedMap
 from ..posterior.summary.draws import millimetres
 from .curves import thinned
-from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, legend, new_figure, panel, title
+from .style import COLOURS, MODEL_COLOUR, driving_axis, figure_of, labelled, new_figure, panel
 
 _PER_PERIOD = 24  # points per period of the highest order; a chosen value
 
@@ -48,52 +47,40 @@ def plot_map(backlash: BacklashMap, *, ax: Axes | None = None, turns: int | None
         )
     if ax is None:
         ax = new_figure(4.2).add_subplot()
-    x, y = thinned(angle / DEG, gap / DEG)
-    lines: list[Artist] = [*ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="backlash map")]
+    look = {"color": COLOURS[0], "linewidth": 0.8, "label": "backlash map"}
+    ax.plot(*thinned(angle / DEG, gap / DEG), **look)
     if backlash.shift is not None:
         low, high = (end / DEG for end in backlash.interval(gap))
         label = "95 %, with the delay left open"
-        lines.append(
-            ax.fill_between(angle / DEG, low, high, color=COLOURS[0], alpha=0.2, lw=0, label=label)
-        )
+        ax.fill_between(angle / DEG, low, high, color=COLOURS[0], alpha=0.2, lw=0, label=label)
     if backlash.first_order is not None:
-        first = backlash.first_order_over(angle)
-        x, y = thinned(angle / DEG, first / DEG)
-        lines += ax.plot(x, y, "--", color=COLOURS[1], linewidth=1.3, label="first order only")
-    lines += _shade(ax, backlash, angle)
+        x, y = thinned(angle / DEG, backlash.first_order_over(angle) / DEG)
+        ax.plot(x, y, "--", color=COLOURS[1], linewidth=1.3, label="first order only")
+    _shade(ax, backlash, angle)
     ax.set_xlim(0.0, 360.0 * shown)
     driving_axis(ax)
-    marks: list[Artist] = []
+    seen, keys = "backlash of the fitted orders", labelled(ax)
     if not backlash.unknown:
-        marks += _mark(ax, backlash.smallest, "v", "smallest", shown)
-        marks += _mark(ax, backlash.largest, "^", "largest", shown)
+        _mark(ax, backlash.smallest, "v", "smallest", shown)
+        _mark(ax, backlash.largest, "^", "largest", shown)
+        seen, keys = "backlash, and where it is smallest", [*labelled(ax)[-2:], *keys]
     _add_mm_axis(ax, backlash)
-    keys = marks + lines
-    seen = "backlash, and where it is smallest" if marks else "backlash of the fitted orders"
-    words, rows = (seen, backlash.pair.name, _span(shown, period)), math.ceil(len(keys) / 2)
+    words = seen, backlash.pair.name, _span(shown, period)
     label = "backlash, angle of the driven gear [°]"
-    panel(ax, *words, y=label, keys=keys, legend_rows=rows)
+    panel(ax, *words, y=label, keys=keys, legend_rows=math.ceil(len(keys) / 2))
     return figure_of(ax)
 
 
-def _shade(ax: Axes, backlash: BacklashMap, angle: Float[np.ndarray, " n"]) -> list[Artist]:
-    """Shade the angles that the logs did not cover on both flanks; return the legend entry.
-
-    The list is empty if no angle is shaded.
-    """
+def _shade(ax: Axes, backlash: BacklashMap, angle: Float[np.ndarray, " n"]) -> None:
+    """Shade the angles that the logs did not cover on both flanks."""
     if backlash.coverage is None:
-        return []
+        return
     between = (angle[1:] + angle[:-1]) / 2
     open_ = np.concatenate([[False], ~backlash.coverage.holds(between), [False]])
     edges = np.flatnonzero(np.diff(open_.astype(np.int8)))
-    degrees = (angle / DEG).tolist()
-    spans = [
-        ax.axvspan(degrees[first], degrees[last], color="0.92", linewidth=0, zorder=0)
-        for first, last in edges.reshape(-1, 2).tolist()
-    ]
-    for span in spans[:1]:
-        span.set_label("extrapolated: not covered on both flanks")
-    return [*spans[:1]]
+    look = {"color": "0.92", "linewidth": 0, "zorder": 0}
+    for first, last in (angle[edges] / DEG).reshape(-1, 2).tolist():
+        ax.axvspan(first, last, label="extrapolated: not covered on both flanks", **look)
 
 
 def _span(shown: int | float, period: int) -> str:
@@ -102,7 +89,7 @@ def _span(shown: int | float, period: int) -> str:
     return f"hunting period of {period} turn{'s' if period > 1 else ''}"
 
 
-def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> list[Artist]:
+def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> None:
     """Mark the smallest or largest backlash; beyond the turns shown it is only in the legend."""
     visible = extreme.driving_angle <= shown * REV
     place = [float(extreme.driving_angle) / DEG], [float(extreme.backlash) / DEG]
@@ -110,7 +97,7 @@ def _mark(ax: Axes, extreme: Extreme, marker: str, name: str, shown: int) -> lis
     turn = f", turn {float(extreme.driving_angle) / REV:.2f}" if "turns" in ax.get_xlabel() else ""
     label = f"{name}: {extreme}{turn}" + ("" if visible else ", not shown")
     style = {"color": MODEL_COLOUR, "markersize": 7, "markerfacecolor": "none"}
-    return [*ax.plot(*point, marker, label=label, **style)]
+    ax.plot(*point, marker, label=label, **style)
 
 
 def _add_mm_axis(ax: Axes, backlash: BacklashMap) -> None:
@@ -149,22 +136,21 @@ def plot_band_map(
         raise ValueError(f"Argument `turns` must be positive, but is {turns:g}.")
     last = min(turns or np.inf, banded.turns) * 360.0
     whole, *below = [ax] if ax is not None else new_figure(6.6).subplots(2, 1)
-    keys = _draw(whole, banded, (0.0, last))
-    seen, pair = "backlash, and where it is smallest", banded.map.pair
+    _draw(whole, banded, (0.0, last))
+    seen, pair, keys = "backlash, and where it is smallest", banded.map.pair, labelled(whole)
     words = seen, pair.name, _span(banded.turns, pair.hunting_turns)
-    title(whole, *words, legend_rows=math.ceil(len(keys) / 2))
-    legend(whole, keys)
+    panel(whole, *words, keys=keys, legend_rows=math.ceil(len(keys) / 2))
     middle = banded.smallest.place[0] / DEG
     span = min(_CLOSE_UP_DEG, 360.0 * banded.turns)
     start = float(np.clip(middle - span / 2, 0.0, max(360.0 * banded.turns - span, 0.0)))
     for close_up in below:
         _draw(close_up, banded, (start, start + span))
         around = start <= middle <= start + span
-        title(close_up, "around the smallest gap" if around else "part of the map")
+        panel(close_up, "around the smallest gap" if around else "part of the map")
     return figure_of(whole)
 
 
-def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Artist]:
+def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> None:
     band, percent = banded.band, f"{100 * banded.band.probability:.6g} %"
     angle = banded.driving_angle / DEG
     shown = (angle >= span_deg[0] - 1e-9) & (angle <= span_deg[1] + 1e-9)
@@ -173,12 +159,11 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
         (band.low_simultaneous, band.high_simultaneous, "0.80", f"{percent} band of the whole map"),
         (band.low, band.high, COLOURS[1], f"{percent} band at one angle"),
     ]
-    keys: list[Artist] = []
     for low, high, colour, label in edges:
-        ends, look = (low[shown] / DEG, high[shown] / DEG), {"color": colour, "label": label}
-        keys.append(ax.fill_between(angle, *ends, linewidth=0, **look))
+        ends = low[shown] / DEG, high[shown] / DEG
+        ax.fill_between(angle, *ends, linewidth=0, color=colour, label=label)
     x, y = thinned(angle, band.centre[shown] / DEG)
-    keys += ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="mean of the draws")
+    ax.plot(x, y, color=COLOURS[0], linewidth=0.8, label="mean of the draws")
     place, share = banded.smallest.place
     low, median, high = (limit / DEG for limit in banded.smallest.interval)
     inside = span_deg[0] <= place / DEG <= span_deg[1]
@@ -188,12 +173,11 @@ def _draw(ax: Axes, banded: BandedMap, span_deg: tuple[float, float]) -> list[Ar
     ax.errorbar(x, [median], yerr=ends, fmt="none", ecolor=MODEL_COLOUR, capsize=3, zorder=3)
     label = label if inside else label.replace("here", "not shown")
     look = {"color": MODEL_COLOUR, "markersize": 4, "markerfacecolor": "none", "label": label}
-    keys += ax.plot(x, [median], "o", zorder=3, **look)
-    keys += _shade(ax, banded.map, angle * DEG)
+    ax.plot(x, [median], "o", zorder=3, **look)
+    _shade(ax, banded.map, angle * DEG)
     if low < 0:
         ax.axhline(0.0, color=MODEL_COLOUR, linewidth=0.6)
     ax.set_xlim(*span_deg)
     _add_mm_axis(ax, banded.map)
     panel(ax, y="backlash [° of the driven gear]")
     driving_axis(ax)
-    return keys

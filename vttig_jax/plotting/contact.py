@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from ..base.units import DEG
 from ..geometry.contact import mates_on
 from ..geometry.contact_report import Contacts
-from ..geometry.mounting import Plane
 from ..geometry.outline import Counts, gear_profile, section_curve
 from ..geometry.tooth import Tooth
 from ..kinematics.flank_model import flank_index
@@ -84,13 +83,14 @@ def _draw_mesh(ax: Axes, contacts: Contacts, place: int) -> None:
     angle = float(contacts.driving_angle[place])
     driven_angle = float(model.ratio) * angle + float(contacts.transmission_error[place])
     distance = float(mounting.centre_distance)
-    driving_centre = _complex(mounting.driving_centre(jnp.asarray(angle)))
-    driven_centre = distance + _complex(mounting.driven_centre(jnp.asarray(driven_angle)))
+    driving_offset = mounting.driving_centre(jnp.asarray(angle))
+    driven_offset = mounting.driven_centre(jnp.asarray(driven_angle))
+    centres = complex(*map(float, driving_offset)), distance + complex(*map(float, driven_offset))
     standing = float(mates_on(model, flank_index(contacts.flank)).standing)
     turned, driven_z = math.pi + standing - driven_angle, -(z + float(mounting.axial))
     outlines = (
-        (driving, driving_centre, angle, False, z, "driving"),
-        (driven, driven_centre, turned, True, driven_z, "driven"),
+        (driving, centres[0], angle, False, z, "driving"),
+        (driven, centres[1], turned, True, driven_z, "driven"),
     )
     for number, (tooth, centre, turn, flipped, height, name) in enumerate(outlines):
         radius, clockwise = section_curve(gear_profile(tooth), _COUNTS, np.array([height]))
@@ -102,21 +102,14 @@ def _draw_mesh(ax: Axes, contacts: Contacts, place: int) -> None:
             drawn = centre + outline * np.exp(1j * (turn + step * pitch))
             label = f"{name} gear" if step == nearest else None
             ax.plot(drawn.real, drawn.imag, color=COLOURS[6 + number], linewidth=1.0, label=label)
-    for point in _touch_points(driving, contacts, place, driving_centre):
+    for point in _touch_points(driving, contacts, place, centres[0]):
         ax.plot(point.real, point.imag, ".", color=FLANK_COLOURS[contacts.flank], markersize=9)
     pitch_point = distance * driving.teeth / (driving.teeth + driven.teeth)
     half = 2.6 * float(driving.module_mm)
-    ax.set_xlim(pitch_point - half, pitch_point + half)
-    ax.set_ylim(-1.5 * half, 1.5 * half)
-    ax.set_aspect("equal")
-    ax.set_xlabel("x, from axis to axis [mm]")
-    ax.set_ylabel("y [mm]")
+    limits = {"xlim": (pitch_point - half, pitch_point + half), "ylim": (-1.5 * half, 1.5 * half)}
+    ax.set(**limits, aspect="equal", xlabel="x, from axis to axis [mm]", ylabel="y [mm]")
     title(ax, f"section z = {z:.4g} mm", legend_rows=1)
     legend(ax, ax.get_legend_handles_labels()[0])
-
-
-def _complex(point: Plane) -> complex:
-    return complex(float(point[0]), float(point[1]))
 
 
 def _touch_points(driving: Tooth, contacts: Contacts, place: int, centre: complex) -> list[complex]:

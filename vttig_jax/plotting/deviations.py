@@ -8,12 +8,11 @@ from matplotlib.ticker import MaxNLocator
 
 from ..geometry.deviations import Deviations, FlankMap
 from ..geometry.flanks import flank_starts
-from ..geometry.tooth import tooth_of
+from ..geometry.tooth import SHAFTS, tooth_of
 from ..pair.gear_pair import GearPair
-from .style import COLOURS, FLANK_COLOURS, heading, legend, new_figure, panel, title
+from ..pair.schema import FLANKS
+from .style import COLOURS, FLANK_COLOURS, heading, labelled, legend, new_figure, panel
 
-_GEARS = "driving", "driven"
-_FLANKS = "A", "B"
 _TRACES = 3  # traces per panel
 _SPLINE_POINTS = 201  # points of each spline curve; a chosen value
 _ROW_IN = 2.3  # height of a row, inch
@@ -49,16 +48,13 @@ def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Fig
     ```
     """
     maps = [
-        (gear, flank, flank_map)
-        for gear in _GEARS
-        for flank, flank_map in zip(_FLANKS, getattr(deviations, gear), strict=True)
-        if flank_map is not None
+        (gear, flank, one)
+        for gear in SHAFTS
+        for flank, one in zip(FLANKS, getattr(deviations, gear), strict=True)
+        if one is not None
     ]
-    pitches = [
-        (gear, np.asarray(values))
-        for gear in _GEARS
-        if (values := getattr(deviations, f"{gear}_pitch_um")) is not None
-    ]
+    pitches = {gear: getattr(deviations, f"{gear}_pitch_um") for gear in SHAFTS}
+    pitches = {gear: np.asarray(values) for gear, values in pitches.items() if values is not None}
     count = len(maps) + len(pitches)
     if not count:
         raise ValueError("Argument `deviations` must hold a map or pitches, but is empty.")
@@ -66,49 +62,36 @@ def plot_deviations(deviations: Deviations, pair: GearPair | None = None) -> Fig
     layout = figure.add_gridspec(count, 2)
     first: Axes | None = None
     for row, (gear, flank, flank_map) in enumerate(maps):
-        profile = figure.add_subplot(layout[row, 0], sharey=first)
-        first = first or profile
+        first = profile = figure.add_subplot(layout[row, 0], sharey=first)
         helix = figure.add_subplot(layout[row, 1], sharey=first)
         _draw_map(profile, helix, flank_map, f"{gear} flank {flank}")
         if pair is not None:
             _mark_ends(profile, helix, pair, gear, flank)
-    for row, (gear, values) in enumerate(pitches, start=len(maps)):
-        ax = figure.add_subplot(layout[row, :], sharey=first)
-        first = first or ax
-        _draw_pitch(ax, values, gear)
-    name = "" if pair is None else pair.name
-    heading(figure, "deviations of the flanks", name)
+    for row, (gear, values) in enumerate(pitches.items(), start=len(maps)):
+        first = figure.add_subplot(layout[row, :], sharey=first)
+        _draw_pitch(first, values, gear)
+    heading(figure, "deviations of the flanks", "" if pair is None else pair.name)
     return figure
 
 
 def _draw_map(profile: Axes, helix: Axes, flank_map: FlankMap, name: str) -> None:
     roll, z = np.asarray(flank_map.roll_mm), np.asarray(flank_map.z_mm)
     measured, spline = np.asarray(flank_map.deviation_um), flank_map.prepared()
-    fine_roll, fine_z = (np.linspace(v[0], v[-1], _SPLINE_POINTS) for v in (roll, z))
-    for k, column in enumerate(_trace_indices(len(z))):
-        smooth = np.asarray(spline(fine_roll, np.full(_SPLINE_POINTS, z[column])))
-        _trace(profile, k, (fine_roll, smooth), (roll, measured[:, column]), f"z = {z[column]:g}")
-    for k, row in enumerate(_trace_indices(len(roll))):
-        smooth = np.asarray(spline(np.full(_SPLINE_POINTS, roll[row]), fine_z))
-        _trace(helix, k, (fine_z, smooth), (z, measured[row]), f"roll {roll[row]:.4g}")
-    for ax, kind, label in ((profile, "profile", "roll length [mm]"), (helix, "helix", "z [mm]")):
-        _style_axes(ax, label)
-        title(ax, f"{name}, {kind}", legend_rows=1)
+    for ax, kind, label, along, across, points, words in (
+        (profile, "profile", "roll length [mm]", roll, z, measured.T, "z = {:g} mm"),
+        (helix, "helix", "z [mm]", z, roll, measured, "roll {:.4g} mm"),
+    ):
+        fine = np.linspace(along[0], along[-1], _SPLINE_POINTS)
+        for k, row in enumerate(_trace_indices(len(across))):
+            place, colour = np.full(_SPLINE_POINTS, across[row]), COLOURS[6 + k]
+            smooth = spline(fine, place) if ax is profile else spline(place, fine)
+            key = words.format(across[row])
+            ax.plot(fine, np.asarray(smooth), color=colour, linewidth=1.1, label=key)
+            ax.plot(along, points[row], ".", color=colour, markersize=5)
+        ax.axhline(0.0, color="0.6", linewidth=0.7)
+        panel(ax, f"{name}, {kind}", x=label, y="deviation [µm]", legend_rows=1)
         look = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "handlelength": 1.2}
-        keys = ax.get_legend_handles_labels()[0]
-        legend(ax, keys, ncols=_TRACES, columnspacing=1.0, **look)
-
-
-def _trace(
-    ax: Axes,
-    number: int,
-    smooth: tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]],
-    points: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]],
-    label: str,
-) -> None:
-    colour = COLOURS[6 + number]
-    ax.plot(*smooth, color=colour, linewidth=1.1, label=f"{label} mm")
-    ax.plot(*points, ".", color=colour, markersize=5)
+        legend(ax, labelled(ax), ncols=_TRACES, columnspacing=1.0, **look)
 
 
 def _trace_indices(count: int) -> list[int]:
@@ -118,28 +101,22 @@ def _trace_indices(count: int) -> list[int]:
 
 def _draw_pitch(ax: Axes, values: Float[np.ndarray, "2 teeth"], gear: str) -> None:
     teeth = np.arange(1, values.shape[1] + 1)
-    lines = []
-    for row, flank in enumerate(_FLANKS):
+    for row, flank in enumerate(FLANKS):
         shift = (row - 0.5) * 0.3
         colour = FLANK_COLOURS[flank]
         ax.vlines(teeth + shift, 0.0, values[row], color=colour, linewidth=1.5)
         look = {"color": colour, "markersize": 4, "label": f"flank {flank}"}
-        lines += ax.plot(teeth + shift, values[row], ".", **look)
-    _style_axes(ax, "tooth")
+        ax.plot(teeth + shift, values[row], ".", **look)
+    ax.axhline(0.0, color="0.6", linewidth=0.7)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlim(0.0, values.shape[1] + 1.0)
-    title(ax, f"{gear} gear, single teeth")
-    legend(ax, lines)
-
-
-def _style_axes(ax: Axes, label: str) -> None:
-    ax.axhline(0.0, color="0.6", linewidth=0.7)
-    panel(ax, x=label, y="deviation [µm]")
+    words = f"{gear} gear, single teeth"
+    panel(ax, words, x="tooth", y="deviation [µm]", keys=labelled(ax))
 
 
 def _mark_ends(profile: Axes, helix: Axes, pair: GearPair, gear: str, flank: str) -> None:
     """Mark the ends of the flank (form circle, tip) in `profile`, and of the face in `helix`."""
-    number, side = _GEARS.index(gear), _FLANKS.index(flank)
+    number, side = SHAFTS.index(gear), FLANKS.index(flank)
     teeth = tooth_of(pair, "driving"), tooth_of(pair, "driven")
     base, tip = float(pair.base_radii[number, side]), float(pair.tip_radii[number])
     start = float(flank_starts(teeth)[number, side]) * base

@@ -6,7 +6,6 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ..base.units import ARCSEC, DEG
 from ..identify.result import Fit
@@ -23,9 +22,9 @@ from .style import (
     driving_axis,
     figure_of,
     heading,
+    labelled,
     new_figure,
     panel,
-    title,
     unit_size,
 )
 
@@ -66,8 +65,6 @@ def plot_fit(
     figure = new_figure(2.3 * count)
     panels = figure.subplots(count, 1)
     axes = panels[: above + 1]
-    for ax in axes[1:] if not folds else ():
-        ax.sharex(axes[0])
     if gaps:
         _draw_gaps(panels[-1], fit)
     if folds:
@@ -75,15 +72,14 @@ def plot_fit(
             _draw_fold(ax, fold, unit)
     else:
         for ax, flank in zip(axes[:-1], flanks, strict=True):
-            keys = _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
-            panel(ax, y=f"TE, flank {flank} [{SIGNS[unit]}]", keys=keys)
+            ax.sharex(axes[-1])
+            _draw_flank(ax, [run for run in runs if run[0].flank == flank], size)
+            panel(ax, y=f"TE, flank {flank} [{SIGNS[unit]}]", keys=labelled(ax))
             ax.tick_params(labelbottom=False)
     heading(figure, "transmission error and its fit", fit.pair.name, PurePath(fit.source).name)
-    curves, left = [curve for curve, _ in runs], [residual for _, residual in runs]
-    angles = [curve.driving_angle for curve in curves]
-    draw_runs(axes[-1], angles, left, [curve.flank for curve in curves], rms=True)
-    axes[-1].set_ylabel("residual [arcsec]")
-    title(axes[-1], f"residual ({fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms of averaged rows)")
+    words = f"residual ({fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms of averaged rows)"
+    parts = [(curve.flank, curve.driving_angle, residual) for curve, residual in runs]
+    draw_runs(axes[-1], parts, words, "residual [arcsec]", rms=True)
     if span_deg is not None:
         axes[-1].set_xlim(*span_deg)
     driving_axis(axes[-1])
@@ -92,54 +88,43 @@ def plot_fit(
 
 def _draw_fold(ax: Axes, fold: Folded, unit: Unit) -> None:
     """Draw the error over a turn of a shaft."""
-    size, handles = unit_size(unit) / ARCSEC, list[Line2D]()
+    size = unit_size(unit) / ARCSEC
     for flank, mean in fold.measured.items():
-        handles += dots(ax, fold.middle, mean / size, flank, f"flank {flank}")
+        dots(ax, fold.middle, mean / size, flank, f"flank {flank}")
         ax.plot(fold.fine, fold.fitted[flank] / size, color=MODEL_COLOUR, linewidth=0.8)
     dotted = f"dots: mean of {fold.turns:.3g} turns, line: its orders in the fit"
     angle = f"angle of the {fold.shaft} shaft [°]; {dotted}"
     label = f"error [{SIGNS[unit]}]"
-    panel(ax, fold.words, x=angle, y=label, keys=handles, legend_rows=1)
-    ax.set_xlim(0.0, 360.0)
-    ax.set_xticks(range(0, 361, 45))
+    panel(ax, fold.words, x=angle, y=label, keys=labelled(ax), legend_rows=1)
+    ax.set(xlim=(0.0, 360.0), xticks=range(0, 361, 45))
 
 
 def _draw_gaps(ax: Axes, fit: Fit) -> None:
     """Draw the gap at each speed of the log with 95 % intervals, and the gap of the whole log."""
     gaps, whole = fit.checks.gap_by_speed, fit.checks.gap_over_angles_covered.value
-    bars = ax.errorbar(
-        [one.speed_rpm for one in gaps],
-        [one.value for one in gaps],
-        yerr=[1.96 * one.std for one in gaps],
-        fmt="o",
-        color=MODEL_COLOUR,
-        markersize=4,
-        capsize=3,
-    )
+    speeds, values = [one.speed_rpm for one in gaps], [one.value for one in gaps]
+    look = {"fmt": "o", "color": MODEL_COLOUR, "markersize": 4, "capsize": 3}
+    bars = ax.errorbar(speeds, values, [1.96 * one.std for one in gaps], **look)
     bars[0].set_label("at speeds of the log, 95 % interval")
-    handles: list[Line2D] = [bars[0]]
     if whole is not None:
         label = f"over the angles covered: {whole:.4f}°"
-        handles.append(ax.axhline(whole, color="0.5", linewidth=0.8, label=label))
+        ax.axhline(whole, color="0.5", linewidth=0.8, label=label)
     words, speed = "gap by speed, beside the delay", "speed of the driving shaft [rpm]"
-    panel(ax, words, x=speed, y="gap [° driven]", keys=handles)
+    panel(ax, words, x=speed, y="gap [° driven]", keys=labelled(ax))
 
 
-def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> list[Line2D]:
+def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
     points = MOST_POINTS // len(runs)
     steps = np.concatenate([np.diff(curve.time) for curve, _ in runs])
     longest = _BREAK * float(np.median(steps)) if len(steps) else np.inf
-    handles = []
     for curve, residual in runs:
         angle, error = curve.driving_angle / DEG, curve.transmission_error / size
-        handles = dots(ax, *thinned(angle, error, points), curve.flank, "measured")
+        dots(ax, *thinned(angle, error, points), curve.flank, "measured")
         fitted, far = error - residual / size, np.abs(np.diff(angle)) > _FAR_DEG
         breaks = np.flatnonzero(far | (np.diff(curve.time) > longest)) + 1
         line = np.insert(angle, breaks, angle[breaks]), np.insert(fitted, breaks, np.nan)
-        handles += ax.plot(
-            *thinned(*line, points), color=MODEL_COLOUR, linewidth=0.5, marker=",", label="fitted"
-        )
-    return handles
+        look = {"color": MODEL_COLOUR, "linewidth": 0.5, "marker": ",", "label": "fitted"}
+        ax.plot(*thinned(*line, points), **look)
 
 
 def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveAndResidual]:
@@ -152,9 +137,7 @@ def _runs_in_span(fit: Fit, span_deg: tuple[float, float] | None) -> list[CurveA
     for curve, residual in runs:
         inside = (curve.driving_angle >= low * DEG) & (curve.driving_angle <= high * DEG)
         if inside.any():
-            columns = curve.driving_angle, curve.transmission_error, curve.time
-            part = TECurve(curve.flank, *(column[inside] for column in columns))
-            parts.append((part, residual[inside]))
+            parts.append((curve.part(inside), residual[inside]))
     if not parts:
         angles = np.concatenate([curve.driving_angle for curve, _ in runs]) / DEG
         raise ValueError(

@@ -53,17 +53,11 @@ def _draw(ax: Axes, orders: list[Order], named_arcsec: float) -> None:
     numbers = sorted({o.order for o in orders})
     shift = _SHIFT if len({o.flank for o in orders}) == 2 else {"A": 0.0, "B": 0.0}
     for o in orders:
-        colour = FLANK_COLOURS[o.flank]
+        colour, place = FLANK_COLOURS[o.flank], numbers.index(o.order) + shift[o.flank]
+        size, std, face = o.amplitude_arcsec, o.std_arcsec, colour if o.significant else "none"
+        look = {"ecolor": "0.1", "elinewidth": 0.9, "capsize": 2, "capthick": 0.9}
         bars = ax.bar(
-            numbers.index(o.order) + shift[o.flank],
-            o.amplitude_arcsec,
-            _WIDTH * 0.9,
-            yerr=o.std_arcsec,
-            facecolor=colour if o.significant else "none",
-            edgecolor=colour,
-            ecolor="0.1",
-            capsize=2,
-            error_kw={"elinewidth": 0.9, "capthick": 0.9},
+            place, size, 0.9 * _WIDTH, yerr=std, facecolor=face, edgecolor=colour, error_kw=look
         )
         if o.amplitude_arcsec >= named_arcsec:
             ax.bar_label(bars, fmt="%.3g", rotation=90, padding=3, fontsize="x-small")

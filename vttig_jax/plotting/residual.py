@@ -15,12 +15,15 @@ from ..identify.result import Fit
 from ..logs.encoder_log import EncoderLog
 from ..logs.motion.flank_assignment import assigned_segments
 from .curves import MOST_POINTS, ResidualSpectrum, mean_spectrum, residual_spectrum, thinned
-from .style import FLANK_COLOURS, dots, driving_axis, heading, legend, new_figure, panel, title
+from .style import FLANK_COLOURS, dots, driving_axis, heading, labelled, new_figure, panel, title
 
 _LAGS = 60  # lags shown; a chosen value
 
 Runs = Sequence[Float[np.ndarray, " _"]]
 """One array per run, of any length."""
+
+Part = tuple[str, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
+"""Flank of a run, its driving angles and its values, both in rad."""
 
 
 def plot_residual(fit: Fit) -> Figure:
@@ -35,10 +38,10 @@ def plot_residual(fit: Fit) -> Figure:
     top, middle, bottom = figure.subplots(3, 1)
     source = PurePath(fit.source.split(", ")[0]).name
     heading(figure, "residual: what the fit leaves", fit.pair.name, source)
-    angles = [curve.driving_angle for curve in fit.curves]
-    draw_runs(top, angles, fit.residuals, [curve.flank for curve in fit.curves])
-    title(top, f"{fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms of averaged rows")
-    top.set_ylabel("residual [arcsec]")
+    pairs = zip(fit.curves, fit.residuals, strict=True)
+    parts = [(curve.flank, curve.driving_angle, left) for curve, left in pairs]
+    words = f"{fit.residual_rms_deg * DEG / ARCSEC:.3g}″ rms of averaged rows"
+    draw_runs(top, parts, words, "residual [arcsec]")
     driving_axis(top)
     white = [fit.noise.whitened(left) for left in fit.residuals if len(left) > order]
     _draw_correlation(middle, white, order)
@@ -62,37 +65,30 @@ def plot_log(log: EncoderLog) -> Figure:
     runs = [one for one in assigned_segments(log).segments if one.stop - one.start >= 16]
     if not runs:
         raise NoAnswerError("no run of this log has 16 samples; record a longer motion.")
-    angles = [log.driving_angle[one.start : one.stop] for one in runs]
-    errors = [log.transmission_error[one.start : one.stop] for one in runs]
+    places = [(one.flank, slice(one.start, one.stop)) for one in runs]
+    parts = [(f, log.driving_angle[rows], log.transmission_error[rows]) for f, rows in places]
     figure = new_figure(5.6)
     top, bottom = figure.subplots(2, 1)
     heading(figure, "transmission error before any fit", PurePath(log.source).name)
-    draw_runs(top, angles, errors, [one.flank for one in runs])
+    words = "as it was read, with gap, drift and delay"
+    draw_runs(top, parts, words, "transmission error [arcsec]")
     driving_axis(top)
-    title(top, "as it was read, with gap, drift and delay")
-    top.set_ylabel("transmission error [arcsec]")
-    pairs = zip(angles, errors, strict=True)
-    cycles, size = mean_spectrum([(a / REV, e / ARCSEC) for a, e in pairs])
+    cycles, size = mean_spectrum([(angle / REV, error / ARCSEC) for _, angle, error in parts])
     _draw_amplitudes(bottom, cycles, size)
     title(bottom, "its spectrum: a peak is a wave that turn after turn repeats")
-    bottom.set_yscale("log")
-    bottom.set_xlim(0.0, min(float(cycles[-1]), 200.0))
+    bottom.set(yscale="log", xlim=(0.0, min(float(cycles[-1]), 200.0)))
     return figure
 
 
-def draw_runs(
-    ax: Axes, angles: Runs, values: Runs, flanks: Sequence[str], *, rms: bool = False
-) -> None:
-    """Draw values, rad, over driving angles as dots; the legend has their `rms` if wanted."""
-    handles, most = {}, max(MOST_POINTS // len(angles), 4)
-    for angle, value, flank in zip(angles, values, flanks, strict=True):
-        points = thinned(angle / DEG, value / ARCSEC, most)
-        [handles[flank]] = dots(ax, *points, flank, f"flank {flank}")
-    for flank, handle in handles.items() if rms else ():
-        own = [value for value, other in zip(values, flanks, strict=True) if other == flank]
-        size = np.sqrt(np.mean(np.concatenate(own) ** 2)) / ARCSEC
-        handle.set_label(f"flank {flank}: {size:.3g}″ rms")
-    panel(ax, keys=list(handles.values()))
+def draw_runs(ax: Axes, parts: Sequence[Part], words: str, y: str, *, rms: bool = False) -> None:
+    """Draw values over driving angles as dots; the legend has their `rms` if wanted."""
+    most, labels = max(MOST_POINTS // len(parts), 4), {f: f"flank {f}" for f, _, _ in parts}
+    for flank in labels if rms else ():
+        own = np.concatenate([values for other, _, values in parts if other == flank])
+        labels[flank] += f": {np.sqrt(np.mean(own**2)) / ARCSEC:.3g}″ rms"
+    for flank, angle, values in parts:
+        dots(ax, *thinned(angle / DEG, values / ARCSEC, most), flank, labels[flank])
+    panel(ax, words, y=y, keys=labelled(ax))
 
 
 def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
@@ -105,16 +101,15 @@ def _draw_correlation(ax: Axes, whitened: Runs, order: int) -> None:
     outside = int(np.count_nonzero(np.abs(correlation[1:]) > band))
     share = f"{outside} of {len(lags)} lags outside"
     reach = max(0.1, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
-    ax.set_ylim(-reach, reach)
-    ax.set_xlim(0.0, len(lags) + 1.0)
+    ax.set(ylim=(-reach, reach), xlim=(0.0, len(lags) + 1.0))
     words = f"whitened by an autoregression of order {order}: {share}"
-    panel(ax, words, x="lag [rows]", y="autocorrelation", keys=ax.collections[:1])
+    panel(ax, words, x="lag [rows]", y="autocorrelation", keys=labelled(ax))
 
 
 def _draw_spectrum(ax: Axes, spectrum: ResidualSpectrum, lines: Sequence[FoundLine]) -> None:
     _draw_amplitudes(ax, spectrum.cycles, spectrum.size)
     label = "noise alone reaches this in 1 of 1000 logs"
-    level = ax.plot(spectrum.cycles, spectrum.level, "--", color="0.4", lw=1.0, label=label)
+    ax.plot(spectrum.cycles, spectrum.level, "--", color="0.4", lw=1.0, label=label)
     top = float(max(spectrum.size.max(), spectrum.level.max()))
     for line in lines:
         point = (line.cycles_per_rev, line.amplitude_arcsec)
@@ -123,10 +118,8 @@ def _draw_spectrum(ax: Axes, spectrum: ResidualSpectrum, lines: Sequence[FoundLi
         words = f"{line.cycles_per_rev:.4g}"
         ax.annotate(words, point, (0, 7), textcoords="offset points", ha="center", fontsize="small")
         top = max(top, line.amplitude_arcsec)
-    title(ax, spectrum.words, legend_rows=1)
-    legend(ax, level)
-    ax.set_xlim(0.0, float(spectrum.cycles[-1]))
-    ax.set_ylim(0.0, 1.25 * top)
+    panel(ax, spectrum.words, keys=labelled(ax), legend_rows=1)
+    ax.set(xlim=(0.0, float(spectrum.cycles[-1])), ylim=(0.0, 1.25 * top))
 
 
 def _draw_amplitudes(

@@ -96,6 +96,12 @@ def legend(ax: Axes, handles: Sequence[Artist], **look: Any) -> None:
     ax.legend(handles=handles, **place | size | look)
 
 
+def labelled(ax: Axes) -> list[Artist]:
+    """Return what axes show with a label, for a legend; of equal labels it is the last one."""
+    handles, labels = ax.get_legend_handles_labels()
+    return list(dict(zip(labels, handles, strict=True)).values())
+
+
 def panel(
     ax: Axes,
     *words: str,
@@ -105,10 +111,7 @@ def panel(
     legend_rows: int = 0,
 ) -> None:
     """Name axes and what they show, `words`, over light grid lines; `keys` have a legend."""
-    if x:
-        ax.set_xlabel(x)
-    if y:
-        ax.set_ylabel(y)
+    ax.set(xlabel=x or ax.get_xlabel(), ylabel=y or ax.get_ylabel())
     if words:
         title(ax, *words, legend_rows=legend_rows)
     grid(ax)

@@ -12,7 +12,7 @@ from ..geometry.checks import section_report
 from ..geometry.form import form_radius
 from ..geometry.outline import ORDER, Counts, GearProfile, blank_of, section_curve
 from ..geometry.tooth import SIDES, Tooth
-from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, new_figure, panel
+from .style import COLOURS, MODEL_COLOUR, figure_legend, heading, labelled, new_figure, panel
 
 _PIECE_COLOURS = {"root": "0.45", "fillet": COLOURS[1], "flank": COLOURS[0], "tip": COLOURS[2]}
 _CIRCLES: tuple[tuple[str, Literal["-", "--", ":"]], ...] = (
@@ -91,13 +91,9 @@ def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labell
     tip, root = float(tooth.tip_radius), float(tooth.root_radius)
     base, forms = np.asarray(tooth.base_radii), [form_radius(tooth, side) for side in SIDES]
     sweep = np.linspace(-1.5, 1.5, 241) * profile.pitch
-    for circle, style in (
-        (tip, "-"),
-        (root, "-"),
-        *((r, "--") for r in set(base)),
-        *((r, ":") for r in set(forms)),
-    ):
-        ax.plot(circle * np.sin(sweep), circle * np.cos(sweep), style, color="0.6", linewidth=0.7)
+    for style, circles in {"-": (tip, root), "--": set(base), ":": set(forms)}.items():
+        for r in circles:
+            ax.plot(r * np.sin(sweep), r * np.cos(sweep), style, color="0.6", linewidth=0.7)
     for near in (clockwise - profile.pitch, clockwise + profile.pitch):
         ax.plot(radius * np.sin(near), radius * np.cos(near), color="0.8", linewidth=1.2)
     x, y = radius * np.sin(clockwise), radius * np.cos(clockwise)
@@ -107,9 +103,7 @@ def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labell
         ax.plot(x[piece], y[piece], color=_PIECE_COLOURS[part], linewidth=1.8)
     reach = tip * math.sin(min(_HALF_WIDTH * profile.pitch, math.pi / 2))
     low = min(float(y.min()), float(base.min())) - 0.12 * (tip - root)
-    ax.set_xlim(-reach, reach)
-    ax.set_ylim(low, tip + 0.12 * (tip - root))
-    ax.set_aspect("equal")
+    ax.set(xlim=(-reach, reach), ylim=(low, tip + 0.12 * (tip - root)), aspect="equal")
     turned = f"x [mm], turned by {math.degrees(turn):.3g}°" if turn else "x [mm]"
     panel(ax, f"{name}, z = {z:g} mm", x=turned, y="y [mm]" if labelled else "")
 
@@ -117,19 +111,17 @@ def _draw_section(ax: Axes, profile: GearProfile, name: str, z: float, *, labell
 def _draw_thickness(ax: Axes, tooth: Tooth, half: float) -> None:
     """Draw the tooth thickness and the root land over the face."""
     report = section_report(tooth, np.linspace(-half, half, 81))
-    lines = []
     for values, label, colour in (
         (report.thickness_mm, "tooth at the reference circle", MODEL_COLOUR),
         (report.tip_thickness_mm, "tooth at the tip circle", _PIECE_COLOURS["tip"]),
         (report.root_land_mm, "root land", _PIECE_COLOURS["root"]),
     ):
-        lines += ax.plot(report.z_mm, values, color=colour, linewidth=1.4, label=label)
+        ax.plot(report.z_mm, values, color=colour, linewidth=1.4, label=label)
     overlap = report.root_land_mm < 0
     if overlap.any():
-        where, ends = list(overlap), (report.root_land_mm, 0.0)
-        label = "fillets overlap"
-        lines.append(ax.fill_between(report.z_mm, *ends, where=where, color="0.85", label=label))
+        look = {"where": list(overlap), "color": "0.85", "label": "fillets overlap"}
+        ax.fill_between(report.z_mm, report.root_land_mm, 0.0, **look)
     ax.axhline(0.0, color="0.6", linewidth=0.7)
     for z in (-half, 0.0, half):
         ax.axvline(z, color="0.6", linewidth=0.7, linestyle=":")
-    panel(ax, "along the face", x="z [mm]", y="arc [mm]", keys=lines, legend_rows=2)
+    panel(ax, "along the face", x="z [mm]", y="arc [mm]", keys=labelled(ax), legend_rows=2)
