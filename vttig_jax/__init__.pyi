@@ -60,7 +60,7 @@ from .posterior.until import Until as Until
 from .rig.paper import paper_rig as paper_rig
 from .rig.synthetic import SyntheticRig as SyntheticRig
 from .runs.fit_run import save_fit as save_fit
-from .runs.posterior_run import save_posterior as save_posterior
+from .runs.fit_run import save_posterior as save_posterior
 from .runs.run import Run as Run
 from .runs.run import open_run as open_run
 from .runs.simulations import simulate as simulate

@@ -61,7 +61,8 @@ def test_a_fit_comes_back(made, saved, tmp_path, capsys):
     repeated = json.loads(capsys.readouterr().out)
     assert repeated["parameters"] == json.loads(json.dumps(made.to_json()))["parameters"]
     run.fit.save(tmp_path / "copy", figures=False)
-    assert (tmp_path / "copy/fit.json").read_bytes() == (saved / "fit.json").read_bytes()
+    for name in ("fit.json", "summary.npz"):
+        assert (tmp_path / "copy" / name).read_bytes() == (saved / name).read_bytes()
     assert not (tmp_path / "copy/figures").exists()
 
 

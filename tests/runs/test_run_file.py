@@ -12,8 +12,7 @@ from vttig_jax.base.files.run_folder import data_sha256
 from vttig_jax.identify.fit_settings import FitSettings
 from vttig_jax.logs.recognition.request import ReadingOptions
 from vttig_jax.pair.pair_file import load_pair_spec
-from vttig_jax.runs.options import RunOptions
-from vttig_jax.runs.run_file import RunRecord, read_run, require_same_data
+from vttig_jax.runs.run_file import RunOptions, RunRecord, read_run, require_same_data
 
 pytestmark = pytest.mark.smoke
 

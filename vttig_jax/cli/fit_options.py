@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 import click
 
+from ..base.errors import UsageError
 from ..identify.fit_settings import (
     BATCH,
     LONGEST_DELAY_S,
@@ -14,7 +15,6 @@ from ..identify.fit_settings import (
     fields,
     members,
 )
-from ..runs.options import settings_of
 from .drive_options import GROUPS
 from .options import POSITIVE, Gathered, Parsed
 
@@ -74,6 +74,20 @@ def _kind(field: Field) -> dict[str, Any]:
         limits = bounds.gt is None
         return {"type": click.FloatRange(bounds.ge, bounds.le) if limits else POSITIVE}
     return {"is_flag": True}
+
+
+def settings_of(**values: Any) -> FitSettings:
+    """Return the settings of a fit from the options of a command: name → value.
+
+    **Raises** `UsageError` for two options that exclude each other.
+    """
+    try:
+        return FitSettings(**values)
+    except ValueError as error:
+        message = str(error).removeprefix("Arguments ").removeprefix("Argument ")
+        for field in fields():
+            message = message.replace(f"`{field.name}`", field.option.split("/")[0])
+        raise UsageError(message) from None
 
 
 Settings = Annotated[FitSettings, Gathered([_option(one) for one in fields()], settings_of)]

@@ -10,8 +10,8 @@ from ..base.errors import NoAnswerError, VttigError
 from ..base.files.limits import read_regular
 from ..identify.accuracy import Accuracy
 from ..runs.map_table import RunTable, run_table
-from ..runs.posterior_run import REPORT
-from ..runs.run import SWEEP, Run
+from ..runs.run import Run
+from ..runs.run_file import REPORT, SWEEP
 
 _MOST_ROWS = 100_000  # of a map that is computed for a report; chosen value
 _TEXTS = (".csv", ".json", ".h", ".comp", ".xml", ".toml")

@@ -13,7 +13,7 @@ from ..base.files.run_folder import write_files
 from ..base.files.text_tables import key_values
 from ..base.logger import LOGGER
 from ..base.results import TextResult
-from .run_file import CHECKPOINT, RunRecord, read_run
+from .run_file import CHECKPOINT, FIT_FILES, REPORT, SWEEP, RunRecord, read_run
 
 if TYPE_CHECKING:
     from ..control.sweeps.table import SweepTable
@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from ..pair.gear_pair import Drive, GearPair
     from ..posterior.summary.bands import BandedMap
     from ..posterior.summary.posterior import Posterior
-
-SWEEP = "sweep.parquet"
-
-_FILES = ("run.toml", "pair.toml", "fit.json", "summary.npz", "posterior.json")
 
 
 @dataclass(frozen=True)
@@ -118,7 +114,8 @@ class Run(TextResult):
 
     def refuse_own(self, paths: Iterable[Path]) -> None:
         """Raise `InputError` for a path that is a file of the run: its logs, its fit, its draws."""
-        own = {self.folder / name for name in (*_FILES, CHECKPOINT, SWEEP)}
+        names = (*FIT_FILES, "pair.toml", CHECKPOINT, REPORT, SWEEP)
+        own = {self.folder / name for name in names}
         own |= {*self.record.logs, *filter(None, [self.record.readings])}
         for path in paths:
             if path.resolve() in {one.resolve() for one in own}:

@@ -15,20 +15,67 @@ from ..base.files.atomic_write import settle_if_free
 from ..base.files.limits import kept_bytes, kept_name, read_regular
 from ..base.files.run_folder import data_sha256
 from ..base.shown_text import shown_name
+from ..identify.fit_settings import FitSettings
 from ..logs.readers.binary import folder_sha256, format_of
+from ..logs.recognition.request import ReadingOptions, roles_of
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
-from .options import RunOptions, options_from
 
 if TYPE_CHECKING:
     from ..logs.read import OpenLog
     from ..logs.recognition.candidates import Guess
 
-CHECKPOINT = "posterior.h5"
-
+CHECKPOINT, REPORT, SWEEP = "posterior.h5", "posterior.json", "sweep.parquet"
+FIT_FILES = ("run.toml", "fit.json", "summary.npz")
+DRAWN = tuple(f"figures/{name}.png" for name in ("corner", "trace", "band"))
+"""Files of a run folder: draws, their report, sweep, those of a fit, pictures of draws."""
 
 SCHEMA = "vttig.run/1"
 _PACKAGES = ("vttig-jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
+
+
+class RunOptions(msgspec.Struct, frozen=True):
+    """Options of a fit in `run.toml`: how its logs are read, and the settings of the fit."""
+
+    reading: ReadingOptions = ReadingOptions()
+    settings: FitSettings = FitSettings()
+
+    def check(self, logs: int, *, readings: bool) -> None:
+        """Raise `UsageError` for options that exclude each other or do not apply.
+
+        `logs` is the number of logs; `readings` is true if backlash readings are given.
+        """
+        roles_of(self.reading.columns)
+        settings = self.settings
+        if settings.use_readings and not readings:
+            raise UsageError("--use-readings needs --backlash-readings FILE.")
+        if settings.same_zero is not None and logs == 1:
+            name = "--same-zero" if settings.same_zero else "--own-zero"
+            raise UsageError(f"{name} compares several logs, but there is one; leave it out.")
+
+    def table(self) -> dict[str, Any]:
+        """Return the table `[options]` of `run.toml`, without the options that have no value."""
+        merged = msgspec.to_builtins(self.reading) | msgspec.to_builtins(self.settings)
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in merged.items()
+            if value is not None
+        }
+
+
+def options_from(table: dict[str, Any]) -> RunOptions:
+    """Return the options in the table `[options]` of `run.toml`; missing options have defaults.
+
+    **Raises** `msgspec.ValidationError` or `TypeError` for a damaged table.
+    """
+    if not isinstance(table, dict):
+        raise TypeError("options")
+    names = ReadingOptions.__struct_encode_fields__
+    reading = {name: value for name, value in table.items() if name in names}
+    settings = {name: value for name, value in table.items() if name not in names}
+    return RunOptions(
+        msgspec.convert(reading, ReadingOptions), msgspec.convert(settings, FitSettings)
+    )
 
 
 @dataclass(frozen=True)

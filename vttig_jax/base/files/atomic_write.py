@@ -17,10 +17,9 @@ import re
 import secrets
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from ..errors import InputError, UsageError
 
@@ -126,55 +125,44 @@ def os_error_message(error: OSError) -> str:
 PREFIX, SWITCHED, RECORD, LOCK = ".new-", ".commit-", ".commit.json", ".lock"
 
 
-class Stage:
-    """New files of a folder that are not yet visible under their names.
+def commit(
+    folder: Path, files: Mapping[str, bytes], removed: Iterable[str], result: str | None
+) -> None:
+    """Write several files into a folder, and remove the old files `removed`, all at once.
 
-    The lock of the folder must be held.
+    The lock of the folder must be held. Names use `/` for subfolders. `result` is the file that is
+    moved last; by default it is the last one of `files`.
+
+    **Raises** `InputError` for an operation that the system refuses. If it fails before the switch,
+    the folder is unchanged. After the switch the stage stays for `settle` to finish.
     """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.path = Path(tempfile.mkdtemp(prefix=PREFIX, dir=folder))  # new, and closed to others
-        self._names: list[str] = []
-
-    def write(self, name: str, data: bytes) -> None:
-        """Write a file into the stage, or replace it there; `name` uses `/` for subfolders."""
-        staged = self.path / name
-        staged.parent.mkdir(parents=True, exist_ok=True)
-        staged.unlink(missing_ok=True)
-        write_synced(staged, data)
-        self._names = [*(one for one in self._names if one != name), name]
-
-    def commit(self, result: str | None, removed: Iterable[str]) -> None:
-        """Make all staged files visible and remove the old files `removed`.
-
-        `result` is the file that is moved last; by default it is the last one written.
-
-        **Raises** `InputError` for an operation that the system refuses. If it fails before the
-        switch, the folder is unchanged. After the switch the stage stays for `settle` to finish.
-        """
-        files = sorted(self._names, key=lambda name: name == result)
-        removed = [name for name in removed if name not in files]
-        stage = self.path
-        if len(files) > 1 or removed:  # otherwise the move is the switch
-            with os_errors_as_input_errors(self.folder):
-                record = {"files": files, "removed": removed}
+    names = sorted(files, key=lambda name: name == result)
+    removed = [name for name in removed if name not in files]
+    with os_errors_as_input_errors(folder):
+        stage = Path(tempfile.mkdtemp(prefix=PREFIX, dir=folder))  # new, and closed to others
+    switched = stage
+    try:
+        for name, data in files.items():
+            with os_errors_as_input_errors(folder / name):
+                (stage / name).parent.mkdir(parents=True, exist_ok=True)
+                write_synced(stage / name, data)
+        if len(names) > 1 or removed:  # otherwise the move is the switch
+            with os_errors_as_input_errors(folder):
+                record = {"files": names, "removed": removed}
                 write_synced(stage / RECORD, json.dumps(record).encode())
-                for folder in {(stage / name).parent for name in files} | {stage}:
-                    sync_folder(folder)
-            for target in (self.folder / name for name in files):
+                for one in {(stage / name).parent for name in names} | {stage}:
+                    sync_folder(one)
+            for target in (folder / name for name in names):
                 with os_errors_as_input_errors(target):
                     if target.is_dir():
                         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-            stage = self.folder / f"{SWITCHED}{secrets.token_hex(8)}"
-            with os_errors_as_input_errors(self.folder):
-                os.rename(self.path, stage)
-                sync_folder(self.folder)
-        _finish(stage, files, removed)
-
-    def drop(self) -> None:
-        """Remove the stage, if it is not switched."""
-        shutil.rmtree(self.path, ignore_errors=True)
+            switched = folder / f"{SWITCHED}{secrets.token_hex(8)}"
+            with os_errors_as_input_errors(folder):
+                os.rename(stage, switched)
+                sync_folder(folder)
+        _finish(switched, names, removed)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)  # it has this name only if it is not switched
 
 
 def settle(folder: Path) -> None:
@@ -246,21 +234,19 @@ def _stages(folder: Path) -> Iterator[Path]:
 
 def _read_record(stage: Path) -> dict[str, list[str]] | None:
     """Return the record of a stage, or None if it is missing or names files outside the folder."""
+    folder = stage.parent
     try:
         found = json.loads((stage / RECORD).read_bytes())
         record = {name: list(found[name]) for name in ("files", "removed")}
-        inside = (is_inside(stage.parent, one) for names in record.values() for one in names)
+        names = [PurePosixPath(name) for named in record.values() for name in named]
+        inside = (  # also if the folder contains links
+            name.name not in ("", "..")
+            and (folder / name).parent.resolve().is_relative_to(folder.resolve())
+            for name in names
+        )
         return record if all(inside) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def is_inside(folder: Path, name: Any) -> bool:
-    """Return whether a relative name stays in a folder, also if the folder contains links."""
-    parts = PurePosixPath(name)
-    if parts.is_absolute() or ".." in parts.parts or not parts.name:
-        return False
-    return (folder / name).parent.resolve().is_relative_to(folder.resolve())
 
 
 def _finish(stage: Path, files: Iterable[str], removed: Iterable[str]) -> None:

@@ -8,12 +8,10 @@ of one sentence.
 import hashlib
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
-from io import BytesIO
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
 
 from ..errors import InputError, UsageError
-from .atomic_write import LOCK, Stage, locked, os_errors_as_input_errors, settle
+from .atomic_write import LOCK, commit, locked, os_errors_as_input_errors, settle
 from .limits import kept_bytes, read_regular
 
 _EXISTS = "already exists; add --overwrite (in Python overwrite=True) or choose another name."
@@ -55,14 +53,13 @@ class RunFolder:
         self.path = Path(path)
         self.overwrite = overwrite
         self.results = results
-        self._stage: Stage | None = None
+        self._files: dict[str, bytes] = {}
         self._discarded: list[str] = []
-        self._opened: ExitStack | None = None
+        self._opened = ExitStack()
 
     def __enter__(self) -> "RunFolder":
         with ExitStack() as stack:
             stack.enter_context(locked(self.path / LOCK, "this folder"))
-            stack.callback(self._drop_stage)
             with os_errors_as_input_errors(self.path):
                 settle(self.path)
             for name in self.results:
@@ -71,29 +68,15 @@ class RunFolder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        assert self._opened is not None  # by `__enter__`
         with self._opened:
-            self._opened = None
-            if kind is None and self._stage is not None:
-                self._stage.commit(self.results[-1] if self.results else None, self._discarded)
+            if kind is None and self._files:
+                result = self.results[-1] if self.results else None
+                commit(self.path, self._files, self._discarded, result)
 
     def write_bytes(self, name: str, data: bytes) -> None:
         """Write a file; `name` is relative to the folder and uses `/` for subfolders."""
-        parts = PurePosixPath(name)
-        if parts.is_absolute() or ".." in parts.parts or not parts.name:
-            raise ValueError(
-                f"Argument `name` must be a file name inside the run folder, but it is {name!r}."
-            )
-        if self._opened is None:
-            raise ValueError(
-                "Argument `name` must be written inside the `with` block of the run folder,"
-                f" but {name!r} is not."
-            )
         self._refuse_existing(name)
-        with os_errors_as_input_errors(self.path / name):
-            if self._stage is None:
-                self._stage = Stage(self.path)
-            self._stage.write(name, data)
+        self._files[name] = data
 
     def discard(self, name: str) -> None:
         """Mark an old file: the commit of the new result removes it unless it is written again."""
@@ -103,34 +86,9 @@ class RunFolder:
         """Write a text file in UTF-8."""
         self.write_bytes(name, text.encode("utf-8"))
 
-    def write_toml(self, name: str, table: dict[str, Any]) -> None:
-        """Write a table as TOML with its keys in the given order."""
-        import tomli_w
-
-        self.write_text(name, tomli_w.dumps(table))
-
-    def write_npz(self, name: str, **arrays: Any) -> None:
-        """Write named arrays of numbers or text; arrays of Python objects raise `ValueError`."""
-        import numpy as np
-
-        for key, array in arrays.items():
-            if np.asarray(array).dtype.hasobject:
-                raise ValueError(
-                    f"Argument `{key}` must be an array of numbers or text,"
-                    " but it holds Python objects."
-                )
-        buffer = BytesIO()
-        np.savez(buffer, allow_pickle=False, **arrays)
-        self.write_bytes(name, buffer.getvalue())
-
     def _refuse_existing(self, name: str) -> None:
         if not self.overwrite and (self.path / name).exists():
             raise UsageError(_EXISTS, where=str(self.path / name))
-
-    def _drop_stage(self) -> None:
-        if self._stage is not None:
-            self._stage.drop()
-            self._stage = None
 
 
 def write_files(files: Mapping[Path, str | bytes], *, overwrite: bool) -> None:

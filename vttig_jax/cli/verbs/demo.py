@@ -7,19 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import click
 import numpy as np
+import tomli_w
 
 from ... import report as reports
 from ...base.angles import difference_deg
 from ...base.errors import UsageError
-from ...base.files.run_folder import RunFolder
 from ...base.files.text_tables import key_values, text_table
 from ...base.units import DEG
 from ...identify.fit_settings import FitSettings
 from ...pair.pair_file import stated_table
-from ...runs.fit_run import write_fit
-from ...runs.options import RunOptions
-from ...runs.posterior_run import banded_of, write_report
-from ...runs.run_file import CHECKPOINT, RunRecord
+from ...runs.fit_run import banded_of, save_fit, write_report
+from ...runs.run_file import CHECKPOINT, RunOptions, RunRecord
 from ..options import refuse_results, verb
 from ..output import Output, sampling_bar
 
@@ -71,7 +69,7 @@ def command(
         bar.set_description("fit")
         result = fit(log, rig.pair, delay=SAMPLED_TOGETHER)
         if out is not None:
-            _write_fit(out, overwrite, log, rig, result)
+            _save(out, overwrite, log, rig, result)
     with sampling_bar(output) as follow:
         posterior = sample(
             result,
@@ -81,10 +79,8 @@ def command(
             overwrite=overwrite,
             progress=follow,
         )
-    banded = banded_of(posterior)
+    banded = banded_of(posterior) if out is None else write_report(out, posterior)
     assert banded is not None  # the rig of the paper turns in both directions
-    if out is not None:
-        write_report(out, posterior, banded)
     hint = "`vttig demo --out DIR` keeps the log, the fit, the draws, the map and the pictures."
     if out is not None:
         hint = (
@@ -179,21 +175,18 @@ def _truths(rig: "SyntheticRig") -> dict[str, float]:
     }
 
 
-def _write_fit(
+def _save(
     out: Path, overwrite: bool, log: "EncoderLog", rig: "SyntheticRig", result: "Fit"
 ) -> None:
     """Write the log, the pair file and the fit as a run folder that the other verbs can use."""
     from ...pair.gear_pair import spec_of
 
-    spec = spec_of(rig.pair)
-    data = log_csv(log)
+    spec, data = spec_of(rig.pair), log_csv(log)
     digest = hashlib.sha256(data.encode()).hexdigest()
     options = RunOptions(settings=FitSettings(delay=SAMPLED_TOGETHER))
     run = RunRecord((out / "log.csv",), spec, options=options, sha256=(digest,))
-    with RunFolder(out, overwrite=overwrite, results=("fit.json",)) as folder:
-        folder.write_text("log.csv", data)
-        folder.write_toml("pair.toml", stated_table(spec))
-        write_fit(folder, result, run)
+    beside = {"log.csv": data, "pair.toml": tomli_w.dumps(stated_table(spec))}
+    save_fit(result, out, overwrite=overwrite, record=run, beside=beside)
 
 
 def log_csv(log: "EncoderLog") -> str:

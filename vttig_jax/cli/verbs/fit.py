@@ -13,8 +13,7 @@ from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, readings_alone, resolve, save_fit
-from ...runs.options import RunOptions
-from ...runs.run_file import CHECKPOINT, RunRecord, read_run, require_same_data
+from ...runs.run_file import CHECKPOINT, RunOptions, RunRecord, read_run, require_same_data
 from ..drive_options import GROUPS, Drive
 from ..fit_options import OF_A_FIT, Settings
 from ..options import Argument, given, need, refuse_results, verb

@@ -13,11 +13,9 @@ from ...base.logger import LOGGER
 from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
 from ...posterior.until import Until
-from ...runs.fit_run import perform, resolve, save_fit
-from ...runs.options import RunOptions
-from ...runs.posterior_run import banded_of, write_report
+from ...runs.fit_run import perform, resolve, save_fit, write_report
 from ...runs.run import open_run
-from ...runs.run_file import CHECKPOINT, RunRecord, read_run
+from ...runs.run_file import CHECKPOINT, RunOptions, RunRecord, read_run
 from ..drive_options import GROUPS, Drive
 from ..fit_options import OF_A_FIT, Settings
 from ..options import (
@@ -161,7 +159,7 @@ def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool)
 
     **Raises** `NotConvergedError` for draws that have not converged.
     """
-    write_report(out, posterior, banded_of(posterior), figures=figures)
+    write_report(out, posterior, figures=figures)
     LOGGER.info("written to %s", out)
     output.emit(posterior.to_json(), posterior)
     if not posterior.diagnosis.converged:
