@@ -60,7 +60,9 @@ def escaped(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(
-        mark if mark.isprintable() or unicodedata.category(mark) == "Zs" else _escape(mark)
+        mark
+        if mark.isprintable() or unicodedata.category(mark) == "Zs"
+        else mark.encode("unicode_escape").decode("ascii")
         for mark in text
     )
 
@@ -81,10 +83,6 @@ def csv_cell(text: str) -> str:
     """
     shown = escaped(text)
     return f"'{shown}" if shown.startswith(_FORMULA) else shown
-
-
-def _escape(mark: str) -> str:
-    return mark.encode("unicode_escape").decode("ascii")
 
 
 def _shortened(text: str) -> str:

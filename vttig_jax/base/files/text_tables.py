@@ -33,8 +33,6 @@ def text_table(
 
     ```
     """
-    from tabulate import tabulate
-
     letters = "l" + "r" * (len(headers) - 1) if align is None else align
     if len(letters) != len(headers) or not set(letters) <= set(_ALIGNMENTS):
         raise ValueError(
@@ -46,14 +44,7 @@ def text_table(
     ]
     # The titles are the first row, because `tabulate` aligns its own headers differently.
     cells = [titles, *([_cell(value) for value in row] for row in rows)]
-    return _lines(
-        tabulate(
-            cells,
-            tablefmt="plain",
-            disable_numparse=True,
-            colalign=[_ALIGNMENTS[letter] for letter in letters],
-        )
-    )
+    return _plain(cells, colalign=[_ALIGNMENTS[letter] for letter in letters])
 
 
 def key_values(pairs: Iterable[tuple[str, Any]], *, title: str | None = None) -> str:
@@ -69,10 +60,7 @@ def key_values(pairs: Iterable[tuple[str, Any]], *, title: str | None = None) ->
 
     ```
     """
-    from tabulate import tabulate
-
-    cells = [(_cell(name), _cell(value)) for name, value in pairs]
-    table = _lines(tabulate(cells, tablefmt="plain", disable_numparse=True))
+    table = _plain([(_cell(name), _cell(value)) for name, value in pairs])
     if title is None:
         return table
     return "\n".join([shown_name(title), *(f"  {line}" for line in table.splitlines())])
@@ -91,7 +79,10 @@ def _cell(value: Any) -> str:
     return "–" if value is None else one_line(str(value))
 
 
-def _lines(table: str) -> str:
+def _plain(cells: Sequence[Sequence[str]], **options: Any) -> str:
+    from tabulate import tabulate
+
+    table = tabulate(cells, tablefmt="plain", disable_numparse=True, **options)
     return "\n".join(line.rstrip() for line in table.splitlines())
 
 

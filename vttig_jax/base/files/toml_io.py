@@ -63,26 +63,22 @@ class TomlFile:
 
         **Raises** `error` for a file that cannot be read or is not TOML in UTF-8.
         """
-        where = str(path)
         try:
             return tomllib.loads(read_regular(path).decode("utf-8-sig"))
         except FileNotFoundError:
-            raise self.error(f"no such file; {self.cure}.", where=where) from None
+            message = f"no such file; {self.cure}."
         except IsADirectoryError:
-            raise self.error(f"this is a folder; {self.cure}.", where=where) from None
+            message = f"this is a folder; {self.cure}."
         except PermissionError:
-            raise self.error("there is no permission to read this file.", where=where) from None
-        except UnicodeDecodeError as error:
-            raise self.error(
-                f"not a text file (byte {error.start} is not UTF-8); {self.noun} is TOML in UTF-8.",
-                where=where,
-            ) from None
-        except (ValueError, RecursionError) as error:  # also too long numbers and too deep lists
-            raise self.error(
-                f"not valid TOML: {error}; {self.noun} {self.content}.", where=where
-            ) from None
+            message = "there is no permission to read this file."
         except OSError as error:
-            raise self.error(f"this file cannot be read: {error.strerror}.", where=where) from None
+            message = f"this file cannot be read: {error.strerror}."
+        except UnicodeDecodeError as error:
+            found = f"not a text file (byte {error.start} is not UTF-8)"
+            message = f"{found}; {self.noun} is TOML in UTF-8."
+        except (ValueError, RecursionError) as error:  # also too long numbers and too deep lists
+            message = f"not valid TOML: {error}; {self.noun} {self.content}."
+        raise self.error(message, where=str(path))
 
     def convert(self, value: Any, kind: Any, where: str = "") -> Any:
         """Convert a parsed value to a struct or to another type that `msgspec` supports.
