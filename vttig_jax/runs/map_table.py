@@ -68,10 +68,23 @@ def run_table(
         )
     else:
         from ..identify.backlash import backlash_map
+        from ..posterior.summary.draws import millimetres
 
         grid = backlash_map(fit, constant_backlash_deg=constant_backlash_deg)
-        columns = map_columns(grid, step_deg, turns)
-        record = map_record(fit, grid, step_deg, turns, len(columns["driving_deg"]), out)
+        driving_deg = angles_over_turns_deg(step_deg, turns)
+        backlash = grid.over(driving_deg * DEG)
+        radius, axial = millimetres(grid.pair)
+        columns = {
+            "driving_deg": driving_deg,
+            "backlash_deg": backlash / DEG,
+            "backlash_mm": backlash * radius,  # NaN where the pair does not define lengths
+            "axial_mm": backlash * axial,
+            "backlash_first_order_deg": grid.first_order_over(driving_deg * DEG) / DEG,
+        }
+        if grid.shift is not None:  # a delay that the logs do not contain may shift the map
+            low, high = grid.interval(backlash)
+            columns |= {"low95_deg": low / DEG, "high95_deg": high / DEG}
+        record = map_record(fit, grid, step_deg, turns, len(driving_deg), out)
         found = RunTable(record, columns, str(grid))
     columns = found.columns
     if quantity == "shift":
@@ -81,30 +94,6 @@ def run_table(
         ahead = [name for name in columns if name.startswith(("driving", "axial"))]
         columns = {name: columns[name] for name in (*ahead, *columns)}
     return RunTable(found.record | {"quantity": quantity}, columns, found.text)
-
-
-def map_columns(grid: "BacklashMap", step_deg: float, turns: float) -> dict[str, np.ndarray]:
-    """Return the columns of `map.csv` for a map without draws.
-
-    Lengths in mm are NaN if the pair does not define them. The last two are there if a delay that
-    the logs do not contain may shift the map.
-    """
-    from ..posterior.summary.draws import millimetres
-
-    driving_deg = angles_over_turns_deg(step_deg, turns)
-    backlash = grid.over(driving_deg * DEG)
-    radius, axial = millimetres(grid.pair)
-    columns = {
-        "driving_deg": driving_deg,
-        "backlash_deg": backlash / DEG,
-        "backlash_mm": backlash * radius,
-        "axial_mm": backlash * axial,
-        "backlash_first_order_deg": grid.first_order_over(driving_deg * DEG) / DEG,
-    }
-    if grid.shift is not None:
-        low, high = grid.interval(backlash)
-        columns |= {"low95_deg": low / DEG, "high95_deg": high / DEG}
-    return columns
 
 
 def map_record(

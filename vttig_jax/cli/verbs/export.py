@@ -154,7 +154,7 @@ def command(
     from ...control.compensation.map_harmonics import compensation_of
     from ...runs.error_table import origin
     from ...runs.maps import lowered_map
-    from ...runs.zeros import shaft_readings
+    from ...runs.run import shaft_readings
 
     suffix = out.suffix.lower()
     quantity = quantity or ("error" if control else "shift" if suffix == ".h" else "backlash")
@@ -306,7 +306,7 @@ def _maps(
     """
     from ...control.compensation.compensation import closing_of, require_closing
     from ...identify.backlash import contact_map
-    from ...runs.zeros import shaft_readings
+    from ...runs.run import shaft_readings
 
     found = contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)
     if constant_backlash_deg is None:

@@ -8,7 +8,7 @@ from ...base.errors import NoAnswerError, UsageError
 from ...base.files.text_tables import key_values
 from ...base.units import ARCSEC, DEG
 from ...pair.schema import Flank
-from ...runs.run import Run
+from ...runs.run import Run, shaft_readings
 from ..options import ConstantBacklash, Finite, Parsed, Positive, RunPath, verb
 from ..output import Output
 
@@ -94,7 +94,6 @@ def command(
     from ...identify.backlash import contact_map
     from ...kinematics.turn_location import locate
     from ...pair.gear_pair import GearPair
-    from ...runs.zeros import shaft_readings
 
     opened = Run(run_folder)
     run, pair, fit = opened.record, opened.pair, opened.fit
