@@ -58,7 +58,7 @@ FLOORS = {
     "runs": "",
     "report": "words content verdict charts comparison page",
     "cli": (
-        "output library_messages program_cache options axis_options drive_options "
+        "output program_cache options axis_options drive_options "
         "fit_options verbs main"
     ),
 }

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from vttig_jax.cli.library_messages import adopt_loggers
+from vttig_jax.cli.output import adopt_loggers
 
 
 class _Unraisable:

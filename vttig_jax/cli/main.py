@@ -19,8 +19,7 @@ import click
 
 from ..base.errors import InputError, VttigError
 from ..base.logger import LOGGER
-from .library_messages import library_messages_in_log
-from .output import Narrator, print_json
+from .output import Narrator, library_messages_in_log, print_json
 
 GROUPS = {
     "From a log": {
@@ -138,10 +137,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             _silence_stdout()
             return 0
         except BaseException as error:
-            code, message, where = _explain(error, narrator)
-            _report(
-                code, message, where, error, as_json="--json" in takewhile("--".__ne__, arguments)
-            )
+            code = _report(error, narrator, "--json" in takewhile("--".__ne__, arguments))
             try:
                 sys.stdout.flush()
             except OSError:  # what cannot be written would fail again when the interpreter ends
@@ -199,7 +195,9 @@ def _explain_usage(error: click.ClickException) -> tuple[int, str, str]:
     return 2, f"{sentence}{joint} `{command} --help`.", command
 
 
-def _report(code: int, message: str, where: str, error: BaseException, *, as_json: bool) -> None:
+def _report(error: BaseException, narrator: Narrator, as_json: bool) -> int:
+    """Log an error, print its object if `as_json`, and return its exit code."""
+    code, message, where = _explain(error, narrator)
     # The message is one line even if a quoted text has several.
     message = " ".join(message.split())
     defect = None if isinstance(error, (VttigError, click.ClickException)) else error
@@ -208,6 +206,7 @@ def _report(code: int, message: str, where: str, error: BaseException, *, as_jso
         failure = {"schema": "vttig.error/1", "exit": code, "message": message, "where": where}
         with suppress(OSError, VttigError):  # the error may be that stdout cannot be written
             print_json(failure)
+    return code
 
 
 def _tolerate_encodings() -> None:

@@ -1,14 +1,19 @@
 """Output of the commands: results on stdout, messages and progress on stderr, and a log file.
 
 All text for people goes through this module, which shows control characters of foreign names
-instead of sending them to the terminal; `tests/cli/test_printing.py` forbids other ways.
+instead of sending them to the terminal; `tests/cli/test_printing.py` forbids other ways. Messages
+of other libraries go to the log file: NumPy, SciPy and matplotlib warn through `warnings`, others
+through `logging`; threads and finalisers print tracebacks. If a user must know about a problem,
+vttig reports it in its own words.
 """
 
 import logging
 import sys
+import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -112,28 +117,25 @@ def _print(text: str) -> None:
         raise InputError(f"results cannot be written: {error.strerror}.", where="stdout") from error
 
 
-class Narrator(AbstractContextManager["Narrator"]):
+class Narrator(ExitStack):
     """Context that sends the messages of the library to stderr and, on request, to a file."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.log_file: Path | None = None
-        self._level = LOGGER.level
         self._stderr = logging.StreamHandler(sys.stderr)
-        self._file: logging.Handler | None = None
 
     def __enter__(self) -> "Narrator":
         self._stderr.setFormatter(_Sentence())
         self._stderr.setLevel(logging.WARNING)
+        self.callback(LOGGER.setLevel, LOGGER.level)
         LOGGER.setLevel(logging.DEBUG)
-        LOGGER.addHandler(self._stderr)
+        self._add(LOGGER, self._stderr)
         return self
 
-    def __exit__(self, *_: object) -> None:
-        LOGGER.removeHandler(self._stderr)
-        if self._file is not None:
-            logging.getLogger().removeHandler(self._file)
-            self._file.close()
-        LOGGER.setLevel(self._level)
+    def _add(self, logger: logging.Logger, handler: logging.Handler) -> None:
+        logger.addHandler(handler)
+        self.callback(logger.removeHandler, handler)
 
     def tune(self, verbose: int, quiet: bool, log_file: Path | None) -> None:
         """Apply `-v` (information), `-vv` (details), `-q` (errors only) and `--log-file`.
@@ -153,8 +155,8 @@ class Narrator(AbstractContextManager["Narrator"]):
                 f"the log file cannot be written: {error.strerror}.", where=str(log_file)
             ) from error
         handler.setFormatter(_LogLine("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-        self._file = handler
-        logging.getLogger().addHandler(handler)  # so that it holds records of other libraries too
+        self.callback(handler.close)
+        self._add(logging.getLogger(), handler)  # it holds records of other libraries too
         self.log_file = log_file
 
 
@@ -198,3 +200,48 @@ def sampling_bar(output: Output) -> Iterator["Callable[[Progress], None]"]:
             bar.set_postfix_str(progress.diagnosis)
 
         yield follow
+
+
+@contextmanager
+def library_messages_in_log() -> Iterator[None]:
+    """Send warnings, log records and tracebacks of other libraries to the log, as details."""
+    nothing = logging.NullHandler()  # with it Python does not print records that nobody handles
+    before = warnings.showwarning, threading.excepthook, sys.unraisablehook
+    logging.getLogger().addHandler(nothing)
+    warnings.showwarning = _log_warning
+    threading.excepthook = _log_exception
+    sys.unraisablehook = _log_exception
+    try:
+        yield
+    finally:
+        warnings.showwarning, threading.excepthook, sys.unraisablehook = before
+        logging.getLogger().removeHandler(nothing)
+
+
+def adopt_loggers(name: str) -> None:
+    """Remove the handlers of a library's loggers, because they print to the terminal.
+
+    The records then go to the root logger and so to the log file.
+    """
+    for logger_name, logger in list(logging.Logger.manager.loggerDict.items()):
+        if logger_name.partition(".")[0] == name and isinstance(logger, logging.Logger):
+            logger.handlers.clear()
+            logger.propagate = True
+
+
+def _log_warning(message: Any, category: type, filename: str, lineno: int, *_: Any) -> None:
+    LOGGER.debug("%s at %s:%d: %s", category.__name__, filename, lineno, message)
+
+
+def _log_exception(seen: Any) -> None:
+    """Write an exception that was raised in a thread or a finaliser to the log file.
+
+    Python calls this function as `threading.excepthook` and as `sys.unraisablehook`. The arguments
+    of these hooks are of different classes, but both have the fields `exc_type`, `exc_value` and
+    `exc_traceback`.
+    """
+    LOGGER.debug(
+        "an exception outside the command: %s",
+        seen.exc_value,
+        exc_info=(seen.exc_type, seen.exc_value, seen.exc_traceback),
+    )

@@ -11,9 +11,8 @@ from ...base.errors import UsageError
 from ...base.files.run_folder import RunFolder
 from ...base.logger import LOGGER
 from ...base.threads import usable_cores
-from ..library_messages import adopt_loggers
 from ..options import Argument, Dask, exclude_each_other, need, verb
-from ..output import Output
+from ..output import Output, adopt_loggers
 
 if TYPE_CHECKING:
     from ...control.sweeps.table import SweepTable
