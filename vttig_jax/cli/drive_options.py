@@ -95,11 +95,8 @@ PairFile = Annotated[
 """Parameter of a verb without a log. It excludes the options that describe the drive."""
 
 
-class _OfPair(NamedTuple):
+class _OfDrive(NamedTuple):
     pair: PairFile
-
-
-class _OfRatio(NamedTuple):
     ratio: Annotated[
         str | None,
         {"metavar": "A:B"},
@@ -114,9 +111,6 @@ class _OfRatio(NamedTuple):
         },
         "Counts per revolution of the driving and the driven encoder.",
     ]
-
-
-class _OfLog(NamedTuple):
     units: Annotated[
         tuple[str, ...],
         "--unit",
@@ -155,15 +149,13 @@ def _drive(
     return DriveOptions(pair, request, reading, write_pair, explain_columns)
 
 
-Ratio = Annotated[DriveRequest, Gathered(declared(_OfRatio), DriveRequest)]
+_DRIVE = declared(_OfDrive)
+_RATIO = [option for option in _DRIVE if option.name in ("ratio", "teeth", "counts")]
+
+Ratio = Annotated[DriveRequest, Gathered(_RATIO, DriveRequest)]
 """Parameter of a verb without a log: what its options say of the drive."""
 
-Drive = Annotated[
-    DriveOptions,
-    Gathered(
-        [*declared(_OfPair), *declared(_OfRatio), *declared(_OfLog), *READING.options], _drive
-    ),
-]
+Drive = Annotated[DriveOptions, Gathered([*_DRIVE, *READING.options], _drive)]
 """Parameter of a verb that reads logs: all that is said of them, and of their drive."""
 
 GROUPS = {

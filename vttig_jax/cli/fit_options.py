@@ -49,31 +49,27 @@ def time_type(name: str, unit: str, words: tuple[str, ...] = ()) -> Parsed:
 
 
 def _option(field: Field) -> click.Parameter:
+    """Return the option of a setting; the type of the option follows from that of the field."""
+    kinds = members(field.type)
+    words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+    numbers = [kind for kind in kinds if get_origin(kind) is Annotated]
+    settings: dict[str, Any] = {"is_flag": True}
+    if words:
+        kind = time_type("delay", "s", words) if numbers else click.Choice(words)
+        settings = {"type": kind}
+    elif field.name.endswith("_ms"):
+        settings = {"type": time_type("milliseconds", "ms")}
+    elif numbers:
+        bounds = get_args(numbers[0])[1]
+        limits = bounds.gt is None
+        settings = {"type": click.FloatRange(bounds.ge, bounds.le) if limits else POSITIVE}
     return click.Option(
         [field.option, field.name],
         default=field.default,
         help=field.text,
         metavar=field.metavar,
-        **_kind(field),
+        **settings,
     )
-
-
-def _kind(field: Field) -> dict[str, Any]:
-    """Return the keywords of `click.option` that follow from the type of a field."""
-    kinds = members(field.type)
-    words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
-    numbers = [kind for kind in kinds if get_origin(kind) is Annotated]
-    if words and numbers:
-        return {"type": time_type("delay", "s", words)}
-    if words:
-        return {"type": click.Choice(words)}
-    if field.name.endswith("_ms"):
-        return {"type": time_type("milliseconds", "ms")}
-    if numbers:
-        bounds = get_args(numbers[0])[1]
-        limits = bounds.gt is None
-        return {"type": click.FloatRange(bounds.ge, bounds.le) if limits else POSITIVE}
-    return {"is_flag": True}
 
 
 def settings_of(**values: Any) -> FitSettings:

@@ -296,17 +296,15 @@ def refuse_existing(path: Path, *, overwrite: bool) -> None:
         raise UsageError("already exists; add --overwrite or choose another name.", where=str(path))
 
 
-def refuse_results(out: Path | None, cures: Mapping[str, str]) -> None:
-    """Raise `UsageError`, before any work, for a result that `out` holds: its name → what to do."""
+def refuse_results(out: Path | None, names: Iterable[str], cure: str) -> None:
+    """Raise `UsageError`, before any work, for a result that `out` holds, with what to do."""
     if out is None:
         return
     if out.exists() and not out.is_dir():
         raise InputError("a file is in the way; choose another name.", where=str(out))
-    for name, cure in cures.items():
-        if (out / name).exists():
-            raise UsageError(
-                f"already exists; {cure}, or choose another folder.", where=str(out / name)
-            )
+    for path in (out / name for name in names):
+        if path.exists():
+            raise UsageError(f"already exists; {cure}, or choose another folder.", where=str(path))
 
 
 @contextmanager

@@ -2,8 +2,9 @@
 
 import hashlib
 import io
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import click
 import numpy as np
@@ -12,24 +13,19 @@ import tomli_w
 from ... import report as reports
 from ...base.angles import difference_deg
 from ...base.errors import UsageError
-from ...base.files.text_tables import key_values, text_table
+from ...base.files.text_tables import decimals, key_values, text_table
 from ...base.units import DEG
-from ...identify.fit_settings import FitSettings
 from ...pair.pair_file import stated_table
-from ...runs.fit_run import banded_of, save_fit, write_report
-from ...runs.run_file import CHECKPOINT, RunOptions, RunRecord
+from ...runs.fit_run import banded_of, record_of, save_fit, write_report
+from ...runs.run_file import CHECKPOINT
 from ..options import refuse_results, verb
 from ..output import Output, sampling_bar
 
 if TYPE_CHECKING:
-    from ...identify.result import Fit
     from ...logs.encoder_log import EncoderLog
     from ...posterior.summary.bands import BandedMap
     from ...posterior.summary.posterior import Posterior
     from ...rig.synthetic import SyntheticRig
-
-SAMPLED_TOGETHER: Final = "off"
-"""Delay of the fit: the simulated rig reads both encoders at the same instant."""
 
 
 @verb("demo", example="vttig demo --out demo")
@@ -59,17 +55,20 @@ def command(
     from ...rig.paper import paper_rig
 
     if not overwrite:
-        refuse_results(
-            out, dict.fromkeys((CHECKPOINT, "fit.json"), "add --overwrite to replace it")
-        )
+        refuse_results(out, (CHECKPOINT, "fit.json"), "add --overwrite to replace it")
     with output.progress(2, "simulate") as bar:
         rig = paper_rig(seed)
         log = rig.log(seed)
         bar.update(1)
         bar.set_description("fit")
-        result = fit(log, rig.pair, delay=SAMPLED_TOGETHER)
+        result = fit(log, rig.pair, delay="off")  # the rig reads both encoders at once
         if out is not None:
-            _save(out, overwrite, log, rig, result)
+            # A run folder that the other verbs can use.
+            data = log_csv(log)
+            digest = hashlib.sha256(data.encode()).hexdigest()
+            run = replace(record_of(result), logs=(out / "log.csv",), sha256=(digest,))
+            beside = {"log.csv": data, "pair.toml": tomli_w.dumps(stated_table(run.spec))}
+            save_fit(result, out, overwrite=overwrite, record=run, beside=beside)
     with sampling_bar(output) as follow:
         posterior = sample(
             result,
@@ -119,8 +118,7 @@ def _row(name: str, true: float, found: "Posterior") -> list[str]:
     off = value - true
     if parameter.unit == "deg" and "phase" in name:
         off = float(difference_deg(value, true))
-    places = max(0, int(1 - np.floor(np.log10(std))))
-    number = f"{{:.{places}f}}".format
+    number = f"{{:.{decimals(std, value)}f}}".format
     span = f"{number(drawn.low95)} … {number(drawn.high95)}"
     return [
         name,
@@ -173,20 +171,6 @@ def _truths(rig: "SyntheticRig") -> dict[str, float]:
         "driven_encoder_arcsec": rig.driven_encoder.amplitude_arcsec,
         "driven_encoder_phase_deg": rig.driven_encoder.phase_deg,
     }
-
-
-def _save(
-    out: Path, overwrite: bool, log: "EncoderLog", rig: "SyntheticRig", result: "Fit"
-) -> None:
-    """Write the log, the pair file and the fit as a run folder that the other verbs can use."""
-    from ...pair.gear_pair import spec_of
-
-    spec, data = spec_of(rig.pair), log_csv(log)
-    digest = hashlib.sha256(data.encode()).hexdigest()
-    options = RunOptions(settings=FitSettings(delay=SAMPLED_TOGETHER))
-    run = RunRecord((out / "log.csv",), spec, options=options, sha256=(digest,))
-    beside = {"log.csv": data, "pair.toml": tomli_w.dumps(stated_table(spec))}
-    save_fit(result, out, overwrite=overwrite, record=run, beside=beside)
 
 
 def log_csv(log: "EncoderLog") -> str:

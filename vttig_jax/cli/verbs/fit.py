@@ -13,7 +13,7 @@ from ...identify.fit_settings import fields
 from ...logs.readers.open_table import with_standard_input
 from ...logs.recognition.request import in_words
 from ...runs.fit_run import perform, readings_alone, resolve, save_fit
-from ...runs.run_file import CHECKPOINT, RunOptions, RunRecord, read_run, require_same_data
+from ...runs.run_file import CHECKPOINT, RunOptions, read_run, require_same_data
 from ..drive_options import GROUPS, Drive
 from ..fit_options import OF_A_FIT, Settings
 from ..options import Argument, given, need, refuse_results, verb
@@ -88,9 +88,7 @@ def command(
         output.emit(found.to_json(), "\n\n".join([str(found), *length]))
         return
     if not (drive.explain_columns or overwrite):
-        refuse_results(
-            out, dict.fromkeys((CHECKPOINT, "fit.json"), "add --overwrite to replace it")
-        )
+        refuse_results(out, (CHECKPOINT, "fit.json"), "add --overwrite to replace it")
     if run_path is None:
         logs = with_standard_input(logs)
         try:
@@ -102,7 +100,13 @@ def command(
         if drive.only_explains(output, logs, run.spec, run.guesses):
             return
     else:
-        run = _repeated(run_path)
+        if asked := given({"logs", "readings", *OF_A_FIT}):
+            raise UsageError(
+                f"--run repeats a run as it was; leave out {' and '.join(asked)}, or leave out"
+                " --run."
+            )
+        run = read_run(run_path)
+        require_same_data(run)
     result, run = perform(run)
     told = result.parameters | {one.name: one for one in result.regressors}
     for name in require:
@@ -166,21 +170,6 @@ def _noise_to_plan(result: "Fit") -> str:
         f"to plan a run with this noise: vttig plan --rate-hz {1 / step_s:.5g} --noise-std-deg"
         f" {std:.3g} --noise-correlation-s {noise.correlation_s:.3g}, with the drive and --turns"
     )
-
-
-def _repeated(path: Path) -> RunRecord:
-    """Return the record of a `run.toml`, to repeat its fit unchanged.
-
-    **Raises** `UsageError` if logs, a pair, readings or options of the fit are given too,
-    `InputError` if a file of the run is missing or has changed.
-    """
-    if asked := given({"logs", "readings", *OF_A_FIT}):
-        raise UsageError(
-            f"--run repeats a run as it was; leave out {' and '.join(asked)}, or leave out --run."
-        )
-    run = read_run(path)
-    require_same_data(run)
-    return run
 
 
 def _check_required(source: str, required: "dict[str, Parameter]") -> None:

@@ -112,18 +112,10 @@ def command(
         "perfect_encoders": perfect_encoders,
         "delay": delay,
     }
-    with arguments_as_options(_OPTIONS):
+    names = {"target": "--want", "assumed": "--assume", "noise": "--noise-std-deg"}
+    with arguments_as_options(names):
         if wanted or turns is None:  # one of both is given
             found = shortest_run(rig, wanted, most_turns=turns or MOST_TURNS, **keywords)
         else:
             found = plan(rig, turns=turns, **keywords)
     output.emit(found.to_json(), found)
-
-
-_OPTIONS = {
-    "speed_rpm": "--speed-rpm",
-    "target": "--want",
-    "assumed": "--assume",
-    "noise": "--noise-std-deg",
-}
-"""Argument of a function → option, for options whose name is not the argument with dashes."""

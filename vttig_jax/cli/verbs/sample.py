@@ -3,7 +3,7 @@
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import click
 
@@ -28,10 +28,6 @@ from ..options import (
     verb,
 )
 from ..output import Output, sampling_bar
-
-if TYPE_CHECKING:
-    from ...identify.result import Fit
-    from ...posterior.summary.posterior import Posterior
 
 
 @verb(
@@ -92,46 +88,56 @@ def command(
     command with --resume may be repeated. The exit code is 5 if the sampler has not converged.
     """
     logs, out = _logs_and_folder(logs, out)
+    draws = out / CHECKPOINT
     exclude_each_other("resume", "overwrite")
     exclude_each_other("steps", "until")
     if not (drive.explain_columns or resume or overwrite):
-        sampled = "sample it without LOG and --pair, add --overwrite to replace it"
-        fitted = {"fit.json": sampled} if logs else {}
-        draws = {CHECKPOINT: "add --resume to go on with it, --overwrite to replace it"}
-        refuse_results(out, draws | fitted)
+        cure = "add --resume to go on with it, --overwrite to replace it"
+        refuse_results(out, [CHECKPOINT], cure)
+        cure = "sample it without LOG and --pair, add --overwrite to replace it"
+        refuse_results(out, ["fit.json"] if logs else [], cure)
     from ...posterior.sampler import sample, settings_of
 
+    fit = None
     if logs:
         logs = with_standard_input(logs)
         how = RunOptions(drive.reading, settings)
         run = resolve(logs, drive.pair, readings, how, drive.request)
         if drive.only_explains(output, logs, run.spec, run.guesses):
             return
-        fit = _fit_of(run, out, resume=resume, overwrite=overwrite, figures=not no_figures)
-    else:
-        if asked := given({"readings", *OF_A_FIT}):
-            raise UsageError(
-                f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is"
-                " sampled; give LOG too, or leave it out."
-            )
+        if resume and (out / "fit.json").exists():
+            _require_same_request(run, out)
+        else:
+            fit, run = perform(run)
+            if not (resume and draws.exists()):
+                save_fit(fit, out, overwrite=overwrite, figures=not no_figures, record=run)
+    elif asked := given({"readings", *OF_A_FIT}):
+        raise UsageError(
+            f"{' and '.join(asked)} belong to a fit, but without LOG the fit in {out} is"
+            " sampled; give LOG too, or leave it out."
+        )
+    if fit is None:
         fit = open_run(out).fit
-    start = settings_of(out / CHECKPOINT) if resume and (out / CHECKPOINT).exists() else {}
+    start = settings_of(draws) if resume and draws.exists() else {}
     chosen = {"seed": seed, "ensembles": ensembles, "walkers": walkers}
     start |= {name: value for name, value in chosen.items() if value is not None}
     length = {"steps": steps, "until": None if until is None else Until(effective=until)}
-    files = {"checkpoint": out / CHECKPOINT, "resume": resume, "overwrite": overwrite}
+    files = {"checkpoint": draws, "resume": resume, "overwrite": overwrite}
+    again = f"`vttig sample {shlex.quote(str(out))} --resume`"
     try:
         # The least number of walkers is known only after the fit.
         with sampling_bar(output) as follow, arguments_as_options():
             posterior = sample(fit, **start, **length, **files, progress=follow)
-        _finish(output, out, posterior, figures=not no_figures)
+        write_report(out, posterior, figures=not no_figures)
     except BaseException as error:
-        if not isinstance(error, Exception) and (out / CHECKPOINT).exists():  # an interrupt
-            error.args = (
-                f"interrupted; the draws in {out / CHECKPOINT} are kept: go on with `vttig sample"
-                f" {shlex.quote(str(out))} --resume`.",
-            )
+        if not isinstance(error, Exception) and draws.exists():  # an interrupt
+            error.args = (f"interrupted; the draws in {draws} are kept: go on with {again}.",)
         raise
+    LOGGER.info("written to %s", out)
+    output.emit(posterior.to_json(), posterior)
+    if not posterior.diagnosis.converged:
+        text = str(posterior.diagnosis).replace("--resume", again).removeprefix("converged: no; ")
+        raise NotConvergedError(f"the sampler has not converged: {text}.", where=str(draws))
 
 
 def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Path, ...], Path]:
@@ -154,49 +160,20 @@ def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Pa
     return logs, out
 
 
-def _finish(output: Output, out: Path, posterior: "Posterior", *, figures: bool) -> None:
-    """Write and print the report of the draws.
-
-    **Raises** `NotConvergedError` for draws that have not converged.
-    """
-    write_report(out, posterior, figures=figures)
-    LOGGER.info("written to %s", out)
-    output.emit(posterior.to_json(), posterior)
-    if not posterior.diagnosis.converged:
-        command = f"`vttig sample {shlex.quote(str(out))} --resume`"
-        text = str(posterior.diagnosis).replace("--resume", command).removeprefix("converged: no; ")
-        raise NotConvergedError(
-            f"the sampler has not converged: {text}.", where=str(out / CHECKPOINT)
-        )
-
-
-def _fit_of(record: RunRecord, out: Path, *, resume: bool, overwrite: bool, figures: bool) -> "Fit":
-    """Return the fit of these logs: with --resume the one that `out` holds, else a new one.
-
-    **Raises** `InputError` if `out` holds the fit of other logs or options.
-    """
-    if resume and (out / "fit.json").exists():
-        _require_same_request(record, out)
-        return open_run(out).fit
-    fit, record = perform(record)
-    if not (resume and (out / CHECKPOINT).exists()):
-        save_fit(fit, out, overwrite=overwrite, figures=figures, record=record)
-    return fit
-
-
 def _require_same_request(record: RunRecord, out: Path) -> None:
+    """Raise `InputError` if `out` holds the fit of other logs or options."""
     digests = tuple(data_sha256(record.logs))
     readings = data_sha256([record.readings])[0] if record.readings else ""
-    asked = replace(record, sha256=digests, readings_sha256=readings).table(out)
-    stored = read_run(out).table(out)
-    data = {"data_sha256": "sha256", "readings_sha256": "readings_sha256"}
+    asked, stored = replace(record, sha256=digests, readings_sha256=readings), read_run(out)
+    names = {"sha256": "data sha256", "readings_sha256": "readings sha256", "spec": "pair file"}
     differing = [
-        name for name, key in data.items() if asked["data"].get(key) != stored["data"].get(key)
+        text
+        for name, text in (names | {"options": "options"}).items()
+        if getattr(asked, name) != getattr(stored, name)
     ]
-    differing += [name for name in ("pair_file", "options") if asked[name] != stored[name]]
     if differing:
         raise InputError(
-            f"this folder holds another fit ({', '.join(differing).replace('_', ' ')} differ);"
+            f"this folder holds another fit ({', '.join(differing)} differ);"
             " repeat the command that made it, choose another folder, or replace the fit with"
             " --overwrite.",
             where=str(out),
