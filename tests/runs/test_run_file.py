@@ -46,7 +46,7 @@ def run(tmp_path) -> RunRecord:
     logs = tuple(write_drive(tmp_path / f"{k}.csv", seed=k) for k in range(2))
     spec = load_pair_spec(write_pair(tmp_path / "pair.toml"))
     return RunRecord(
-        logs, spec, RunOptions(settings=FitSettings(delay=0.004)), tuple(data_sha256(logs))
+        logs, spec, RunOptions(settings=FitSettings(delay=0.004)), tuple(map(data_sha256, logs))
     )
 
 

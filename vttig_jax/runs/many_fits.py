@@ -215,7 +215,7 @@ def _digests(logs: Sequence[Path]) -> list[str]:
     failed: InputError | None = None
     for log in logs:
         try:
-            digests += data_sha256([log])
+            digests.append(data_sha256(log))
         except InputError as error:
             failed = failed or error
             digests.append(error.message)

@@ -238,7 +238,7 @@ def _unit(run: RunRecord, fit: "Fit", statement: Statement, shaft: str) -> str:
     from ..logs.read import read_log
 
     log = run.logs[0]
-    if not log.is_file() or data_sha256([log])[0] != run.sha256[0]:
+    if not log.is_file() or data_sha256(log) != run.sha256[0]:
         raise InputError(
             f"the angles of this fit count from the first sample, where the {shaft} encoder read"
             f" {fit.zero_readings[shaft]:g}, but in which unit only the log says, and that is gone"

@@ -212,7 +212,7 @@ def require_same_data(run: RunRecord) -> None:
             )
         if not path.is_file() and format_of(path) is None:
             raise InputError(f"the {kind} of this run is no longer there.", where=str(path))
-        if digest != (folder_sha256(path) if path.is_dir() else data_sha256([path])[0]):
+        if digest != (folder_sha256(path) if path.is_dir() else data_sha256(path)):
             raise InputError(
                 f"this {kind} has changed since the run (its SHA-256 differs); fit it anew with"
                 " --pair.",

@@ -182,12 +182,10 @@ def test_discarded_files_go_with_the_old_result_only(tmp_path):
     assert contents(tmp_path) == {"fit.json": b"new", "map.json": b"new"}
 
 
-def test_hashes_come_in_the_order_of_the_files(tmp_path):
-    first, second = tmp_path / "1.csv", tmp_path / "2.csv"
-    first.write_bytes(b"one")
-    second.write_bytes(b"two")
-    expected = [hashlib.sha256(data).hexdigest() for data in (b"two", b"one")]
-    assert data_sha256([second, first]) == expected
+def test_the_hash_of_a_file(tmp_path):
+    path = tmp_path / "1.csv"
+    path.write_bytes(b"one")
+    assert data_sha256(path) == hashlib.sha256(b"one").hexdigest()
     with pytest.raises(InputError, match="cannot be read") as caught:
-        data_sha256([first, tmp_path / "3.csv"])
+        data_sha256(tmp_path / "3.csv")
     assert caught.value.where == str(tmp_path / "3.csv")

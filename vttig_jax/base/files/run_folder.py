@@ -6,7 +6,7 @@ of one sentence.
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -102,14 +102,10 @@ def write_files(files: Mapping[Path, str | bytes], *, overwrite: bool) -> None:
             folder.write_bytes(path.name, content.encode() if isinstance(content, str) else content)
 
 
-def data_sha256(paths: Iterable[str | Path]) -> list[str]:
-    """Return the SHA-256 of each file in hexadecimal, in the given order."""
-    digests = []
-    for path in paths:
-        try:
-            kept = kept_bytes(path)
-            data = read_regular(path) if kept is None else kept
-            digests.append(hashlib.sha256(data).hexdigest())
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None
-    return digests
+def data_sha256(path: str | Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal."""
+    try:
+        kept = kept_bytes(path)
+        return hashlib.sha256(read_regular(path) if kept is None else kept).hexdigest()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None

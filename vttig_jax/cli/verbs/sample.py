@@ -162,8 +162,8 @@ def _logs_and_folder(logs: tuple[Path, ...], out: Path | None) -> tuple[tuple[Pa
 
 def _require_same_request(record: RunRecord, out: Path) -> None:
     """Raise `InputError` if `out` holds the fit of other logs or options."""
-    digests = tuple(data_sha256(record.logs))
-    readings = data_sha256([record.readings])[0] if record.readings else ""
+    digests = tuple(map(data_sha256, record.logs))
+    readings = data_sha256(record.readings) if record.readings else ""
     asked, stored = replace(record, sha256=digests, readings_sha256=readings), read_run(out)
     names = {"sha256": "data sha256", "readings_sha256": "readings sha256", "spec": "pair file"}
     differing = [
