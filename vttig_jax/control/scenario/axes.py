@@ -21,6 +21,14 @@ SCENARIO_FILE = TomlFile(
 
 Value = str | float | int
 
+_NO_AXES = {
+    "rig": "no axis; move `rig` to the top of the file, before the first table.",
+    "constant_backlash_deg": "a map is read once, with one backlash; sweep"
+    " map.constant_backlash_deg, which the controller believes, or run one sweep for each"
+    " backlash.",
+}
+"""Key that a sweep cannot vary → why."""
+
 Gap = Literal["mean", "low95", "low95_simultaneous"]
 """Gap of a map that a controller believes: its mean, or an edge of its band."""
 _Bound = Annotated[float, key("an end of the range, included", ge=-1e12, le=1e12)]
@@ -132,6 +140,8 @@ def parse_sweep(table: Any, known: Mapping[str, Key]) -> Sweep:
 
 def _axis(name: str, axis: Any, known: Mapping[str, Key]) -> Range | tuple[Value, ...]:
     where = f'sweep."{name}"' if "." in name else f"sweep.{name}"
+    if name in _NO_AXES:
+        raise ScenarioError(_NO_AXES[name], where=where)
     if name not in known:
         tables = {dotted.partition(".")[0] for dotted in known if "." in dotted}
         if name in tables and isinstance(axis, dict):

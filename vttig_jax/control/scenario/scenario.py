@@ -192,6 +192,7 @@ _MOTOR = "prescribed: exact motion with unlimited torque; pi: servo motor"
 _TURN = "turn of the hunting period; located: from one reading of both shafts"
 _KIND = "shape of the speed; recorded: that of `file`"
 _EVENT = "reversal, or an event instead of it or before it"
+_OBSERVER = "estimator of speed and acceleration"
 
 EccentricityTable = table_of(
     "EccentricityTable", {name: (kind, NODEFAULT) for name, kind in _RIG.items()}
@@ -217,7 +218,7 @@ JudgementTable = table_of(
     "JudgementTable",
     {
         "turn": choice(TurnSource, _TURN, "known"),
-        "observer": choice(ObserverName, "estimator of speed and acceleration", "alpha_beta_gamma"),
+        "observer": choice(ObserverName, _OBSERVER, "alpha_beta_gamma"),
     },
     *(AlphaBetaGamma, Acceleration, Predictive, Feedforward),
 )
@@ -255,17 +256,43 @@ ECCENTRICITIES = "eccentricities"
 
 _PAIR = key("pair file, relative to this file; a run folder has its own", examples=["pair.toml"])
 _SEED = key("seed of the encoder noise", "1", ge=0, le=2**32 - 1)
+_MAP = "flanks of the plant: eccentricities, a run folder or a map file"
 _BELIEVED = key(
     "flanks the controller believes; by default eccentricities, else those of the plant",
     examples=["RUN"],
 )
-_GAP = key(
-    "gap of a run whose log has one direction; replaces that of others",
-    "deg",
-    ge=0,
-    le=90,
-    examples=[0.02],
-)
+_EDGE = "gap of that map: mean, or an edge of its band in map.csv"
+_ONE_GAP = "gap of a run whose log has one direction; replaces that of others"
+_GAP: Any = Annotated[float, key(_ONE_GAP, "deg", ge=0, le=90, examples=[0.02])]
+_ENCODER = "encoder of the {} shaft that the controller reads"
+_MOUNTED = "eccentricities of the gears, and the constant backlash"
+
+_KEYS = {
+    "pair": (Annotated[str, _PAIR], NODEFAULT),
+    "plant": choice(PlantName, "model of the driven shaft and the contact", "rigid"),
+    "controller": choice(ControllerName, "rule that shifts the driven gear", "acceleration"),
+    "flanks": choice(Kinematics, "kinematics of the eccentric pair", "exact"),
+    "seed": (Annotated[int, _SEED], 0),
+    "eccentricities": choice(EccentricityTable | None, _MOUNTED, None),
+    "plant_map": choice(str, _MAP, ECCENTRICITIES),
+    "controller_map": (Annotated[str | None, _BELIEVED], None),
+    "controller_gap": choice(Gap, _EDGE, "mean"),
+    "constant_backlash_deg": (_GAP | None, None),
+    "map": choice(MapTable, "rig assumed by the controller; absent keys: true values"),
+    "motion": choice(MotionTable, "motion of the driving shaft"),
+    "servo": choice(ServoTable, "motor of the driving shaft"),
+    "inertia": choice(InertiaTable, "moments of inertia of both shafts"),
+    "friction": choice(FrictionTable, "friction of both shafts"),
+    "load": choice(LoadTable, "load of the driven shaft"),
+    "mesh": choice(MeshTable, "contact of the flanks"),
+    "driving_encoder": choice(EncoderTable, _ENCODER.format("driving")),
+    "driven_encoder": choice(EncoderTable, _ENCODER.format("driven")),
+    "actuator": choice(ActuatorTable, "axial shift of the driven gear"),
+    "judgement": choice(JudgementTable, "detection of a reversal"),
+    "sampling": choice(SamplingTable, "rates of controller and plant"),
+    "rig": choice(RigTable | None, "the rig of a run folder", None),
+    "sweep": choice(Sweep | None, "axes of a sweep", None),
+}
 
 if TYPE_CHECKING:  # msgspec makes this class, which type checkers do not see
 
@@ -273,51 +300,7 @@ if TYPE_CHECKING:  # msgspec makes this class, which type checkers do not see
         """Content of a scenario or sweep file."""
 
 else:
-    ScenarioSpec = table_of(
-        "ScenarioSpec",
-        {
-            "pair": (Annotated[str, _PAIR], NODEFAULT),
-            "plant": choice(PlantName, "model of the driven shaft and the contact", "rigid"),
-            "controller": choice(
-                ControllerName, "rule that shifts the driven gear", "acceleration"
-            ),
-            "flanks": choice(Kinematics, "kinematics of the eccentric pair", "exact"),
-            "seed": (Annotated[int, _SEED], 0),
-            "eccentricities": choice(
-                EccentricityTable | None,
-                "eccentricities of the gears, and the constant backlash",
-                None,
-            ),
-            "plant_map": choice(
-                str,
-                "flanks of the plant: eccentricities, a run folder or a map file",
-                ECCENTRICITIES,
-            ),
-            "controller_map": (Annotated[str | None, _BELIEVED], None),
-            "controller_gap": choice(
-                Gap, "gap of that map: mean, or an edge of its band in map.csv", "mean"
-            ),
-            "constant_backlash_deg": (Annotated[float, _GAP] | None, None),
-            "map": choice(MapTable, "rig assumed by the controller; absent keys: true values"),
-            "motion": choice(MotionTable, "motion of the driving shaft"),
-            "servo": choice(ServoTable, "motor of the driving shaft"),
-            "inertia": choice(InertiaTable, "moments of inertia of both shafts"),
-            "friction": choice(FrictionTable, "friction of both shafts"),
-            "load": choice(LoadTable, "load of the driven shaft"),
-            "mesh": choice(MeshTable, "contact of the flanks"),
-            "driving_encoder": choice(
-                EncoderTable, "encoder of the driving shaft that the controller reads"
-            ),
-            "driven_encoder": choice(
-                EncoderTable, "encoder of the driven shaft that the controller reads"
-            ),
-            "actuator": choice(ActuatorTable, "axial shift of the driven gear"),
-            "judgement": choice(JudgementTable, "detection of a reversal"),
-            "sampling": choice(SamplingTable, "rates of controller and plant"),
-            "rig": choice(RigTable | None, "the rig of a run folder", None),
-            "sweep": choice(Sweep | None, "axes of a sweep", None),
-        },
-    )
+    ScenarioSpec = table_of("ScenarioSpec", _KEYS)
 
 
 def part_of(kind: Any, table: Struct, **choices: Any) -> Any:

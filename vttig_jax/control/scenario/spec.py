@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from ...base.errors import ScenarioError
 from ...base.files.toml_io import Key, keys, plain_table, value_keys
 from ..motion.motion import Reversal
-from .axes import SCENARIO_FILE, Gap, Sweep, parse_sweep, unknown_key
+from .axes import SCENARIO_FILE, Gap, parse_sweep, unknown_key
 from .scenario import ECCENTRICITIES, EVENTS, Sampling, ScenarioSpec, part_of
 
 
@@ -66,12 +66,8 @@ def check_rig(spec: ScenarioSpec) -> None:
             "given together with `rig`, whose map the plant has; remove one of them.",
             where="plant_map",
         )
-    uses = (
-        (ECCENTRICITIES in (spec.controller_map, spec.plant_map))
-        if spec.rig is None
-        else (spec.controller_map == ECCENTRICITIES)
-    )
-    if uses and spec.eccentricities is None:
+    used = (spec.controller_map, None if spec.rig else spec.plant_map)
+    if ECCENTRICITIES in used and spec.eccentricities is None:
         raise ScenarioError(
             'missing; write [eccentricities], or rig = { from = "RUN" } or plant_map = "RUN" for'
             " the map of a run folder.",
@@ -159,22 +155,29 @@ def parse_scenario_spec(table: Mapping[str, Any], source: str = "") -> ScenarioS
     separately here; `with_values` validates the combination of values in each case.
     """
     with SCENARIO_FILE.error_context(source):
-        _check_places(table)
+        if "zip" in table:
+            raise ScenarioError("not at the top level; move it to [sweep].", where="zip")
+        sweep = parse_sweep(table["sweep"], KEYS) if "sweep" in table else None
         plain = {name: value for name, value in table.items() if name != "sweep"}
         if "rig" in plain or "plant_map" in plain:
             plain.setdefault("pair", "")  # a run folder has its own
         spec: ScenarioSpec = SCENARIO_FILE.convert(plain, ScenarioSpec)
-        if "sweep" not in table:
+        if sweep is None:
             check_scenario(spec)
             return spec
-        if "constant_backlash_deg" in table["sweep"]:
+        if spec.rig is None and not sweep.axes:
             raise ScenarioError(
-                "a map is read once, with one backlash; sweep map.constant_backlash_deg, which the"
-                " controller believes, or run one sweep for each backlash.",
-                where="sweep.constant_backlash_deg",
+                'names no axis; write for example "motion.reversal_deg" = { from = 360, to = 5760,'
+                " num = 1000 }.",
+                where="sweep",
             )
-        sweep = parse_sweep(table["sweep"], KEYS)
-        _check_axes(sweep, spec)
+        for name in sweep.axes:
+            if spec.rig is not None and name.startswith("eccentricities."):
+                raise ScenarioError(
+                    "given together with `rig`, which draws all eccentricities; remove one of"
+                    " them.",
+                    where=f'sweep."{name}"',
+                )
         check_rig(with_keys(spec, {name: sweep.values(name)[0] for name in sweep.axes}))
     return replace(spec, sweep=sweep)
 
@@ -278,33 +281,6 @@ def with_numbers(spec: ScenarioSpec, values: Mapping[str, Any]) -> ScenarioSpec:
     return spec
 
 
-def _check_places(table: Mapping[str, Any]) -> None:
-    """Check that `zip` is not at the top of the file and `rig` is not in [sweep]."""
-    if "zip" in table:
-        raise ScenarioError("not at the top level; move it to [sweep].", where="zip")
-    sweep = table.get("sweep")
-    if isinstance(sweep, dict) and "rig" in sweep:
-        raise ScenarioError(
-            "no axis; move `rig` to the top of the file, before the first table.",
-            where="sweep.rig",
-        )
-
-
-def _check_axes(sweep: Sweep, spec: ScenarioSpec) -> None:
-    if spec.rig is None and not sweep.axes:
-        raise ScenarioError(
-            'names no axis; write for example "motion.reversal_deg" = { from = 360, to = 5760,'
-            " num = 1000 }.",
-            where="sweep",
-        )
-    for name in sweep.axes:
-        if spec.rig is not None and name.startswith("eccentricities."):
-            raise ScenarioError(
-                "given together with `rig`, which draws all eccentricities; remove one of them.",
-                where=f'sweep."{name}"',
-            )
-
-
 _HEAD = """\
 # Every key of a scenario: its default, its [unit] ([1]: a pure number) and its meaning.
 # A key after # has no default; a key marked "required" must be given. The values of
@@ -320,7 +296,6 @@ _SWEEP = """\
 # "motion.ramp_s" = [1.0, 0.5]
 # zip = [["motion.speed_rpm", "motion.ramp_s"]]
 """
-_LAST_TABLES = ("rig", "sweep")
 
 
 def default_toml() -> str:
@@ -341,13 +316,11 @@ def default_toml() -> str:
     top = list(keys(ScenarioSpec))
     parts = [_HEAD + _lines([entry for entry in top if entry.table is None])]
     for entry in top:
-        if entry.table is not None and entry.name not in _LAST_TABLES:
-            header = f"[{entry.name}]  # {entry.meaning}\n"
-            parts.append(header + _lines(list(keys(entry.table))))
-    rig = next(entry for entry in top if entry.name == "rig")
-    assert rig.table is not None
-    header = f"# Instead of [eccentricities]: {rig.meaning}.\n# [rig]\n"
-    parts.append(header + _lines(list(keys(rig.table)), hidden=True))
+        if entry.table is not None and entry.name != "sweep":
+            header, hidden = f"[{entry.name}]  # {entry.meaning}\n", entry.name == "rig"
+            if hidden:
+                header = f"# Instead of [eccentricities]: {entry.meaning}.\n# [rig]\n"
+            parts.append(header + _lines(list(keys(entry.table)), hidden))
     return "\n".join([*parts, _SWEEP])
 
 
