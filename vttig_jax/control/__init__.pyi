@@ -47,5 +47,5 @@ from .simulation.simulate import run as run
 from .simulation.simulate import simulate as simulate
 from .sweeps.sweep import sweep as sweep
 from .sweeps.table import SweepTable as SweepTable
-from .tuning.result import Tuned as Tuned
+from .tuning.tune import Tuned as Tuned
 from .tuning.tune import tune as tune

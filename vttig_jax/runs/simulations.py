@@ -19,7 +19,6 @@ from ..control.simulation import simulate as simulation
 from ..control.simulation.result import Simulation
 from ..control.sweeps.table import SweepTable
 from ..control.tuning import tune as tuning
-from ..control.tuning.result import Tuned
 from ..identify.backlash import contact_map
 from ..identify.result import Fit
 from ..kinematics.flank_table import as_flank_model
@@ -128,7 +127,7 @@ def tune(
     controller_map: Any = None,
     folder: str | Path | None = None,
     **options: Any,
-) -> Tuned:
+) -> tuning.Tuned:
     """Tune the settings of a controller for all cases of a sweep.
 
     **Arguments**

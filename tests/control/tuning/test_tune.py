@@ -13,8 +13,7 @@ from vttig_jax.base.errors import ScenarioError
 from vttig_jax.base.units import DEG
 from vttig_jax.control import Maps, sweep, tune
 from vttig_jax.control.scenario.spec import ScenarioSpec
-from vttig_jax.control.tuning.result import Tuned
-from vttig_jax.control.tuning.tune import SETTINGS
+from vttig_jax.control.tuning.tune import SETTINGS, Tuned
 from vttig_jax.pair.gear_pair import Eccentricities
 
 MARGIN = "judgement.margin_mm"

@@ -5,24 +5,27 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from msgspec import Meta
 from scipy.optimize import differential_evolution, minimize
 
 from ...base.errors import ScenarioError
+from ...base.files.text_tables import key_values, text_table
 from ...base.files.toml_io import Key, did_you_mean
+from ...base.results import TextResult
 from ...base.runtime import require_x64
 from ...base.units import DEG
 from ...pair.gear_pair import Drive, GearPair
-from ..scenario.spec import ECCENTRICITIES, KEYS, ScenarioSpec, believed_map, with_numbers
+from ..scenario import spec as specs
+from ..scenario.spec import ECCENTRICITIES, KEYS, ScenarioSpec
 from ..simulation.case import NEAR_MM
 from ..simulation.prepare import Maps
 from ..sweeps.sweep import SweepWork, cases_of
 from ..sweeps.table import REFUSED, Rows
-from .result import FreeKey, Objective, Score, Tuned
 
+Objective = Literal["expected", "worst"]
 Limits = Mapping[str, tuple[float, float]]
 
 _BOTH = ("judgement.bandwidth_hz", "judgement.least_rpm", "judgement.margin_mm")
@@ -71,6 +74,191 @@ _TRAVEL_RATIO = 2.0
 
 _LEAST_GAIN = 1e-3
 """Least relative gain of the objective for which a key is changed: a chosen value."""
+
+
+@dataclass(frozen=True)
+class FreeKey:
+    """Tuned number.
+
+    **Arguments**
+    - `name`, `unit`: name and unit of the key. - `start`: value in the scenario.
+    - `low`, `high`: bounds of the number. - `positive`: whether the number must be above 0.
+    """
+
+    name: str
+    unit: str
+    start: float
+    low: float
+    high: float
+    positive: bool
+
+    def moved(self, value: float, step: float, size: float) -> float:
+        """Return a value one step on, within the bounds.
+
+        A number that must be positive is multiplied by exp(step), any other grows by step · size.
+        """
+        free = value * math.exp(step) if self.positive else value + step * size
+        return min(max(free, self.low), self.high)
+
+    def at_limit(self, value: float) -> bool:
+        """Return whether a value lies at a bound."""
+        near = 1e-6 * (self.high - self.low if not self.positive else value)
+        return value - self.low < near or self.high - value < near
+
+
+@dataclass(frozen=True)
+class Score:
+    """Score of some settings over all cases, from the full simulation.
+
+    **Arguments**
+    - `cost_deg`: objective, the mean or largest value of residual gap + weight · interference, both
+      as backlash in degrees of the driven gear.
+    - `gap_mean_deg`, `gap_high95_deg`, `gap_max_deg`: mean, 95 % quantile and maximum of the
+      backlash at the turn; NaN where no case turns.
+    - `interfering_share`, `interference_mean_mm`, `interference_max_mm`: share of the cases that
+      interfere, mean and maximum of the interference, mm.
+    - `travel_mean_mm`: mean travel of the actuator, mm; no part of the objective.
+    - `lost_mean_deg`, `lost_max_deg`, `thrown_max_deg`: mean and maximum of the lost motion, and
+      maximum of `thrown_back_deg`, of a controller that moves the motor.
+    - `outcomes`: number of cases by outcome, most frequent first.
+    """
+
+    cost_deg: float
+    gap_mean_deg: float
+    gap_high95_deg: float
+    gap_max_deg: float
+    interfering_share: float
+    interference_mean_mm: float
+    interference_max_mm: float
+    travel_mean_mm: float
+    lost_mean_deg: float
+    lost_max_deg: float
+    thrown_max_deg: float
+    outcomes: dict[str, int]
+
+    @property
+    def bound(self) -> int:
+        """Number of cases with a blocked drive."""
+        return self.outcomes.get("bound", 0)
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """Rank, the lower the better: number of cases with a blocked drive, then the objective."""
+        return self.bound, self.cost_deg
+
+
+@dataclass(frozen=True)
+class Tuned(TextResult):
+    """Settings of a controller, tuned over the cases of a sweep.
+
+    **Arguments**
+    - `spec`: the sweep with the tuned values. - `pair`: name of the gears.
+    - `keys`: free keys with starts and bounds. - `values`: tuned value of each key.
+    - `before`, `after`: scores of the start and of the result over all `cases`.
+    - `objective`, `interference_weight`: definition of the objective.
+    - `cases`, `searched`: number of all cases, and of those in the search.
+    - `notes`: important remarks, one sentence each.
+    """
+
+    spec: ScenarioSpec
+    pair: str
+    keys: tuple[FreeKey, ...]
+    values: dict[str, float]
+    before: Score
+    after: Score
+    objective: Objective
+    interference_weight: float
+    cases: int
+    searched: int
+    notes: tuple[str, ...] = ()
+
+    @property
+    def improved(self) -> bool:
+        """Whether the full simulation confirms that the values are better than the start."""
+        return self.after.rank < self.before.rank
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the object of schema `vttig.tune/1`."""
+        return {
+            "schema": "vttig.tune/1",
+            "pair": self.pair,
+            "controller": self.spec.controller,
+            "objective": self.objective,
+            "interference_weight": self.interference_weight,
+            "cases": self.cases,
+            "searched": self.searched,
+            "improved": self.improved,
+            "values": {
+                key.name: {
+                    "before": key.start,
+                    "after": self.values[key.name],
+                    "unit": key.unit,
+                    "low": key.low,
+                    "high": key.high,
+                    "at_limit": key.at_limit(self.values[key.name]),
+                }
+                for key in self.keys
+            },
+            "before": vars(self.before),
+            "after": vars(self.after),
+            "notes": list(self.notes),
+            "scenario": specs.spec_table(self.spec),
+        }
+
+    def __str__(self) -> str:
+        searched = "" if self.searched == self.cases else f", searched over {self.searched} of them"
+        kind = {"expected": "mean", "worst": "largest"}[self.objective]
+        cost = f"{self.before.cost_deg:.5f}° → {self.after.cost_deg:.5f}°"
+        verdict = "the full simulation found nothing better"
+        if self.improved:
+            verdict = f"confirmed by the full simulation, {cost}"
+        of = "lost motion"
+        if self.spec.controller != "feedforward":
+            of = f"gap left + {self.interference_weight:g} × interference"
+        head = [
+            ("tuned", f"controller {self.spec.controller}, {self.cases} cases{searched}"),
+            ("objective", f"{kind} of {of}"),
+            ("result", verdict),
+        ]
+        rows = [
+            (f"{key.name} [{key.unit}]", f"{key.start:.6g}", f"{self.values[key.name]:.4g}")
+            for key in self.keys
+        ]
+        rows += _scores(self)
+        lines = [key_values(head, title=self.pair), "", text_table(rows, ["", "before", "after"])]
+        if self.notes:
+            lines += ["", "notes:", *(f"  {note}" for note in self.notes)]
+        return "\n".join(lines)
+
+
+def _scores(tuned: Tuned) -> list[tuple[Any, ...]]:
+    scores = tuned.before, tuned.after
+    rows = [
+        ("objective [deg]", "cost_deg", ".5f", 1.0),
+        ("gap left: mean [deg]", "gap_mean_deg", ".5f", 1.0),
+        ("  95 % below [deg]", "gap_high95_deg", ".5f", 1.0),
+        ("  most [deg]", "gap_max_deg", ".5f", 1.0),
+        ("interfere [%]", "interfering_share", ".1f", 100.0),
+        ("  by at most [mm]", "interference_max_mm", ".4f", 1.0),
+        ("actuator travel: mean [mm]", "travel_mean_mm", ".3f", 1.0),
+    ]
+    if tuned.spec.controller == "feedforward":
+        rows = [
+            rows[0],
+            ("lost motion: mean [deg]", "lost_mean_deg", ".5f", 1.0),
+            ("  most [deg]", "lost_max_deg", ".5f", 1.0),
+            ("thrown back: most [deg]", "thrown_max_deg", ".5f", 1.0),
+        ]
+    table = [
+        (name, *[_number(factor * getattr(score, field), form) for score in scores])
+        for name, field, form, factor in rows
+    ]
+    counts = [", ".join(f"{n} {name}" for name, n in one.outcomes.items()) for one in scores]
+    return [*table, ("outcomes", *counts)]
+
+
+def _number(value: float, form: str) -> str:
+    return "–" if np.isnan(value) else format(value, f"z{form}")  # z: no −0
 
 
 def tune(
@@ -159,7 +347,7 @@ def tune(
     before, after = judge.score(judge.start), judge.score(best)
     values = {key.name: value for key, value in zip(keys, best, strict=True)}
     return Tuned(
-        spec=with_numbers(spec, values),
+        spec=specs.with_numbers(spec, values),
         pair=cases.pair.name,
         keys=keys,
         values=values,
@@ -202,9 +390,25 @@ def free_keys(
     if not names:
         raise ValueError(f"Argument `free` must name a key to tune: {', '.join(settings)}.")
     bounds = dict(limits or {})
-    for why in (_problem(name, names, spec) for name in names):
-        if why:
-            raise ValueError(f"Argument `free`{why}")
+    for name in names:
+        if name not in settings:
+            hint = did_you_mean(name, settings, f"it is set by {', '.join(settings)}.")
+            raise ValueError(
+                f"Argument `free` must name settings that take a number, but `{name}` is none of"
+                f" {spec.controller}; {hint}"
+            )
+        if name in axes:
+            raise ValueError(
+                f"Argument `free` must name keys that the sweep does not vary, but `{name}` is an"
+                " axis of the sweep; remove one of them."
+            )
+        if names.count(name) > 1:
+            raise ValueError(f"Argument `free` must name `{name}` once, but does so twice.")
+        if _start(spec, name) is None:
+            raise ValueError(
+                f"Argument `free` names `{name}`, but the scenario has no start for it: write its"
+                " value, because the gap of a map has no number of its own."
+            )
     if fixed := [name for name in bounds if name not in names]:
         raise ValueError(
             f"Argument `limits` must be for keys that are free, but `{fixed[0]}` is not; free are"
@@ -213,35 +417,11 @@ def free_keys(
     return tuple(_free(KEYS[name], _start(spec, name), bounds.get(name)) for name in names)
 
 
-def _problem(name: str, names: Sequence[str], spec: ScenarioSpec) -> str:
-    """Return why a key cannot be tuned, as the end of a sentence; "" if it can."""
-    settings = SETTINGS[spec.controller]
-    if name not in settings:
-        hint = did_you_mean(name, settings, f"it is set by {', '.join(settings)}.")
-        return (
-            f" must name settings that take a number, but `{name}` is none of {spec.controller};"
-            f" {hint}"
-        )
-    if spec.sweep is not None and name in spec.sweep.axes:
-        return (
-            f" must name keys that the sweep does not vary, but `{name}` is an axis of the sweep;"
-            " remove one of them."
-        )
-    if names.count(name) > 1:
-        return f" must name `{name}` once, but does so twice."
-    if _start(spec, name) is None:
-        return (
-            f" names `{name}`, but the scenario has no start for it: write its value, because the"
-            " gap of a map has no number of its own."
-        )
-    return ""
-
-
 def _start(spec: ScenarioSpec, name: str) -> Any:
     """Return the value of a key in the scenario, or None; a gap in [map] starts at the true one."""
     table, _, field = name.rpartition(".")
     value = getattr(getattr(spec, table), field)
-    if value is None and believed_map(spec) == ECCENTRICITIES:
+    if value is None and specs.believed_map(spec) == ECCENTRICITIES:
         value = getattr(spec.eccentricities, field)
     return value
 
