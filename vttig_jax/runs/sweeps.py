@@ -83,16 +83,4 @@ def read_sweep(folder: str | Path) -> SweepTable:
     spec = parse_scenario_spec(record, str(folder / HEADER))
     columns = read_table(folder / TABLE)
     axes = tuple(name for name in columns if name not in ("case", "outcome", *METRICS))
-    nan = float("nan")
-    return SweepTable(
-        spec=spec,
-        pair=Path(spec.pair).stem,
-        columns=columns,
-        axes=axes,
-        lane_steps=0,
-        run_s=nan,
-        compile_s=nan,
-        devices=0,
-        refusals=(),
-        path=folder / TABLE,
-    )
+    return SweepTable(spec, Path(spec.pair).stem, columns, axes, path=folder / TABLE)

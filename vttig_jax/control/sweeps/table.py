@@ -34,6 +34,18 @@ _NUMBERS = (
 )
 """Metrics whose mean, range and maximum a report of a sweep also has."""
 
+_COLUMNS: tuple[tuple[str | tuple[str, str], str, str], ...] = (
+    (("gap left", "deg"), "residual_gap_deg", "{mean:z.5f}"),
+    ("95 %", "residual_gap_deg", "{low95:z.5f} … {high95:z.5f}"),
+    ("max", "residual_gap_deg", "{max:z.5f}"),
+    (("most", "mm"), "interference_mm", "{max:z.4f}"),
+    (("largest jump", "deg"), "largest_jump_deg", "{max:z.5f}"),
+    (("wrong flank", "deg"), "wrong_flank_deg", "{max:z.2f}"),
+    (("lost motion", "deg"), "lost_motion_deg", "{mean:z.5f}"),
+    (("output error", "deg"), "output_error_deg", "{max:z.5f}"),
+)
+"""Name of a column of the report, its metric, and its text; z: no −0."""
+
 _REMARKS = {
     "early_share": "of the cases the flanks change before the turn; the driven shaft overruns when"
     " the motor brakes.",
@@ -61,7 +73,8 @@ class SweepTable(PlottedResult):
       for events that did not happen.
     - `axes`: names of the axes. - `lane_steps`: plant steps of all cases.
     - `run_s`: time of the whole run without `compile_s`, in which programs were compiled, s.
-    - `devices`: number of devices. - `refusals`: first refused case of each reason, and the reason.
+    - `devices`: number of devices, 0 if the sweep was read from its folder.
+    - `refusals`: first refused case of each reason, and the reason.
     - `path`: Parquet file or None.
     - `closing`: decrease of the backlash per axial displacement, rad/mm; NaN if it is not known.
     """
@@ -70,10 +83,10 @@ class SweepTable(PlottedResult):
     pair: str
     columns: Rows
     axes: tuple[str, ...]
-    lane_steps: int
-    run_s: float
-    compile_s: float
-    devices: int
+    lane_steps: int = 0
+    run_s: float = math.nan
+    compile_s: float = math.nan
+    devices: int = 0
     refusals: tuple[tuple[int, str], ...] = ()
     path: Path | None = None
     closing: float = math.nan
@@ -150,7 +163,50 @@ class SweepTable(PlottedResult):
         }
 
     def __str__(self) -> str:
-        return _text(self)
+        record = self.to_json()
+        outcomes = ", ".join(f"{count} {name}" for name, count in self.outcomes.items())
+        steps = max(self.lane_steps, 1)
+        sizes = ", ".join(f"{len(np.unique(self.columns[axis]))} {axis}" for axis in self.axes)
+        head = [("cases", f"{record['cases']}: {sizes}"), ("outcomes", outcomes)]
+        if not {"plant_map", "controller_map"} & set(self.axes):
+            plant = "draws of " if DRAW in self.axes else ""
+            head.append(("flanks", plant + flanks_text(self.spec)))
+        if self.devices:
+            run = (
+                f"{self.lane_steps:.3g} lane-steps in {self.run_s:.3g} s"
+                f" ({1e9 * self.run_s / steps:.3g} ns each), compiled in {self.compile_s:.2g} s,"
+                f" {self.devices} device{'s' if self.devices > 1 else ''}"
+            )
+            head.append(("run", run))
+        if self.path is not None:
+            head.append(("table", str(self.path)))
+        rows = []
+        for group in record["groups"]:
+            spreads = [(group[metric], form) for _, metric, form in _COLUMNS]
+            cells = ["–" if one is None else form.format(**one) for one, form in spreads]
+            share = _share_text(group["interfering_share"], group["interfering_share_95"])
+            rows.append((group["name"], group["cases"], *cells[:3], share, *cells[3:]))
+        names = [name for name, _, _ in _COLUMNS]
+        headers = ["", "cases", *names[:3], "interfere", *names[3:]]
+        remarks = [
+            f"{group['name']}: in {100 * group[share]:.1f} % {what}"
+            for share, what in _REMARKS.items()
+            for group in record["groups"]
+            if group[share]
+        ]
+        remarks += [
+            text
+            for group, (_, mask) in zip(record["groups"], self.groups(listed=True), strict=True)
+            if (text := _machines(self, group, mask))
+        ]
+        lines = [*remarks, *[""] * bool(remarks), key_values(head, title=self.pair), ""]
+        lines += [text_table(rows, headers)]
+        if self.refusals:
+            lines += ["", "notes:"]
+            count = self.outcomes.get(REFUSED, 0)
+            lines += [f"  {count} cases were refused, such as:"]
+            lines += [f"  case {case}: {why}" for case, why in self.refusals]
+        return "\n".join(lines)
 
 
 def _without_nan(values: np.ndarray) -> np.ndarray:
@@ -187,74 +243,6 @@ def _spread(values: np.ndarray) -> dict[str, float] | None:
     }
 
 
-def _text(table: SweepTable) -> str:
-    record = table.to_json()
-    outcomes = ", ".join(f"{count} {name}" for name, count in table.outcomes.items())
-    steps = max(table.lane_steps, 1)
-    sizes = ", ".join(f"{len(np.unique(table.columns[axis]))} {axis}" for axis in table.axes)
-    head = [("cases", f"{record['cases']}: {sizes}"), ("outcomes", outcomes)]
-    if not {"plant_map", "controller_map"} & set(table.axes):
-        plant = "draws of " if DRAW in table.axes else ""
-        head.append(("flanks", plant + flanks_text(table.spec)))
-    if table.devices:  # 0 for a sweep that was read from its folder
-        head.append(
-            (
-                "run",
-                f"{table.lane_steps:.3g} lane-steps in {table.run_s:.3g} s"
-                f" ({1e9 * table.run_s / steps:.3g} ns each), compiled in {table.compile_s:.2g} s,"
-                f" {table.devices} device{'s' if table.devices > 1 else ''}",
-            )
-        )
-    if table.path is not None:
-        head.append(("table", str(table.path)))
-    rows = [
-        (
-            group["name"],
-            group["cases"],
-            *_cells(group["residual_gap_deg"], ".5f"),
-            _share_text(group["interfering_share"], group["interfering_share_95"]),
-            *_cells(group["interference_mm"], ".4f")[2:],
-            *_cells(group["largest_jump_deg"], ".5f")[2:],
-            *_cells(group["wrong_flank_deg"], ".2f")[2:],
-            *_cells(group["lost_motion_deg"], ".5f")[:1],
-            *_cells(group["output_error_deg"], ".5f")[2:],
-        )
-        for group in record["groups"]
-    ]
-    headers = [
-        "",
-        "cases",
-        ("gap left", "deg"),
-        "95 %",
-        "max",
-        "interfere",
-        ("most", "mm"),
-        ("largest jump", "deg"),
-        ("wrong flank", "deg"),
-        ("lost motion", "deg"),
-        ("output error", "deg"),
-    ]
-    remarks = [
-        f"{group['name']}: in {100 * group[share]:.1f} % {what}"
-        for share, what in _REMARKS.items()
-        for group in record["groups"]
-        if group[share]
-    ]
-    remarks += [
-        text
-        for group, (_, mask) in zip(record["groups"], table.groups(listed=True), strict=True)
-        if (text := _machines(table, group, mask))
-    ]
-    lines = [*remarks, *[""] * bool(remarks), key_values(head, title=table.pair), ""]
-    lines += [text_table(rows, headers)]
-    if table.refusals:
-        lines += ["", "notes:"]
-        count = table.outcomes.get(REFUSED, 0)
-        lines += [f"  {count} cases were refused, such as:"]
-        lines += [f"  case {case}: {why}" for case, why in table.refusals]
-    return "\n".join(lines)
-
-
 def _machines(table: SweepTable, group: dict[str, Any], mask: np.ndarray) -> str:
     """Say what share of its turns one machine closes too far, where the draws leave it open."""
     low, high = group["interfering_share_95"] or (0.0, 0.0)
@@ -281,10 +269,3 @@ def _share_text(share: float | None, interval: list[float] | None) -> str:
         return "–"
     ends = f" ({100 * interval[0]:.1f} … {100 * interval[1]:.1f})" if interval else ""
     return f"{100 * share:.1f} %{ends}"
-
-
-def _cells(spread: dict[str, float] | None, form: str) -> tuple[str, str, str]:
-    if spread is None:
-        return "–", "–", "–"
-    shown = {name: format(value, f"z{form}") for name, value in spread.items()}  # z: no −0
-    return shown["mean"], f"{shown['low95']} … {shown['high95']}", shown["max"]
