@@ -32,16 +32,10 @@ from ...kinematics.flank_table import FlankTable
 from ...pair.gear_pair import Drive, GearPair
 from ..controllers.controller import Controller
 from ..motion.motion import Reversal
+from ..scenario import spec as specs
 from ..scenario.scenario import Scenario
-from ..scenario.spec import (
-    KEYS,
-    ScenarioSpec,
-    check_choices,
-    spec_table,
-    with_keys,
-    with_numbers,
-    with_values,
-)
+from ..scenario.spec import KEYS, ScenarioSpec
+from ..simulation import prepare
 from ..simulation.case import (
     METRICS,
     OUTCOMES,
@@ -53,23 +47,7 @@ from ..simulation.case import (
     metrics_of,
     run_periods,
 )
-from ..simulation.prepare import (
-    Fixed,
-    Maps,
-    closings_of,
-    covers,
-    delay_of,
-    drawn_tables,
-    ends_of,
-    load_gears,
-    located_turns,
-    plant_steps,
-    prepared,
-    prepared_case,
-    queue_of,
-    scenario_of,
-    shafted,
-)
+from ..simulation.prepare import Fixed, Maps
 from ..simulation.simulate import CHUNK
 from .table import DRAW, REFUSED, Rows, SweepTable, grouped
 
@@ -129,7 +107,7 @@ class SweepCases:
     @property
     def closing(self) -> float:
         """Decrease of the backlash per axial displacement, rad/mm; 0 without taper."""
-        return float(np.sum(closings_of(self.pair)))
+        return float(np.sum(prepare.closings_of(self.pair)))
 
     @cached_property
     def _groups(self) -> list[dict[str, np.ndarray]]:
@@ -168,7 +146,7 @@ class SweepCases:
         """
         columns = self.columns([number])
         values = {name: columns[name].item() for name in self.axes if name != DRAW}
-        return with_values(self.spec, values)
+        return specs.with_values(self.spec, values)
 
     def draw_of(self, number: int) -> int:
         """Return the number of the draw in a case, 0 without draws."""
@@ -176,12 +154,12 @@ class SweepCases:
 
     def scenario(self, number: int) -> Scenario:
         """Return the objects of a case."""
-        return scenario_of(self.spec_of(number), *self.inputs, draw=self.draw_of(number))
+        return prepare.scenario_of(self.spec_of(number), *self.inputs, draw=self.draw_of(number))
 
     def refusal(self, number: int) -> InputError | None:
         """Return the error that prevents a case; None if it can run."""
         try:
-            prepared_case(self.spec_of(number), *self.inputs, draw=self.draw_of(number))
+            prepare.prepared_case(self.spec_of(number), *self.inputs, draw=self.draw_of(number))
         except InputError as error:
             return error
         return None
@@ -195,7 +173,7 @@ class SweepCases:
             "pair": _digest(self.pair),
             "maps": _digest((dict(self.maps.named), self.maps.draws, self.maps.number)),
             "controller": _digest(self.controller),
-            "scenario": spec_table(self.spec),
+            "scenario": specs.spec_table(self.spec),
         }
 
 
@@ -215,7 +193,7 @@ def cases_of(
             where="sweep.controller",
         )
     folder = Path(folder or "")
-    pair = load_gears(folder / spec.pair) if pair is None else pair
+    pair = prepare.load_gears(folder / spec.pair) if pair is None else pair
     return SweepCases(spec, pair, folder, controller, maps)
 
 
@@ -307,7 +285,8 @@ class SweepWork:
         self.devices = list(devices or jax.devices())
         self._mesh = mesh_of(self.devices)
         maps: Any = cases.maps
-        self._drawn = lru_cache(8)(partial(drawn_tables, maps.draws, cases.pair, maps.number))
+        drawn = partial(prepare.drawn_tables, maps.draws, cases.pair, maps.number)
+        self._drawn = lru_cache(8)(drawn)
         count = len(cases)
         sampled = sorted({count * place // _SAMPLED for place in range(_SAMPLED)})
         columns = cases.columns(sampled)
@@ -368,8 +347,8 @@ class SweepWork:
         numbers["place"] = np.arange(len(columns["case"]))
         for texts, with_texts in grouped(_texts_of(columns)):
             try:
-                spec = with_keys(self.cases.spec, dict(texts))
-                check_choices(spec)
+                spec = specs.with_keys(self.cases.spec, dict(texts))
+                specs.check_choices(spec)
                 able = self._able(spec, _rows_of(numbers, with_texts))
             except InputError:  # the same for all of these cases
                 continue
@@ -377,7 +356,7 @@ class SweepWork:
                 *(able[name].tolist() for name in ("substeps", "queue", "lost")), strict=True
             )
             for (substeps, queue, lost), alike in grouped(list(kinds)):
-                own = with_numbers(spec, {"judgement.turn": "unknown"}) if lost else spec
+                own = specs.with_numbers(spec, {"judgement.turn": "unknown"}) if lost else spec
                 some = _rows_of(able, alike)
                 travel = float(some["low"].min()), float(some["high"].max())
                 yield own, Fixed(int(substeps), queue, travel=travel), some
@@ -389,10 +368,11 @@ class SweepWork:
         """
         columns = columns | self._courses(spec, columns)
         columns = _rows_of(columns, columns["fit"])
-        columns["queue"] = np.array([queue_of(delay) for delay in columns["delay"]], int)
+        columns["queue"] = np.array([prepare.queue_of(delay) for delay in columns["delay"]], int)
         columns["lost"] = np.zeros(len(columns["case"]), bool)
         if spec.judgement.turn == "located" and spec.controller != "none":
-            found = [located_turns(self.cases.scenario(n)) for n in columns["case"].tolist()]
+            scenarios = map(self.cases.scenario, columns["case"].tolist())
+            found = [prepare.located_turns(scenario) for scenario in scenarios]
             columns["lost"] = np.array([turns is None for turns in found], bool)
             columns["turns"] = np.array([turns or 0 for turns in found], int)
         return columns
@@ -428,7 +408,7 @@ class SweepWork:
                 place = row[DRAW] * (tables.intervals + 1)
                 plant = replace(tables, first=place), jnp.asarray(smallest)[row[DRAW]]
             own = fixed._replace(drawn=plant, sense=row["sense"], turns=row.get("turns"))
-            case, gaps = prepared(self._scenario(spec, row), own)
+            case, gaps = prepare.prepared(self._scenario(spec, row), own)
             mapped, rest = eqx.partition(case, lambda leaf: isinstance(leaf, Tracer))
             shared.append(rest)
             return mapped, jnp.all(jnp.stack([jnp.asarray(True), *(gap >= 0 for gap in gaps)]))
@@ -441,18 +421,18 @@ class SweepWork:
 
         def course(row: dict[str, Any]) -> Any:
             s = self._scenario(spec, row)
-            motion, steps = s.motion.pieces, plant_steps(s, shafted(s)[0])
-            low, high, sense = ends_of(motion)
+            motion, steps = s.motion.pieces, prepare.plant_steps(s, prepare.shafted(s)[0])
+            low, high, sense = prepare.ends_of(motion)
             hertz = jnp.asarray(s.sampling.controller_hz)
             periods = jnp.floor(motion.duration_s / (1.0 / hertz) * (1 + 1e-12)) + 1
             found = {"low": low / REV, "high": high / REV, "sense": sense, "periods": periods}
-            found |= {"delay": delay_of(s.actuator.delay_s, hertz), "substeps": steps.asked}
+            found |= {"delay": prepare.delay_of(s.actuator.delay_s, hertz), "substeps": steps.asked}
             fit = steps.fit & s.sampling.fits
             if isinstance(s.motion, Reversal):
                 fit &= s.motion.fits
             for one in (s.plant_map, s.controller_map):
                 if isinstance(one, FlankTable):
-                    fit &= covers(one, found["low"], found["high"])
+                    fit &= prepare.covers(one, found["low"], found["high"])
             return found | {"fit": fit}
 
         found = jax.vmap(course)(jax.tree.map(jnp.asarray, columns))
@@ -461,7 +441,7 @@ class SweepWork:
     def _scenario(self, spec: ScenarioSpec, row: Mapping[str, Any] = MappingProxyType({})) -> Any:
         """Return the objects of a scenario with the values of a row that are keys of it."""
         keys = {name: value for name, value in row.items() if name in KEYS}
-        return scenario_of(with_numbers(spec, keys), *self.cases.inputs)
+        return prepare.scenario_of(specs.with_numbers(spec, keys), *self.cases.inputs)
 
 
 def _texts_of(columns: Rows) -> list[tuple[tuple[str, str], ...]]:
