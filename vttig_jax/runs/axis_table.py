@@ -13,15 +13,8 @@ from ..base.errors import NoAnswerError, UsageError
 from ..base.files.text_tables import key_values
 from ..base.results import TextResult
 from ..base.units import ARCSEC, DEG, REV
-from ..control.compensation.correction import (
-    AxisError,
-    CorrectionTable,
-    Curve,
-    Left,
-    correction_table,
-    left_over,
-    size,
-)
+from ..control.compensation import correction
+from ..control.compensation.correction import AxisError, CorrectionTable, Curve, Left
 from ..identify.orders import is_fractional
 from ..identify.result import Fit
 from ..kinematics.flank_error import POINTS_PER_PERIOD, errors_at
@@ -284,36 +277,35 @@ def axis_table(
             "where the turn is unknown, a travel is one turn at most; give --travel FROM TO."
         )
     step = (stop - start) / INTERVALS if step_deg is None else step_deg * DEG
-    table = correction_table(error, start, stop, step).in_float32()
+    table = correction.correction_table(error, start, stop, step).in_float32()
     order = max(fit.model.highest_order, 1.0) / abs(error.gain)
     first, last = (DEG * end for end in over)
     count = max(POINTS_PER_PERIOD * order / REV, 8 / step) * (last - first)
     position = np.linspace(first, last, min(math.ceil(count) + 1, _MOST_POINTS))
     alike = axis.shaft == "driving" and turns == 1
     _require_covered(fit, error, position, every_turn=alike)
-    shown = {name: left_over(error, None, name, position) for name in error.directions}
-    left = {name: left_over(error, table, name, position) for name in error.directions}
-    before = {name: size(one) for name, one in shown.items()}
-    after = {name: size(one) for name, one in left.items()}
+    shown = {name: correction.left_over(error, None, name, position) for name in error.directions}
+    left = {name: correction.left_over(error, table, name, position) for name in error.directions}
+    before = {name: correction.size(one) for name, one in shown.items()}
+    after = {name: correction.size(one) for name, one in left.items()}
     for name, one in after.items():
         if one.rms >= before[name].rms or one.peak > before[name].peak:
             raise NoAnswerError(
                 f"over {over[0]:g}° … {over[1]:g}° this table would leave"
                 f" {one.rms / ARCSEC:.4g}″ rms, {one.peak / ARCSEC:.4g}″ at most {name}; without"
                 f" it {before[name].rms / ARCSEC:.4g}″ and {before[name].peak / ARCSEC:.4g}″ are"
-                " there."
-                " Give the whole travel with --travel, or a smaller --step-deg.",
+                " there. Give the whole travel with --travel, or a smaller --step-deg.",
                 where=fit.source,
             )
     lost = None
     if has_gap:
         lost = (
-            size(shown["forward"] - shown["reverse"]).rms,
-            size(left["forward"] - left["reverse"]).rms,
+            correction.size(shown["forward"] - shown["reverse"]).rms,
+            correction.size(left["forward"] - left["reverse"]).rms,
         )
     after95, some = {}, position[:: max(1, len(position) // 2048)]
     for name in drawn.directions:
-        rms = np.sqrt(np.mean(left_over(drawn, table, name, some) ** 2, axis=(0, 1)))
+        rms = np.sqrt(np.mean(correction.left_over(drawn, table, name, some) ** 2, axis=(0, 1)))
         after95[name] = tuple(np.quantile(rms, [0.025, 0.975]).tolist())
     return AxisTable(fit, axis, travel, over, table, before, after, after95, lost, len(error.turns))
 

@@ -7,6 +7,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,16 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..base.errors import InputError, UsageError
-from ..base.files.atomic_write import (
-    LOCK,
-    locked,
-    move,
-    open_new,
-    os_errors_as_input_errors,
-    remove_abandoned,
-    replace_file,
-    temporary_path,
-)
+from ..base.files import atomic_write
+from ..base.files.atomic_write import os_errors_as_input_errors
 from ..base.files.json_io import dumps, read_json
 from ..base.logger import LOGGER
 from ..control.sweeps.table import Rows
@@ -57,6 +50,7 @@ def is_complete(folder: Path, header: dict[str, Any], names: FolderNames = Folde
     )
 
 
+@dataclass(eq=False)
 class SweepFolder:
     """Folder of a sweep, or of another table with blocks of rows, used as a context manager.
 
@@ -68,26 +62,22 @@ class SweepFolder:
     permissions.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        header: dict[str, Any],
-        resume: bool = False,
-        overwrite: bool = False,
-        names: FolderNames = FolderNames(),
-    ) -> None:
-        self.path, self.names = path, names
-        self.header = json.loads(dumps(header))
-        self.resume = resume
-        self.overwrite = overwrite
+    path: Path
+    header: dict[str, Any]
+    resume: bool = False
+    overwrite: bool = False
+    names: FolderNames = FolderNames()
+
+    def __post_init__(self) -> None:
+        self.header = json.loads(dumps(self.header))
         self._opened = ExitStack()
         self._began = False
 
     def __enter__(self) -> "SweepFolder":
         with ExitStack() as stack:
-            stack.enter_context(locked(self.path / LOCK, "this folder"))
+            stack.enter_context(atomic_write.locked(self.path / atomic_write.LOCK, "this folder"))
             for target in (self.table, self.path / self.names.header):
-                stack.callback(remove_abandoned, target)
+                stack.callback(atomic_write.remove_abandoned, target)
             self._begin()
             self._opened = stack.pop_all()
         return self
@@ -124,20 +114,20 @@ class SweepFolder:
             buffer = BytesIO()
             table = {name: pa.array(values, from_pandas=True) for name, values in rows.items()}
             pq.write_table(pa.table(table), buffer)  # NaN is null
-            replace_file(target, buffer.getvalue())
+            atomic_write.replace_file(target, buffer.getvalue())
 
     def finish(self, blocks: int) -> Rows:
         """Join all blocks in one file, remove the files of the blocks, and return the columns."""
         first = self._read(0)
-        temporary = temporary_path(self.table)
+        temporary = atomic_write.temporary_path(self.table)
         with _os_and_arrow_errors(self.table):
-            with open(open_new(temporary), "wb") as file:
+            with open(atomic_write.open_new(temporary), "wb") as file:
                 with pq.ParquetWriter(file, first.schema) as writer:
                     for number in range(blocks):
                         writer.write_table(self._read(number), row_group_size=_ROW_GROUP)
                 file.flush()
                 os.fsync(file.fileno())
-            move(temporary, self.table)
+            atomic_write.move(temporary, self.table)
             shutil.rmtree(self.path / PARTS, ignore_errors=True)
         return read_table(self.table)
 
@@ -161,7 +151,7 @@ class SweepFolder:
                 shutil.rmtree(self.path / PARTS, ignore_errors=True)
                 self.table.unlink(missing_ok=True)
                 (self.path / PARTS).mkdir()
-                replace_file(header, (dumps(self.header) + "\n").encode())
+                atomic_write.replace_file(header, (dumps(self.header) + "\n").encode())
             self._began = True
 
     def _compare(self, header: Path) -> None:
