@@ -1,6 +1,6 @@
 from .compensation.c_header import c_header as c_header
 from .compensation.compensation import Compensation as Compensation
-from .compensation.map_harmonics import compensation_of as compensation_of
+from .compensation.compensation import compensation_of as compensation_of
 from .controllers.controller import Acceleration as Acceleration
 from .controllers.controller import Command as Command
 from .controllers.controller import Controller as Controller

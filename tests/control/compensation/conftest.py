@@ -3,8 +3,7 @@
 import pytest
 
 from tests.control.compensation.test_compensation import ALLOWED
-from vttig_jax.control.compensation.compensation import Compensation
-from vttig_jax.control.compensation.map_harmonics import compensation_of
+from vttig_jax.control.compensation.compensation import Compensation, compensation_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.rig.paper import paper_pair, paper_rig
 

@@ -30,8 +30,7 @@ from vttig_jax.control.compensation.c_header import (
     check_identifier,
     identifier_of,
 )
-from vttig_jax.control.compensation.compensation import Compensation
-from vttig_jax.control.compensation.map_harmonics import compensation_of
+from vttig_jax.control.compensation.compensation import Compensation, compensation_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.pair.gear_pair import Eccentricities

@@ -14,7 +14,7 @@ from tests.oracles.compensated import gap_at, shift_at
 from vttig_jax.base.errors import NoAnswerError, PairError, UsageError
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.compensation.c_header import HeaderOrigin, c_header
-from vttig_jax.control.compensation.map_harmonics import compensation_of
+from vttig_jax.control.compensation.compensation import compensation_of
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.kinematics.first_order import closed_model

@@ -151,7 +151,7 @@ def command(
     predicted and printed, and a table that leaves more than none is refused.
     """
     from ...control.compensation.c_header import HeaderOrigin, c_header, identifier_of
-    from ...control.compensation.map_harmonics import compensation_of
+    from ...control.compensation.compensation import compensation_of
     from ...runs.error_table import origin
     from ...runs.maps import lowered_map
     from ...runs.run import shaft_readings
