@@ -3,13 +3,14 @@
 import math
 
 import equinox as eqx
+import numpy as np
 import pytest
 
 from tests.control.scenarios import PAIR, SHORT, case_of, spec_of
 from tests.control.sweep_files import sweep_spec
 from vttig_jax.base.units import DEG, REV
-from vttig_jax.control import simulate, sweep
-from vttig_jax.control.controllers.turn_location import turn_error
+from vttig_jax.control import Scenario, recorded, simulate, sweep
+from vttig_jax.control.simulation.prepare import located_turns
 from vttig_jax.kinematics.exact import exact_model
 from vttig_jax.rig.paper import paper_eccentricities
 
@@ -45,8 +46,8 @@ def error(turn: int, slipped_deg: float) -> int | None:
     case, off = case_of(spec_of(SHORT, {"flanks": "closed"}), PAIR), slipped_deg * DEG
     bounds = eqx.tree_at(lambda one: one.offset, case.bounds, replace_fn=lambda o: o + off)
     model = exact_model(PAIR, paper_eccentricities())
-    sensors = case.driving_encoder, case.driven_encoder
-    return turn_error(PAIR, model, bounds, sensors, turn * REV + 1.0, 0)
+    motion = recorded(np.array([0.0, 1.0]), turn * REV + np.array([1.0, 2.0]))
+    return located_turns(Scenario(PAIR, motion=motion, plant_map=bounds, controller_map=model))
 
 
 @pytest.mark.parametrize("turn", [0, 3, 15, 16, 21])

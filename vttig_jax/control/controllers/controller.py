@@ -156,6 +156,15 @@ class NoController(Controller):
         return state, jnp.zeros(())
 
 
+class LostController(NoController):
+    """Controller for a run in which the turn within the hunting period could not be located.
+
+    It would close the gap, but commands a displacement of zero, so the gap remains open.
+    """
+
+    closes: ClassVar[bool] = True
+
+
 def exceeds(value: Any, threshold: Any, scale: Any, width: Any) -> Float[Array, ""]:
     """Return whether a value exceeds a threshold, as a number 0 … 1.
 

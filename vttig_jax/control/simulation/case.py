@@ -16,9 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ...base.arrays import Number, Numbers, float64
 from ...base.units import DEG
 from ...kinematics.flank_table import Bounds
-from ..controllers.controller import Controller, Measurement
+from ..controllers.controller import Controller, LostController, Measurement
 from ..controllers.retreat import Retreat
-from ..controllers.turn_location import LostController
 from ..hardware.actuator import Actuator, Carriage
 from ..hardware.encoder import Encoder, Observer, noise_draws
 from ..hardware.servo import Motor, ServoDrive

@@ -40,12 +40,13 @@ from ...kinematics.flank_table import (
     nodes_per_turn,
     tabulate_flanks,
 )
+from ...kinematics.turn_location import locate
 from ...pair.gear_pair import Drive, Eccentricities, GearPair, load_pair
-from ..controllers.controller import Controller, NoController
+from ..controllers.controller import Controller, LostController, NoController
 from ..controllers.retreat import retreat_of
-from ..controllers.turn_location import LostController, turn_error
 from ..fields import may_be_positive
 from ..hardware.actuator import Thrust, can_back_drive
+from ..hardware.encoder import noise_draws
 from ..hardware.servo import Servo, ServoDrive
 from ..motion.motion import Motion, Reversal, Sine
 from ..motion.recorded import read_motion
@@ -75,6 +76,13 @@ _MOST_TURNS, _PER_TURN = 128, 64
 _LONG_WAVES = 12
 """Length of waves, in tooth pitches, from which on the predictive controller does not look at the
 teeth that pass: a chosen value."""
+
+_CERTAINTY = 0.999
+"""Lowest probability at which a controller accepts a located turn; a chosen value."""
+
+_LEAST_STD = 1e-9
+"""Lower limit of the assumed standard deviation, rad, for encoders without errors; a chosen value.
+"""
 
 Travel = tuple[float, float]
 """Smallest and largest driving angle of a motion, turns."""
@@ -484,14 +492,31 @@ def _encoders(s: Scenario) -> dict[str, Any]:
 
 
 def located_turns(s: Scenario) -> int | None:
-    """Return the error of the driving turn that the controller locates; None if it cannot."""
-    models = [_model(s, which)[0] for which in ("controller_map", "plant_map")]
+    """Return the error of the driving turn that the controller locates; None if it cannot.
+
+    A controller needs the turn at its start, because the map differs from turn to turn. The error
+    is the located turn minus the true one. Before the run both encoders are read once, modulo one
+    turn, while the driven shaft rests on flank A. The location uses the true standard deviation of
+    a reading, √(count²/12 + E²/2 + noise²), and counts with the probability `_CERTAINTY`.
+    """
+    believed, rig = (_model(s, which)[0] for which in ("controller_map", "plant_map"))
     motion, sensors = s.motion.pieces, tuple(_encoders(s).values())
-    if not known(models, sensors, motion):
+    if not known(believed, rig, sensors, motion):
         raise ValueError('Argument `turn` must be "known" in a scenario that JAX traces.')
     with jax.ensure_compile_time_eval():
-        angle = float(motion.at(0.0).angle)
-        return turn_error(s.pair, models[0], models[1], sensors, angle, int(s.seed))
+        angle, ratio = float(motion.at(0.0).angle), float(s.pair.ratio)
+        true = angle, ratio * angle + float(rig.transmission_error(angle, "A"))
+        draws = noise_draws(jax.random.key(int(s.seed)), jnp.zeros((), int))
+        driving, driven = (
+            float(sensor.read(jnp.asarray(place), draw))
+            for sensor, place, draw in zip(sensors, true, draws, strict=True)
+        )
+        variances = [float(sensor.variance) for sensor in sensors]
+        std = max(np.sqrt(variances[1] + ratio**2 * variances[0]), _LEAST_STD)
+        found = locate(driving % REV, driven % REV, s.pair.ratio, believed, std_rad=std)
+    if found.probability < _CERTAINTY or not found.fits:
+        return None
+    return found.turn - int(driving // REV) % found.hunting_turns
 
 
 def _chosen(s: Scenario) -> Controller:
