@@ -165,13 +165,14 @@ def specified(
         if spec.sweep is None:
             specs.check_rig(spec)
         return spec, Path(folder or "")
+    if not isinstance(scenario, Mapping):
+        scenario = Path(scenario)
+        if scenario.is_dir():
+            scenario = _table_of_run(scenario)
+        elif folder is None:
+            folder = scenario.parent
     load = specs.load_sweep_spec if sweep else specs.load_scenario_spec
-    if isinstance(scenario, Mapping):
-        return load(scenario, **changes), Path(folder or "")
-    path = Path(scenario)
-    if path.is_dir():
-        return load(_table_of_run(path), **changes), Path(folder or "")
-    return load(path, **changes), Path(path.parent if folder is None else folder)
+    return load(scenario, **changes), Path(folder or "")
 
 
 def _table_of_run(path: Path) -> dict[str, Any]:

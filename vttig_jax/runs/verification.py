@@ -14,7 +14,7 @@ import numpy as np
 
 from ..base.errors import NoAnswerError, UsageError
 from ..base.units import ARCSEC, REV
-from ..control.compensation.correction import CorrectionTable
+from ..control.compensation.correction import CorrectionTable, left_over
 from ..control.compensation.verification import FAULTS, AxisRows, judged, size_of
 from ..identify.identification import fit as fit_log
 from ..logs.encoder_log import EncoderLog
@@ -137,15 +137,10 @@ def _checked(
     few = ((np.arange(_SAMPLES) + 0.5) * rows.samples.shape[1] / _SAMPLES).astype(int)
     command, picked = error.gain * shafts.driving, rows.samples[:, few]
 
-    def predicted(turn: int) -> np.ndarray:
-        where, found = command[picked].mean(axis=1), 0.0
-        for one, name in names.items():
-            added = table.at(name, where)
-            shown = curves.drawn.at(one, where + added, turn) + added[:, None]
-            found = np.where((flank == one)[:, None], shown, found)
-        return np.asarray(found)
-
-    left = np.stack([predicted(turn) for turn in error.turns])
+    where, left = command[picked].mean(axis=1), np.zeros(())
+    for one, name in names.items():
+        predicted = left_over(curves.drawn, table, name, where)
+        left = np.where((flank == one)[:, None], predicted, left)
     off = left[0] - left[0].mean(axis=1, keepdims=True)
     zeros = [np.ones(len(flank))] if curves.has_gap else [flank == one for one in names]
     nuisance = np.array([column.row.kind in _NUISANCE for column in problem.columns])

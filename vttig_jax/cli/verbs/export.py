@@ -181,7 +181,7 @@ def command(
             record |= {"table": found.columns}
             text = dumps(record) + "\n"
     else:
-        grid, contact = _maps(opened, constant_backlash_deg, quantity, header=suffix == ".h")
+        grid, contact = _maps(opened, constant_backlash_deg, quantity)
         lowered = None
         if gap is not None:
             grid, distance = lowered_map(opened, gap)
@@ -296,17 +296,15 @@ def _check_options(
 
 
 def _maps(
-    run: Run, constant_backlash_deg: float | None, quantity: QuantityName, *, header: bool = False
+    run: Run, constant_backlash_deg: float | None, quantity: QuantityName
 ) -> "tuple[BacklashMap, FlankModel]":
     """Return the backlash map of the fit, and its flank model.
 
     **Raises** the error of what makes the export impossible: a log at one speed if the user gave
-    neither a delay nor its limit; a `header` also needs the readings of both encoders, and the
-    shift a pair that closes the gap by it.
+    neither a delay nor its limit; the shift needs a pair that closes the gap by it.
     """
     from ...control.compensation.compensation import closing_of, require_closing
     from ...identify.backlash import contact_map
-    from ...runs.run import shaft_readings
 
     found = contact_map(run.fit, constant_backlash_deg=constant_backlash_deg)
     if constant_backlash_deg is None:
@@ -320,8 +318,6 @@ def _maps(
                 " as 0.5ms) if you know the delay or --delay-within if you know its limit, or give"
                 " --constant-backlash-deg."
             )
-    if header:
-        shaft_readings(run.record, run.fit)
     if quantity == "shift":
         require_closing(closing_of(run.pair))
     return found
