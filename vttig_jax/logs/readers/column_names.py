@@ -121,16 +121,11 @@ def name_and_unit(name: str, units: Sequence[str], where: str) -> tuple[str, str
 
     **Raises** `LogError` if the name has two units that differ, such as a suffix and a bracket.
     """
-    name = _unit_last(name)
-    bracket = _BRACKET.search(name)
-    stem = name[: bracket.start()] if bracket else name
-    inside = bracket_of(name)
-    if inside not in units:
-        inside = None
-    stem, suffix = stem.strip(), None
-    earlier = bracket_of(stem)  # the name has a unit, and the row of units below it another one
-    if earlier in units:
-        stem, suffix = stem[: _BRACKET.search(stem).start()].strip(), earlier  # pyright: ignore
+    stem, inside = _without_bracket(name)
+    stem, suffix, inside = stem.strip(), None, inside if inside in units else None
+    rest, earlier = _without_bracket(stem)
+    if earlier in units:  # the name has a unit, and the row of units below it another one
+        stem, suffix = rest.strip(), earlier
     for unit in sorted(units, key=len, reverse=True):  # tests `_rad_per_s` before `_s`
         ends = stem.lower().endswith(f"_{unit}")
         if ends and (unit not in ("min", "h") or _TIME.match(stem)):  # `motor_min` is the lowest
@@ -169,8 +164,14 @@ def scale_of(name: str) -> str:
 
 def bracket_of(name: str) -> str:
     """Return the unit at the end of a name, in brackets or behind a solidus, as it is spelt."""
-    bracket = _BRACKET.search(_unit_last(name))
-    return unit_spelt(bracket[1]) if bracket else ""
+    return _without_bracket(name)[1]
+
+
+def _without_bracket(name: str) -> tuple[str, str]:
+    """Return a name without the unit at its end, and this unit as `bracket_of` does."""
+    name = _unit_last(name)
+    bracket = _BRACKET.search(name)
+    return (name[: bracket.start()], unit_spelt(bracket[1])) if bracket else (name, "")
 
 
 def unit_spelt(text: str) -> str:
@@ -358,12 +359,14 @@ def fold(text: str) -> str:
     return unicodedata.normalize("NFC", plain)  # joins Korean syllables again
 
 
+_SETS = {
+    key: frozenset(fold(text).split()) for key, text in _WORDS_OF.items() if isinstance(text, str)
+}
 DRIVING, DRIVEN, OUTPUT_SIDE, TIME, QUANTITIES, SETPOINTS = (
-    frozenset(fold(_WORDS_OF[key]).split())
-    for key in ("driving", "driven", "output_side", "time", "quantities", "setpoints")
+    _SETS[key] for key in ("driving", "driven", "output_side", "time", "quantities", "setpoints")
 )
 DIRECTION, TURNING, BACKLASH, ERRORS, _OF_TRANSMISSION, _STATISTICS, _UP, _DOWN = (
-    frozenset(fold(_WORDS_OF[key]).split())
+    _SETS[key]
     for key in (
         *("direction", "turning", "backlash", "errors", "transmission_error", "statistics"),
         *("rising", "falling"),
@@ -379,9 +382,7 @@ WAYS = dict.fromkeys(_UP, 1.0) | dict.fromkeys(_DOWN, -1.0)
 """Word for a direction → +1 for rising positions, −1 for falling ones."""
 
 
-_KNOWN_WORDS = frozenset().union(
-    *(fold(text).split() for text in _WORDS_OF.values() if isinstance(text, str))
-)
+_KNOWN_WORDS = frozenset().union(*_SETS.values())
 
 
 def known_words(text: str) -> int:
@@ -395,6 +396,11 @@ def known_words(text: str) -> int:
 def is_statistic(name: str) -> bool:
     """Return whether a name says what follows from several readings, their mean or reversal."""
     return not (_STATISTICS | BACKLASH).isdisjoint(words_of(name))
+
+
+def has_time(names: Iterable[str]) -> bool:
+    """Return whether one of these names has a word for time."""
+    return not TIME.isdisjoint(word for name in names for word in words_of(name))
 
 
 def ways_in(name: str) -> set[float]:
@@ -444,8 +450,9 @@ SHORT: Final = 4
 """Least number of letters of a word for another quantity that is joined to a word for a shaft, such
 as `temp` in `motortemp` (chosen)."""
 
-_ROLE_WORDS = {"driving": DRIVING, "driven": DRIVEN, "time": TIME}
-_KNOWN = {word: role for role, words in _ROLE_WORDS.items() for word in words}
+_KNOWN = {**dict.fromkeys(DRIVING, "driving"), **dict.fromkeys(DRIVEN, "driven")}
+_KNOWN |= dict.fromkeys(TIME, "time")
+_COMPOUNDS = [one for one, role in _KNOWN.items() if len(one) >= COMPOUND and role != "time"]
 _LONGEST_FIRST = sorted((one for one in DRIVING | DRIVEN if len(one) >= SHORT), key=len)[::-1]
 _PARTS = re.compile(r"[/\\.:]+")
 _CAMEL = re.compile(r"(?<=[a-zß-ÿ0-9])(?=[A-ZÀ-Þ])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -539,18 +546,9 @@ def _roles_of(word: str) -> set[str]:
     """
     if word in _KNOWN:
         return {_KNOWN[word]}
-    wide = bool(_WIDE.search(word))
-    found = [
-        known
-        for known, role in _KNOWN.items()
-        if (wide and _WIDE.search(known) and known in word)
-        or (
-            not wide
-            and len(known) >= COMPOUND
-            and role != "time"
-            and (word.startswith(known) or word.endswith(known))
-        )
-    ]
+    found = [one for one in _COMPOUNDS if word.startswith(one) or word.endswith(one)]
+    if _WIDE.search(word):
+        found = [one for one in _KNOWN if _WIDE.search(one) and one in word]
     roles = set()
     for known in sorted(found, key=len, reverse=True):
         if known in word:
