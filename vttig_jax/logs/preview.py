@@ -193,8 +193,7 @@ def preview_log(
     arrays, unread = _readable(search)
     lengths = {role: len(arrays[k]) for k, role in roles.items() if k in arrays}
     usual = Counter(map(len, arrays.values())).most_common(1)[0][0]
-    shaft = next((role for role in (*SHAFTS, "transmission_error") if role in lengths), "")
-    size = lengths.get(shaft, usual)
+    size = next((lengths[r] for r in (*SHAFTS, "transmission_error") if r in lengths), usual)
     others = [(table.names[k], len(a)) for k, a in arrays.items() if len(a) != size]
     if ROW_INDEX in roles:
         arrays[ROW_INDEX] = np.arange(size)
@@ -384,10 +383,7 @@ def with_ratio(request: DriveRequest, seen: tuple[float, float]) -> DriveRequest
 
 
 def proposals(
-    search: Search,
-    request: DriveRequest,
-    path: str | Path,
-    reading: ReadingOptions = ReadingOptions(),
+    search: Search, request: DriveRequest, path: str | Path, reading: ReadingOptions
 ) -> tuple[Proposal, ...]:
     """Return the commands for both readings of the pairs of columns that turn together.
 
@@ -442,7 +438,7 @@ def _pairs(search: Search) -> list[tuple[Candidate, Candidate]]:
     There are none if more than `_MOST_COLUMNS` columns can be a shaft.
     """
     free = [one for one in search.free() if one.turns and one.reading.is_angle]
-    fixed = [search.candidate(search.roles[role]) for role in SHAFTS if role in search.roles]
+    fixed = [*search.shafts.values()]
     if len(free) > _MOST_COLUMNS or "transmission_error" in search.roles:
         return []
     if len(fixed) == 1:

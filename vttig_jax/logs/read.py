@@ -93,17 +93,12 @@ def read_log(
 
     ```
     """
+    units = {"": unit} if isinstance(unit, str) else unit or {}
     request = DriveRequest(
         ratio=None if ratio is None else str(ratio),
         teeth=teeth,
         counts=counts if counts is None or isinstance(counts, tuple) else counts_of(str(counts)),
-        units=units_of_options(
-            tuple(f"{role}={name}" for role, name in unit.items())
-            if isinstance(unit, Mapping)
-            else ()
-            if unit is None
-            else (unit,)
-        ),
+        units=units_of_options(f"{role}={one}" if role else one for role, one in units.items()),
         inverted=(invert,) if isinstance(invert, str) else tuple(invert),
         driving_rpm=None if driving_rpm is None else str(driving_rpm),
     )
@@ -119,16 +114,9 @@ def read_log(
             ' driven turns, such as "64:23".',
             where=str(path),
         )
-    reading = ReadingOptions.of(
-        columns,
-        sample_rate_hz,
-        cut,
-        decimal=decimal,
-        start=start,
-        stop=stop,
-        missing=missing,
-        lead_mm=lead_mm,
-    )
+    text = {"decimal": decimal, "missing": missing}
+    numbers = {"start": start, "stop": stop, "lead_mm": lead_mm}
+    reading = ReadingOptions.of(columns, sample_rate_hz, cut, **text, **numbers)
     opened = open_log(path, request if pair is None else pair, reading)
     log, guesses = opened.log, tuple(guess.fact for guess in opened.roles.guesses)
     log = replace(log, spec=opened.roles.spec, notes=(*guesses, *log.notes))

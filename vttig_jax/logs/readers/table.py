@@ -14,15 +14,16 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Int64, Real, Shaped
+from jaxtyping import Float, Int64, Real, Shaped
 
 from ...base.errors import LogError
 from .column_names import (
     SHAFT_UNITS,
-    TIME,
     WAYS,
+    has_time,
     index_of,
     is_statistic,
     name_and_unit,
@@ -30,6 +31,7 @@ from .column_names import (
     ways_in,
     words_of,
 )
+from .text import printable
 from .times import read_stamps
 
 MOST_COLUMNS = 256
@@ -50,18 +52,16 @@ class Table:
     - `notes`: sentences on assumptions and on what is left out.
     - `ways`: index of a column of directions → the word in its first row, as it was written.
     - `computed`: the last columns, which are computed from others when they are read.
-    - `units`: name of a computed column → unit of the columns from which it is computed.
     """
 
     names: tuple[str, ...]
     arrays: tuple[Shaped[np.ndarray, " _"], ...]
-    source: str
+    source: str = ""
     clocks: Mapping[int, int] = field(default_factory=dict)
     held: frozenset[int] = frozenset()
     sample_numbers: Int64[np.ndarray, " _"] | None = None
     digest: str = ""
     notes: tuple[str, ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict)
     ways: Mapping[int, str] = field(default_factory=dict)
     computed: "tuple[Computed, ...]" = ()
 
@@ -142,6 +142,53 @@ class Table:
         self.arrays = ()
 
 
+class ClockedColumn(NamedTuple):
+    """Channel with its values and time stamps in s; `time` is None without separate stamps."""
+
+    name: str
+    values: Real[np.ndarray, " n"]
+    time: Float[np.ndarray, " n"] | None = None
+
+
+def table_of(
+    columns: Iterable[tuple[Any, ...]],
+    notes: Sequence[str] = (),
+    *,
+    held: bool = False,
+    start: float | None = None,
+    ways: Mapping[int, str] | None = None,
+) -> Table:
+    """Return the table of all columns; channels with equal stamps share one column of time.
+
+    A column is a `ClockedColumn`, or its name and values alone. Stamps are counted from `start`, by
+    default from the earliest first stamp of all channels. `held` says that only changes of the
+    channels are logged; `notes` and `ways` are those of the table.
+    """
+    found = [ClockedColumn(*one) for one in columns]
+    if start is None:
+        starts = [one.time[0] for one in found if one.time is not None and len(one.time)]
+        start = min(starts, default=0.0)
+    names: list[str] = []
+    arrays: list[np.ndarray] = []
+    clocks: dict[int, int] = {}
+    stamps: list[int] = []
+    for one in found:
+        if one.time is not None:
+            time = one.time - start
+            clock = next((k for k in stamps if np.array_equal(arrays[k], time)), None)
+            if clock is None:
+                clock = len(names)
+                stamps.append(clock)
+                names.append(f"time {len(stamps)} [s]")
+                arrays.append(time)
+            clocks[len(names)] = clock
+        names.append(printable(one.name))
+        arrays.append(one.values)
+    table = Table(tuple(names), tuple(arrays), clocks=clocks, notes=tuple(notes), ways=ways or {})
+    table.held = frozenset(clocks) if held else frozenset()
+    return table
+
+
 def matrix_columns(name: str, array: np.ndarray) -> Iterator[tuple[str, Shaped[np.ndarray, " _"]]]:
     """Yield name and values of a vector, the rows of a wide matrix or the columns of a tall one.
 
@@ -176,7 +223,7 @@ def one_pass(table: Table, requested: Iterable[str | None]) -> Table:
     up, down = ([k for k, own in enumerate(senses) if own == {sign}] for sign in (1, -1))
     passes = [k for both in zip(up, down, strict=False) for k in both]
     names = [table.names[k] for k in passes]
-    timed = any(word in TIME for name in table.names for word in words_of(name))
+    timed = has_time(table.names)
     if timed or not up or len(up) != len(down) or {*names} & {*requested}:
         return table
     values = table.numeric()
@@ -244,7 +291,7 @@ def with_joined_angles(table: Table) -> Table:
             if own not in units or other not in (stem, ""):
                 break
             of.append(k + len(of))
-        if unit not in _PARTS[0] or len(of) < 2 or any(word in TIME for word in words_of(stem)):
+        if unit not in _PARTS[0] or len(of) < 2 or has_time([stem]):
             continue
         values = table.numeric()
         if not values.keys() >= {*of}:
@@ -284,11 +331,12 @@ Columns = Mapping[int, Real[np.ndarray, " n"]]
 
 @dataclass(frozen=True)
 class Computed:
-    """Column `name` that `value` computes from the columns `of` of a table."""
+    """Column `name` that `value` computes from the columns `of` of a table, in their `unit`."""
 
     name: str
     of: tuple[int, ...]
     value: Callable[[Columns], Real[np.ndarray, " n"]]
+    unit: str | None = None
 
 
 def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
@@ -299,28 +347,18 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
     **Raises** `LogError` for a column that does not exist, a formula that cannot be read, and
     channels whose levels do not count.
     """
-    computed, units, notes = [*table.computed], {}, []
+    computed, notes = [*table.computed], []
     for name in dict.fromkeys(one for one in requested if one and one not in table.names):
         counted = _COUNTED.fullmatch(name)
         if counted:
             one, note = _counts(table, counted[1], counted[2])
             notes.append(note)
-            units[one.name] = "counts"
         elif re.search(r"[-+*]", name):
             try:  # a name such as `motor-pos` may mean a column of the table
                 index_of(name, "driving", table.names, "")
                 continue
             except LogError:
                 one = _formula(name, table)
-            found = {name_and_unit(table.names[k], SHAFT_UNITS, name)[1] for k in one.of}
-            if len(found) > 1 and found <= {None, *SHAFT_UNITS}:
-                said = ", ".join(f"`{table.names[k]}`" for k in one.of)
-                raise LogError(
-                    f"its columns {said} have different units; convert them by factors of the"
-                    " formula, and rename them.",
-                    where=f"{table.source}: `{name}`",
-                )
-            units.update((name, unit) for unit in found & {*SHAFT_UNITS} if len(found) == 1)
         else:
             continue
         computed.append(one)
@@ -334,7 +372,7 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
             )
         clocks.update((k, stamp) for stamp in stamps if stamp is not None)
     table.names = (*table.names[: table.own], *(one.name for one in computed))
-    table.computed, table.units, table.clocks = tuple(computed), units, clocks
+    table.computed, table.clocks = tuple(computed), clocks
     table.notes = (*table.notes, *notes)
     return table
 
@@ -342,7 +380,8 @@ def with_computed(table: Table, requested: Iterable[str | None]) -> Table:
 def _formula(text: str, table: Table) -> Computed:
     """Return the column of a formula; the longest name of a column at a place is meant.
 
-    **Raises** `LogError` for a text that is no formula, and for a column that does not exist.
+    **Raises** `LogError` for a text that is no formula, for a column that does not exist, and for
+    columns in different units.
     """
     longest = sorted(map(re.escape, table.names), key=len, reverse=True)
     token = re.compile(f"({_NUMBER})|({'|'.join(longest)})(?![\\w.])|[^\\s+*()-]+")
@@ -364,7 +403,17 @@ def _formula(text: str, table: Table) -> Computed:
             " and brackets, such as 0.5*(m1+m2).",
             where=f"{table.source}: `{text}`",
         ) from None
-    return Computed(text, tuple(dict.fromkeys(used)), partial(_value, tree))
+    of = tuple(dict.fromkeys(used))
+    units = {name_and_unit(table.names[k], SHAFT_UNITS, text)[1] for k in of}
+    if len(units) > 1 and units <= {None, *SHAFT_UNITS}:
+        said = ", ".join(f"`{table.names[k]}`" for k in of)
+        raise LogError(
+            f"its columns {said} have different units; convert them by factors of the formula, and"
+            " rename them.",
+            where=f"{table.source}: `{text}`",
+        )
+    unit = units & {*SHAFT_UNITS} if len(units) == 1 else ()
+    return Computed(text, of, partial(_value, tree), *unit)
 
 
 def _value(node: ast.AST, columns: Columns) -> Real[np.ndarray, " n"]:
@@ -387,10 +436,7 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
     indices = [index_of(one, "driving", table.names, table.source) for one in (first, second)]
     pair = [table.names[k] for k in indices]
     columns = [table.columns([k])[0] for k in indices]
-    a, b = (
-        _levels(values, f"{table.source}: column `{name}`")
-        for name, values in zip(pair, columns, strict=True)
-    )
+    a, b = map(_levels, columns, [f"{table.source}: column `{name}`" for name in pair])
     edges = [int(np.count_nonzero(np.diff(one))) for one in (a, b)]
     steps, name = edges[0] > 2 * edges[1], f"quadrature({first},{second})"
     if steps:  # +1 for each rising edge of STEP where DIR is high, and −1 elsewhere
@@ -424,7 +470,7 @@ def _counts(table: Table, first: str, second: str) -> tuple[Computed, str]:
     def value(columns: Columns) -> Real[np.ndarray, " n"]:
         return counts[: len(columns[indices[0]])]  # an incomplete last row may be left out
 
-    return Computed(f"{name} [counts]", tuple(indices), value), note
+    return Computed(f"{name} [counts]", tuple(indices), value, "counts"), note
 
 
 def _levels(values: Real[np.ndarray, " n"], where: str) -> Int64[np.ndarray, " n"]:

@@ -14,7 +14,7 @@ from jaxtyping import Float, Real
 
 from ...base.errors import LogError, VttigError
 from ...base.units import ANGLE_UNITS, LENGTH_UNITS, REV
-from ...pair.schema import PairSpec, UnitTable, as_fraction
+from ...pair.schema import GearTable, PairSpec, UnitTable, as_fraction
 from ..channel.unwrap import complete
 from ..readers.column_names import (
     ANGLES,
@@ -92,12 +92,14 @@ class Roles:
     @property
     def spec(self) -> PairSpec | None:
         """Content of the pair file that states all this; None if a pair file was given."""
-        drive = self.statement.drive
-        if drive is None:
+        if self.statement.drive is None:
             return None
-        return msgspec.structs.replace(
-            drive,
-            log=msgspec.structs.replace(drive.log, **self.names),
+        driving, driven = (GearTable(encoder=one) for one in self.statement.encoders)
+        return PairSpec(
+            drive=self.statement.drive,
+            driving=driving,
+            driven=driven,
+            log=msgspec.structs.replace(self.statement.layout, **self.names),
             unit=msgspec.structs.replace(UnitTable(), **self.units),
         )
 
@@ -164,15 +166,15 @@ class Search:
         """
         self._take_stated()
         self._take_defaults()
-        missing = self._find_named_shafts()
+        self._find_named_shafts()
         shafts_open = bool(self.asked)
         if self.timed and "time" not in self.roles and not self.table.clocks:
             with self._asking():
                 self._find_time()
         known = self.statement.ratio is not None
-        if missing and not shafts_open and (not self.asked or not known):
+        if self.missing and not shafts_open and (not self.asked or not known):
             with self._asking():
-                self._find_by_ratio(missing)
+                self._find_by_ratio()
         if self.timed and "time" in self.roles:
             with self._asking():
                 self._find_time_unit()
@@ -180,10 +182,10 @@ class Search:
         for check in (self._check_names, self._check_units, self._check_values):
             with self._asking():
                 check()
-        text, ratio = self.statement.two_readings, self.statement.ratio
-        if ratio is not None and text and "/" not in text and "transmission_error" in self.roles:
+        text = self.statement.two_readings
+        if text and "/" not in text and "transmission_error" in self.roles:
             # A curve with a ratio such as 225 does not show which shaft turns faster.
-            self.asked.append(self._two_readings("bare-ratio", ratio))
+            self.asked.append(self._two_readings("bare-ratio"))
         return Roles(
             self.statement,
             {} if self.asked else self._columns(),
@@ -192,6 +194,17 @@ class Search:
             {role: self.name_of(index) for role, index in self.roles.items()},
             dict(self.units),
         )
+
+    @property
+    def shafts(self) -> dict[str, Candidate]:
+        """Role → column of the shafts that have one."""
+        return {role: self.candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
+
+    @property
+    def missing(self) -> list[str]:
+        """Shafts whose column is still searched; a clock or an error may stand in its place."""
+        replaced = {"driving": self.clocked, "driven": "transmission_error" in self.roles}
+        return [role for role in SHAFTS if role not in self.roles and not replaced[role]]
 
     @contextmanager
     def _asking(self) -> Iterator[None]:
@@ -206,7 +219,7 @@ class Search:
 
     def _take_stated(self) -> None:
         """Assign roles to the columns that the statement names."""
-        layout, names = self.statement.layout, self.table.names
+        layout, names, own = self.statement.layout, self.table.names, self.table.own
         if layout.driven is not None and layout.transmission_error is not None:
             raise LogError(
                 "columns for `driven` and `transmission_error` are both named; keep one of them.",
@@ -220,10 +233,11 @@ class Search:
         for role in ROLES:
             name = getattr(layout, role)
             if name is not None and (role != "time" or self.timed):
-                row = name == ROW
-                self.roles[role] = ROW_INDEX if row else index_of(name, role, names, self.source)
-                if unit := self.table.units.get(self.name_of(self.roles[role])):
-                    self.units.setdefault(role, unit)
+                index = ROW_INDEX if name == ROW else index_of(name, role, names, self.source)
+                self.roles[role] = index
+                computed = self.table.computed[index - own] if index >= own else None
+                if computed is not None and computed.unit is not None:
+                    self.units.setdefault(role, computed.unit)
 
     def _take_defaults(self) -> None:
         """Assign roles to the columns with names that this package writes, such as driving_deg."""
@@ -256,23 +270,16 @@ class Search:
         options = [f"--column {role}='{one.name}'" for one in columns[:4]]
         return self._ask("several-columns", role=role, columns=columns, options=options)
 
-    def _find_named_shafts(self) -> list[str]:
-        """Assign the shafts by the column names; return the roles that are still missing."""
-        missing = [role for role in SHAFTS if role not in self.roles]
-        if "transmission_error" in self.roles and "driven" in missing:
-            missing.remove("driven")
-        if self.clocked and "driving" in missing:
-            missing.remove("driving")
-        for role in missing:
+    def _find_named_shafts(self) -> None:
+        """Assign the shafts by the column names."""
+        for role in self.missing:
             with self._asking():
                 found = self._by_name(role, self._beside(role))
                 if found is not None:
                     self._take(role, found, "by-name")
         said = [o for o in self.free() if o.turns and is_transmission_error(o.name, self.source)]
-        if "driven" in missing and "driven" not in self.roles and len(said) == 1:
+        if "driven" in self.missing and len(said) == 1:
             self._take("transmission_error", said[0], "by-name")
-            missing.remove("driven")
-        return [role for role in missing if role not in self.roles]
 
     def _by_name(self, role: str, candidates: Sequence[Candidate]) -> Candidate | None:
         """Return the column whose name contains a role, or None if there is no such name.
@@ -308,15 +315,12 @@ class Search:
         named = [one for one in candidates if one.dated or one.says_time]
         rising = [one for one in candidates if one.can_be_time]
         wrong = [one for one in candidates if one.reading.role == "time"]
-        first = named[0] if named else None
-        same = first is not None and all(
-            one.reading.unit == first.reading.unit
-            and (first.values is not None and one.values is not None)
-            and np.array_equal(one.values, first.values)
-            for one in named[1:]
-        )
-        if len(named) > 1 and not same:
-            raise self._several("time", named)
+        first = named[0].values if named else None
+        for one in named[1:]:
+            values = one.values
+            same = values is not None and first is not None and np.array_equal(values, first)
+            if not same or one.reading.unit != named[0].reading.unit:
+                raise self._several("time", named)
         if len(named) > 1:
             self._take("time", named[0], "same-stamps", other=named[1].name)
         elif named:
@@ -334,34 +338,29 @@ class Search:
 
     def _take_standstill(self) -> None:
         """Take a table that says how its places were approached, and no time, as one without."""
-        statement, drive = self.statement, self.statement.drive
-        layout = msgspec.structs.replace(statement.layout, sample_rate_hz=1.0)
-        if drive is not None:
-            drive = msgspec.structs.replace(drive, log=layout)
-        self.statement, self.timed = replace(statement, layout=layout, drive=drive), False
+        layout = msgspec.structs.replace(self.statement.layout, sample_rate_hz=1.0)
+        self.statement, self.timed = replace(self.statement, layout=layout), False
         self.guesses.append(Guess.of("standstill", "time", "--sample-rate HZ"))
 
     def _turn_errors(self) -> None:
         """Take errors that are the setpoint minus the measured angle with the other sign."""
-        index, drive = self.roles.get("transmission_error", ROW_INDEX), self.statement.drive
+        index = self.roles.get("transmission_error", ROW_INDEX)
         driving, driven = self.statement.encoders
         own = 0 <= index < self.table.own and is_setpoint_first(self.table.names[index])
-        if own and drive is not None and driven.sign > 0:
-            driven = msgspec.structs.replace(driven, sign=-1)
-            gear = msgspec.structs.replace(drive.driven, encoder=driven)
-            drive = msgspec.structs.replace(drive, driven=gear)
-            self.statement = replace(self.statement, encoders=(driving, driven), drive=drive)
+        if own and self.statement.drive is not None and driven.sign > 0:
+            encoders = driving, msgspec.structs.replace(driven, sign=-1)
+            self.statement = replace(self.statement, encoders=encoders)
             name = self.table.names[index]
             option = f"--column 'transmission_error=1*{name}'"
             self.guesses.append(Guess.of("setpoint-first", "transmission_error", option, name=name))
 
-    def _find_by_ratio(self, missing: list[str]) -> None:
+    def _find_by_ratio(self) -> None:
         """Assign the missing shafts to the only columns that have the given ratio.
 
         **Raises** `Question` if no assignment or several have it, for columns without a unit, and
         for shafts whose readings have opposite directions.
         """
-        free, ratio = self.free(), self.statement.ratio
+        free, ratio, fixed, missing = self.free(), self.statement.ratio, self.shafts, self.missing
         if "transmission_error" in self.roles:
             angles = [one for one in free if one.turns and one.reading.unit in ANGLES] or free
             option, told = self._driving_option(angles)
@@ -369,10 +368,8 @@ class Search:
             raise self._ask(
                 "driving-open", role="driving", columns=angles, options=[option], seen=seen
             )
-        if ratio is None or (missing == ["driven"] and self.clocked):
-            angles = [one for one in free if one.reading.is_angle]
-            raise self._shafts_open(missing, angles, given=False)
-        fixed = {role: self.candidate(self.roles[role]) for role in SHAFTS if role in self.roles}
+        if not self._ratio_decides:
+            raise self._shafts_open([one for one in free if one.reading.is_angle])
         if lacking := [one.index for one in fixed.values() if one.values is None]:
             self.table.columns(lacking)  # raises for the field without a number
         turning = [one for one in free if one.turns and one.reading.is_angle]
@@ -385,16 +382,16 @@ class Search:
                 angle = one.values is None and one.reading.is_angle and not one.dated
                 if angle and self.table.starts_with_a_number(one.index):
                     self.table.columns([one.index])
-            raise self._shafts_open(missing, listed, given=True)
+            raise self._shafts_open(listed)
         angles = [one for one in possible if one.reading.unit is not None]
         lacks = "driven" in missing and "time" not in self.roles and len(angles) < len(missing)
         if lacks and self._error_columns():
-            raise self._shafts_open(missing, listed, given=True)
-        signs, unknown = self.fitting_pairs(fixed, possible, ratio)
+            raise self._shafts_open(listed)
+        signs, unknown = self.fitting_pairs(fixed, possible)
         if unknown and not signs and not all(one.has_levels for _, one in unknown):
             raise self._no_unit(unknown)
         if not signs:
-            raise self._shafts_open(missing, listed, given=True, turning=(fixed, possible))
+            raise self._shafts_open(listed, possible)
         pairs = list(signs)
         if ratio == 1:  # at another ratio two shafts of a simulation may be as exact as a copy
             pairs = [pair for pair in pairs if not is_copy(*pair)] or pairs
@@ -407,36 +404,24 @@ class Search:
             if len(sided) != 1:
                 columns = list({one.index: one for pair in pairs for one in pair}.values())
                 drivers = [a.name for a, b in pairs if b is pairs[0][1]]
-                mean = self._hint("mean", sum="+".join(drivers))
-                raise self._ask(
-                    "several-pairs",
-                    columns=columns,
-                    number=len(pairs),
-                    pairs=", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4]),
-                    first=pairs[0][0].name,
-                    second=pairs[0][1].name,
-                    mean=mean * (len(drivers) == len(pairs) == 2),
-                )
+                words = {"first": pairs[0][0].name, "second": pairs[0][1].name, "mean": ""}
+                words["pairs"] = ", or ".join(f"`{a.name}` drives `{b.name}`" for a, b in pairs[:4])
+                if len(drivers) == len(pairs) == 2:
+                    words["mean"] = self._hint("mean", sum="+".join(drivers))
+                raise self._ask("several-pairs", columns=columns, number=len(pairs), **words)
             pairs = sided
         if signs[pairs[0]] < 0:
-            raise self._ask(
-                "opposite-directions",
-                columns=pairs[0],
-                options=[self._hint("invert")],
-            )
+            invert = self._hint("invert")
+            raise self._ask("opposite-directions", columns=pairs[0], options=[invert])
         if self.statement.two_readings:
-            raise self._two_readings("ratio-of-two-readings", ratio)
+            raise self._two_readings("ratio-of-two-readings")
         driven, rest = pairs[0][1], [one for one in turning if one not in pairs[0]]
         errors = self._error_columns()
         if "driven" in missing and len(errors) == 1 and is_copy(*pairs[0]):
-            named = zip(("driving", "transmission_error"), (pairs[0][0], errors[0]), strict=True)
-            options = [
-                f"--column {r}='{one.name}'" for r, one in named if r != "driving" or r in missing
-            ]
-            columns = [*pairs[0], *errors]
-            raise self._ask(
-                "computed-beside-error", role="driven", columns=columns, options=[" ".join(options)]
-            )
+            option = f"--column driving='{pairs[0][0].name}' " * ("driving" in missing)
+            option += f"--column transmission_error='{errors[0].name}'"
+            about = {"role": "driven", "columns": [*pairs[0], *errors], "options": [option]}
+            raise self._ask("computed-beside-error", **about)
         rest += errors
         if "driven" in missing and driven.reading.setpoint and rest:
             raise self._only_a_setpoint("driven", [driven, *rest])
@@ -451,33 +436,28 @@ class Search:
             words["error"] += self._hint("error", name=one.name)
         return self._ask("only-a-setpoint", role=role, columns=columns, **words)
 
-    def _two_readings(self, slug: str, ratio: Fraction) -> Question:
-        text = self.statement.two_readings
-        above, slash, below = text.replace(" ", "").partition("/")
-        return ask(
-            slug,
-            "",
-            text=text,
-            one=f"{below if slash else 1}:{above}",
-            other_ratio=f"{above}:{below if slash else 1}",
-            turns=in_words(ratio),
-            inverse=in_words(1 / ratio),
-        )
+    def _two_readings(self, slug: str) -> Question:
+        text, ratio = self.statement.two_readings, self.statement.ratio
+        assert ratio is not None  # it is the one with two readings
+        above, _, below = text.replace(" ", "").partition("/")
+        words = {"one": f"{below or 1}:{above}", "other_ratio": f"{above}:{below or 1}"}
+        words |= {"turns": in_words(ratio), "inverse": in_words(1 / ratio)}
+        return self._ask(slug, where="", text=text, **words)
+
+    @property
+    def _ratio_decides(self) -> bool:
+        """Whether a ratio is given, and the shaft that is not searched has a column."""
+        return self.statement.ratio is not None and not (self.clocked and self.missing)
 
     def _shafts_open(
-        self,
-        missing: Sequence[str],
-        candidates: Sequence[Candidate],
-        *,
-        given: bool,
-        turning: tuple[dict[str, Candidate], Sequence[Candidate]] | None = None,
+        self, candidates: Sequence[Candidate], turning: Sequence[Candidate] = ()
     ) -> Question:
         """Return the question for shafts that neither the names nor the ratio determine.
 
         Columns whose names have a unit of angles are listed first, and constant columns and those
-        of other quantities as left out. `given` is whether the ratio could decide; `turning` are
-        known shafts and columns that do not have it.
+        of other quantities as left out. `turning` are columns that do not have the given ratio.
         """
+        missing, given = self.missing, self._ratio_decides
         still = [one for one in candidates if one.is_constant and one.reading.is_angle]
         moving = [one for one in candidates if not one.is_constant]
         moving.sort(key=lambda one: bool(one.reading.setpoint))
@@ -524,8 +504,8 @@ class Search:
             assert self.statement.ratio is not None
             why = f"and no columns turn as given ({in_words(self.statement.ratio)})"
         seen = f"; there are {listed_facts(moving)}" if moving else ""
-        if turning is not None:
-            pairs = self._turning_together(*turning)
+        if turning:
+            pairs = self._turning_together(turning)
             shown = [f"{said} where `{a.name}` drives `{b.name}`" for said, _, a, b in pairs[:4]]
             seen = f"; the log shows {', or '.join(shown)}" * bool(shown) + seen
             if len(pairs) == 1 and pairs[0][1]:
@@ -549,15 +529,8 @@ class Search:
             seen += told if said else self._hint("error", name=one.name)
         seen += self._hint("volts") * bool(volts)
         seen += "; a linear axis needs --lead-mm, its travel in mm in one turn" * bool(lengths)
-        return self._ask(
-            "shafts-open",
-            role=missing[0],
-            columns=moving,
-            options=[options],
-            roles=" and ".join(missing),
-            why=why,
-            seen=seen,
-        )
+        about = {"role": missing[0], "columns": moving, "options": [options]}
+        return self._ask("shafts-open", roles=" and ".join(missing), why=why, seen=seen, **about)
 
     def _driving_option(self, angles: Sequence[Candidate]) -> tuple[str, str]:
         """Return the option for the positions beside an error, and what the question adds.
@@ -565,12 +538,7 @@ class Search:
         Positions over which the driven shaft would turn less than half a turn, and the driving one
         at least nine tenths if they are those of the driven shaft, are taken for those of it.
         """
-        spans = [
-            0.0
-            if one.values is None
-            else np.ptp(one.values) * ANGLE_UNITS.get(one.reading.unit or "", 0)
-            for one in angles
-        ]
+        spans = [one.travel * ANGLE_UNITS.get(one.reading.unit or "", 0) for one in angles]
         # Reversal values beside the positions are small.
         angles = [one for one, span in zip(angles, spans, strict=True) if span >= max(spans) / 100]
         ratio, scaled = self.statement.ratio, self.statement.layout.driving_scale != 1
@@ -579,8 +547,7 @@ class Search:
         if len(angles) == 1:
             option = f"--column driving='{angles[0].name}'"
             turn = None if ratio is None or scaled else self.per_turn(angles[0], "driving")
-            values = angles[0].values
-            turns = 0.0 if turn is None or values is None else float(np.ptp(values)) / abs(turn)
+            turns = 0.0 if turn is None else angles[0].travel / abs(turn)
             if ratio is not None and 0.9 * ratio < turns < 0.5 / ratio:
                 return f"{option} --driving-scale {scale}", self._hint("positions-of-driving")
         return option, told * (not scaled)
@@ -592,19 +559,17 @@ class Search:
         return [o for o in said if name_and_unit(o.name, units, self.source)[1] is not None]
 
     def _turning_together(
-        self, fixed: dict[str, Candidate], free: Sequence[Candidate]
+        self, free: Sequence[Candidate]
     ) -> list[tuple[str, str, Candidate, Candidate]]:
         """Return the pairs of columns that turn together, driving and driven, behind two options.
 
         The first one states the ratio that they show. The second one keeps the given ratio where
-        both are angles of the driven shaft, and is "" elsewhere. `fixed` is role → column of known
-        shafts. If no shaft is known, the faster column drives, and a setpoint drives what follows.
+        both are angles of the driven shaft, and is "" elsewhere. If no shaft has a column, the
+        faster column drives, and a setpoint drives what follows.
         """
+        fixed, pairs = self.shafts, combinations(free, 2)
         if fixed:
-            known = [fixed.get("driving", one) for one in free]
-            pairs = [(a, fixed.get("driven", b)) for a, b in zip(known, free, strict=True)]
-        else:
-            pairs = list(combinations(free, 2))
+            pairs = ((fixed.get("driving", one), fixed.get("driven", one)) for one in free)
         given, seen = self.statement.ratio, []
         for first, second in pairs:
             found = self.slope(first, second)
@@ -695,9 +660,9 @@ class Search:
         named columns do not turn as given although two other columns do. Columns that the user
         stated for both shafts are taken.
         """
-        if not set(SHAFTS) <= self.roles.keys():
+        named = self.shafts
+        if len(named) < len(SHAFTS):
             return
-        named = {role: self.candidate(self.roles[role]) for role in SHAFTS}
         guessed = {one.role for one in self.guesses} & named.keys()
         if self.statement.in_file and not guessed:
             return
@@ -713,13 +678,13 @@ class Search:
         ratio, measured = self.statement.ratio, [o for o in others if not o.reading.setpoint]
         turn = ratio is not None and guessed and all(one.turns for one in named.values())
         if ratio is not None and turn and measured:
-            fitting, unknown = self.fitting_pairs(named, (), ratio)
+            fitting, unknown = self.fitting_pairs(named, ())
             if not fitting and not unknown:
-                turning, _ = self.fitting_pairs({}, [*named.values(), *measured], ratio)
+                turning, _ = self.fitting_pairs({}, [*named.values(), *measured])
                 for pair in turning:
                     about = {"columns": [*named.values(), *pair], "turns": in_words(ratio)}
                     raise self._ask("names-against-ratio", **about)
-        self._refuse_two_clocks(named)
+        self._refuse_two_clocks(*named.values())
 
     def _is_twin(self, one: Candidate, other: Candidate, role: str) -> bool:
         """Return whether two columns hold nearly the same angle, but not one reading twice."""
@@ -732,13 +697,12 @@ class Search:
         both = self.turns(one, other, sizes)
         return both is not None and have_slope(*both, 1.0) > 0
 
-    def _refuse_two_clocks(self, shafts: Mapping[str, Candidate]) -> None:
+    def _refuse_two_clocks(self, *shafts: Candidate) -> None:
         """Raise `Question` for a table in which each shaft follows stamps of its own.
 
         Stamps that differ by a constant are one clock.
         """
-        places = [one for one in shafts.values() if one.index > 0]
-        own = [(self.candidates[one.index - 1], one) for one in places]
+        own = [(self.candidates[one.index - 1], one) for one in shafts if one.index > 0]
         own = [(stamps, one) for stamps, one in own if stamps.says_time and stamps.rises]
         if len(own) < 2 or self.roles.get("time") not in [stamps.index for stamps, _ in own]:
             return
@@ -756,34 +720,29 @@ class Search:
             unit = self._unit(one, role)
             if unit == "counts" and one.reading.unit is None:
                 self.units[role] = unit
-            length = self.statement.layout.lead_mm is None and LENGTH_UNITS.keys() & {
-                unit,
-                name_and_unit(one.name, tuple(LENGTH_UNITS), self.source)[1],
-            }
-            if length and (unit is None or unit in LENGTH_UNITS):
+            length = name_and_unit(one.name, tuple(LENGTH_UNITS), self.source)[1]
+            if self.statement.layout.lead_mm is None and (unit or length) in LENGTH_UNITS:
                 raise self._no_lead(role, one)
             if unit is None:
                 unnamed.append((role, one))
-            if role not in SHAFTS:
+            if role not in SHAFTS or unit != "counts":
                 continue
-            counted |= unit == "counts"
-            if unit == "counts" and not self.statement.in_file and not self.statement.counted:
-                raise self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
-            if unit == "counts" and self.statement.counted and one.is_voltage:
+            counted = True
+            if self.statement.counted and one.is_voltage:
                 self._check_span(role, one)
+            elif not self.statement.counted and not self.statement.in_file:
+                raise self._ask("no-counts", role=role, columns=[one], options=[_COUNTS])
         if self.statement.counted and not counted and not self.asked:
             raise ask("unused-counts", "")
-        if (
-            self.asked
-            and not self._have_asked("no-unit", "scaled-unit")
-            and not {*SHAFTS} & {*self.roles, *self.units}
-        ):
+        if self._have_asked("no-unit", "scaled-unit"):
+            return
+        if self.asked and not {*SHAFTS} & {*self.roles, *self.units}:
             free = [one for one in self.free() if one.turns and not one.has_levels]
             turning = [one for one in free if one.reading.is_angle or one.is_voltage]
             if not self.statement.counted and not any(one.reading.unit for one in turning):
                 unnamed = [("", one) for one in turning]
         volts = all(one.is_voltage for _, one in unnamed) and self._have_asked("shafts-open")
-        if unnamed and not volts and not self._have_asked("no-unit", "scaled-unit"):
+        if unnamed and not volts:
             raise self._no_unit(unnamed)
 
     def _check_values(self) -> None:
@@ -826,12 +785,13 @@ class Search:
         if len(roles) > 1 and not scale:
             role = ""
         where = f"{self.source}: column `{one.name}`" if in_file and role else self.source
-        slug, words = "scaled-unit" if scale else "no-unit", {"role": role or "driving"}
+        slug = "scaled-unit" if scale else "no-unit"
         if all(one.is_voltage for one in columns) and not in_file:
             return ask("volts-a-turn", where, role=role, columns=columns, options=["--counts A,B"])
         option = " ".join(f"--unit {one}=UNIT" for one in ([role] if role else SHAFTS))
         lengths = ", and mm or um on this axis" * (self.statement.layout.lead_mm is not None)
-        told = self._hint(slug, option=option, lengths=lengths, counts=_COUNTS, **words)
+        words = {"option": option, "lengths": lengths, "counts": _COUNTS}
+        told = self._hint(slug, role=role or "driving", **words)
         return ask(slug, where, role=role, columns=columns, options=[told], scale=scale)
 
     def _no_lead(self, role: str, one: Candidate) -> Question:
@@ -959,48 +919,40 @@ class Search:
         assert turn is not None  # `radians` is known
         return encoder.sign * turn / scale
 
-    def common(
-        self, first: Candidate, second: Candidate
-    ) -> tuple[Real[np.ndarray, " n"], Real[np.ndarray, " n"]]:
-        """Return the readings of two columns at common instants.
-
-        If the columns have different time stamps, each reading of `first` is paired with the next
-        reading of `second` at the same or a later time.
-        """
-        assert first.values is not None and second.values is not None
-        stamps = [self.table.clocks.get(one.index) for one in (first, second)]
-        if None not in stamps and stamps[0] != stamps[1]:
-            a, b = self.table.columns([k for k in stamps if k is not None])
-            inside = (a >= b[0]) & (a <= b[-1])
-            return first.values[inside], second.values[np.searchsorted(b, a[inside])]
-        size = min(first.rows, second.rows)
-        return first.values[:size], second.values[:size]
-
     def turns(
         self, first: Candidate, second: Candidate, sizes: Sequence[float | None]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
         """Return two columns in revolutions, thinned; None without a common time or a unit.
 
-        `sizes` are their readings per revolution.
+        If the columns have different time stamps, each reading of `first` is paired with the next
+        reading of `second` at the same or a later time. `sizes` are their readings per revolution.
         """
-        readings = self.common(first, second)
-        if len(readings[0]) < 2 or None in sizes:
+        x, y = first.values, second.values
+        assert x is not None and y is not None  # only columns of numbers are compared
+        stamps = [self.table.clocks.get(one.index) for one in (first, second)]
+        if None not in stamps and stamps[0] != stamps[1]:
+            a, b = self.table.columns([k for k in stamps if k is not None])
+            inside = (a >= b[0]) & (a <= b[-1])
+            x, y = x[inside], y[np.searchsorted(b, a[inside])]
+        rows = min(len(x), len(y))
+        if rows < 2 or None in sizes:
             return None
-        thin = slice(None, None, max(1, len(readings[0]) // MOST_ROWS))
-        x, y = (turns_of(one, size)[thin] for one, size in zip(readings, sizes, strict=True))
+        thin = slice(None, None, max(1, rows // MOST_ROWS))
+        x, y = (turns_of(one[:rows], size)[thin] for one, size in zip((x, y), sizes, strict=True))
         return x, y
 
     def fitting_pairs(
-        self, fixed: dict[str, Candidate], free: Sequence[Candidate], ratio: Fraction
+        self, fixed: dict[str, Candidate], free: Sequence[Candidate]
     ) -> tuple[dict[tuple[Candidate, Candidate], int], list[tuple[str, Candidate]]]:
-        """Return the pairs (driving, driven) of columns that have a ratio, with their signs.
+        """Return the pairs (driving, driven) of columns with the given ratio, and their signs.
 
         `fixed` is role → column of known shafts, `free` are the columns for the others. The second
         result has a role and its column for every pair without a unit. If no pair has the ratio
         within `TOLERANCE`, those have it whose slope is as uncertain as it is off, as over less
         than a turn. At the ratio 1 a pair fits in both orders if it fits in one.
         """
-        missing = [role for role in ("driving", "driven") if role not in fixed]
+        missing, ratio = [role for role in SHAFTS if role not in fixed], self.statement.ratio
+        assert ratio is not None  # without it no pair fits
         unknown: list[tuple[str, Candidate]] = []
         moving: dict[tuple[Candidate, Candidate], tuple[np.ndarray, np.ndarray]] = {}
         for chosen in permutations(free, len(missing)):

@@ -84,6 +84,11 @@ class Candidate:
         return 0 if self.values is None else len(self.values)
 
     @property
+    def travel(self) -> float:
+        """Range of the values, 0 for a column without numbers."""
+        return float(np.ptp(self.values)) if self.values is not None and self.rows else 0.0
+
+    @property
     def steps(self) -> Real[np.ndarray, " steps"]:
         """Differences of successive values; they are not kept, because a log may be long."""
         return np.diff(self.values if self.values is not None else np.zeros(0))
@@ -100,7 +105,7 @@ class Candidate:
 
         So are numbers of cycles, each of which holds for several rows.
         """
-        if self.values is not None and self.rows and self.rows >= 4 * (np.ptp(self.values) + 1):
+        if self.values is not None and self.rows >= 4 * (self.travel + 1):
             steps = np.unique(np.diff(self.values))
             if set(steps.tolist()) == {0, 1} and self.values[0] in (0, 1):
                 return bool(self.values[-1] < MOST_CYCLES)
@@ -117,7 +122,7 @@ class Candidate:
         """Whether the values can be a shaft angle: numbers that change and are not row numbers."""
         if self.values is None or self.rows < 2 or not np.isfinite(self.values).all():
             return False
-        return bool(np.ptp(self.values) >= LEAST_RANGE) and not self.is_row_number
+        return self.travel >= LEAST_RANGE and not self.is_row_number
 
     @property
     def is_voltage(self) -> bool:
@@ -146,7 +151,7 @@ class Candidate:
     @property
     def span(self) -> float:
         """Range over nearly all of which the readings jump more than once, as over a turn, or 0."""
-        size = 0.0 if self.values is None or self.has_levels else float(np.ptp(self.values))
+        size = 0.0 if self.has_levels else self.travel
         return size if np.sum(np.abs(self.steps) > 0.9 * size) > 1 else 0.0
 
     @property
@@ -158,7 +163,7 @@ class Candidate:
     @cached_property
     def is_constant(self) -> bool:
         """Whether all values are one number, so that the column shows no motion."""
-        return self.values is not None and self.rows > 1 and bool(np.ptp(self.values) == 0)
+        return self.rows > 1 and self.travel == 0
 
     @cached_property
     def says_time(self) -> bool:

@@ -143,11 +143,8 @@ class DriveRequest:
         rpm = self.driving_rpm
         if rpm == SIDEREAL and self.names_a_drive:
             rpm = f"{60 / SIDEREAL_DAY_S / float(self.speed_ratio):.15g}"
-        return LogLayout(
-            driving_rpm=rpm,
-            driving_scale=self.driving_scale or 1,
-            driven_scale=self.driven_scale or 1,
-        )
+        driving, driven = self.driving_scale or 1, self.driven_scale or 1
+        return LogLayout(driving_rpm=rpm, driving_scale=driving, driven_scale=driven)
 
     def spec(self) -> PairSpec:
         """Return the pair file equivalent to the statements on the drive, without a log layout.
@@ -172,16 +169,16 @@ class DriveRequest:
         **Raises** `UsageError` for what `check` refuses and for contradictory options.
         """
         self.check()
-        named, layout = self.names_a_drive, stated_layout(self.layout, reading)
+        named = self.names_a_drive
         # Turns such as "64:23" and teeth say which number belongs to which shaft.
         sure = self.teeth is not None or ":" in str(self.ratio) or (named and self.speed_ratio == 1)
         return Statement(
-            layout=layout,
+            layout=stated_layout(self.layout, reading),
             unit=msgspec.structs.replace(UnitTable(), **self.units),
             encoders=self.encoders,
             ratio=self.speed_ratio if named else None,
             two_readings=str(self.ratio) if named and not sure else "",
-            drive=msgspec.structs.replace(self.spec(), log=layout) if named else None,
+            drive=self.spec().drive if named else None,
         )
 
     def with_driven_inverted(self) -> "DriveRequest":
@@ -216,8 +213,8 @@ class Statement:
     - `encoders`: encoders of the driving and of the driven shaft.
     - `ratio`: ratio i of driven to driving speed, or None.
     - `two_readings`: the ratio as it is written if it has two readings, such as "9/16", else "".
-    - `drive`: content of the equivalent pair file without columns; None if a pair file states the
-      drive, whose words are then in the cures of questions, or if nothing does.
+    - `drive`: table [drive] of the equivalent pair file; None if a pair file states the drive,
+      whose words are then in the cures of questions, or if nothing does.
     - `in_file`: whether a pair file makes these statements.
     """
 
@@ -226,7 +223,7 @@ class Statement:
     encoders: tuple[Encoder, ...]
     ratio: Fraction | None = None
     two_readings: str = ""
-    drive: PairSpec | None = None
+    drive: DriveTable | None = None
     in_file: bool = False
 
     @classmethod
@@ -361,7 +358,7 @@ def counts_of(text: str) -> tuple[int, int]:
     return int(parts[0]), int(parts[-1])
 
 
-def units_of_options(texts: tuple[str, ...]) -> dict[str, str]:
+def units_of_options(texts: Iterable[str]) -> dict[str, str]:
     """Return role → unit from texts of the form UNIT (for both shafts) or ROLE=UNIT.
 
     **Raises** `UsageError` for unknown roles and units and for a role that has two units.
