@@ -5,11 +5,10 @@ Flank and pitch deviations have one point or tooth on each line.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int64, Real
@@ -22,6 +21,7 @@ from ...geometry.deviations import Deviations, FlankMap
 from ...geometry.tooth import SHAFTS
 from ...pair.gear_pair import GearPair
 from ...pair.schema import LogLayout
+from ..source import Source
 from .column_names import BACKLASH, index_of, name_and_unit, read_name, words_of
 from .delimited import TextTable, find_table
 from .text import read_text
@@ -97,8 +97,10 @@ class BacklashReadings:
             )
         # Line numbers in the file that `to_csv` writes; its header is line 1.
         lines = np.arange(2, 2 + driving.size, dtype=np.int64)
-        driving = _radians("driving", driving, "driving_deg", DEG, source, lines)
-        backlash = _radians("backlash", backlash, "backlash_deg", DEG, source, lines)
+        names = {"driving": "driving_deg", "backlash": "backlash_deg"}
+        place = Source(source, names, lines.__getitem__)
+        driving = _radians("driving", driving, DEG, place)
+        backlash = _radians("backlash", backlash, DEG, place)
         return cls(driving, backlash, source, "", lines)
 
     def to_csv(self) -> str:
@@ -178,16 +180,17 @@ def read_backlash_readings(
     columns = {role: _column(table, role, {"driving": driving}.get(role)) for role in UNITS}
     values = table.own_columns([index for index, _ in columns.values()], keep_last=True)
     lines = np.array([number for number, _ in table.rows()], np.int64)
-    found = []
-    for (role, (index, unit)), one in zip(columns.items(), values, strict=True):
-        name, radians = table.names[index], radians_of(unit, None, lead_mm)
+    names = {role: table.names[index] for role, (index, _) in columns.items()}
+    found, place = [], Source(source, names, lines.__getitem__)
+    for (role, (_, unit)), one in zip(columns.items(), values, strict=True):
+        radians = radians_of(unit, None, lead_mm)
         if radians is None:
             raise LogError(
                 f"{unit} is a length; give --radius-mm, the radius in mm at which a dial gauge"
                 " stands, or --lead-mm, the travel of a linear axis in one turn.",
-                where=f"{source}: column `{name}`",
+                where=place.at(role),
             )
-        found.append(_radians(role, one, name, radians, source, lines))
+        found.append(_radians(role, one, radians, place))
     angle, backlash = found
     return BacklashReadings(driving_scale * angle, backlash, source, digest, lines)
 
@@ -229,12 +232,7 @@ def _column(table: TextTable, role: str, stated: str | None) -> tuple[int, str]:
 
 
 def _radians(
-    role: str,
-    values: Real[np.ndarray, " n"],
-    name: str,
-    radians: float,
-    source: str,
-    lines: Int64[np.ndarray, " n"],
+    role: str, values: Real[np.ndarray, " n"], radians: float, place: Source
 ) -> Float[np.ndarray, " n"]:
     """Return a column in rad; `radians` is its unit.
 
@@ -250,7 +248,7 @@ def _radians(
         if wrong.any():
             k = int(np.argmax(wrong))
             seen = f"{values[k]:g} ({np.count_nonzero(wrong)} of {len(values)} readings)"
-            raise LogError(f"{seen} {said}.", where=f"{source}: line {lines[k]}, column `{name}`")
+            raise LogError(f"{seen} {said}.", where=place.at(role, k))
     return angle
 
 
@@ -265,8 +263,6 @@ Place = tuple[int, int]
 
 Points = dict[tuple[float, ...], tuple[str, float]]
 """Point or tooth of one flank → its place in the file, and the deviation in µm."""
-
-Made = TypeVar("Made")
 
 
 def read_deviations(
@@ -308,21 +304,18 @@ def read_deviations(
 
     ```
     """
-    flanks = {} if maps is None else _by_flank(maps, MAP_COLUMNS, pair, _map)
-    teeth = {} if pitches is None else _by_flank(pitches, PITCH_COLUMNS, pair, _pitch)
+    grids = {} if maps is None else _by_flank(maps, MAP_COLUMNS, pair)
+    flanks = {place: _map(place, points, pair) for place, points in grids.items()}
+    teeth = {} if pitches is None else _by_flank(pitches, PITCH_COLUMNS, pair)
     both: dict[int, np.ndarray] = {}
-    for (gear, side), column in teeth.items():
+    for (gear, side), points in teeth.items():
+        column = _pitch((gear, side), points, pair)
         both.setdefault(gear, np.zeros((2, len(column))))[side] = column
     driving, driven = ((flanks.get((gear, 0)), flanks.get((gear, 1))) for gear in (0, 1))
     return Deviations(driving, driven, both.get(0), both.get(1))
 
 
-def _by_flank(
-    path: str | Path,
-    columns: tuple[str, ...],
-    pair: GearPair,
-    made: Callable[[Place, Points, GearPair], Made],
-) -> dict[Place, Made]:
+def _by_flank(path: str | Path, columns: tuple[str, ...], pair: GearPair) -> dict[Place, Points]:
     source, header = str(path), ("gear", "flank", *columns)
     text, _, _ = read_text(path, None)
     try:
@@ -366,7 +359,7 @@ def _by_flank(
                 f"{_named(place)} has a second line for {point}; keep one of them.", where=where
             )
         points[point] = where, float(values[-1])
-    return {place: made(place, points, pair) for place, points in flanks.items()}
+    return flanks
 
 
 def _named(place: Place) -> str:

@@ -87,13 +87,11 @@ def read_stamps(
     days = _days({stamp.day for stamp in parsed}, at(None))
     shifts = _shifts_ns({stamp.zone for stamp in parsed}, at(None))
     first_day = days[parsed[0].day]
-    nanoseconds = np.array(
-        [
-            (days[stamp.day] - first_day) * DAY_NS + stamp.clock_ns - shifts[stamp.zone]
-            for stamp in parsed
-        ],
-        dtype=np.int64,
-    )
+
+    def since_first_day_ns(stamp: Stamp) -> int:
+        return (days[stamp.day] - first_day) * DAY_NS + stamp.clock_ns - shifts[stamp.zone]
+
+    nanoseconds = np.array([*map(since_first_day_ns, parsed)], np.int64)
     if not parsed[0].day:
         period = parsed[0].period_ns
         falls = np.diff(nanoseconds) < -period // 2  # the clock has passed midnight or the hour
@@ -165,8 +163,7 @@ def _days(texts: set[str], where: str) -> dict[str, int]:
     found: list[dict[str, int]] = []
     for order in ("day first", "month first"):
         with suppress(ValueError):
-            days = {text: date(*_year_month_day(text, order)).toordinal() for text in texts}
-            found.append(days)
+            found.append({t: date(*_year_month_day(t, order)).toordinal() for t in texts})
     if not found:
         raise LogError(f"`{sorted(texts)[0]}` is no date; correct it.", where=where)
     first, last = found[0], found[-1]
