@@ -18,9 +18,9 @@ import sys
 import warnings
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from io import StringIO
 from math import prod
@@ -28,59 +28,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Real
 
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import MemoryBudget
-from .table import Table, matrix_columns
-from .text import library, printable, read_bytes, unpacked_parts
+from .table import ClockedColumn, Table, matrix_columns, table_of
+from .text import library, read_bytes, unpacked_parts
 from .times import since_first
-
-
-@dataclass(frozen=True, eq=False)
-class ClockedColumn:
-    """Channel with its values and time stamps in s; `time` is None without separate stamps."""
-
-    name: str
-    values: Real[np.ndarray, " n"]
-    time: Float[np.ndarray, " n"] | None = None
-
-
-def table_of(
-    columns: Iterable[ClockedColumn], source: str, *, held: bool = False, start: float | None = None
-) -> Table:
-    """Return the table of all columns; channels with equal stamps share one column of time.
-
-    Stamps are counted from `start`, by default from the earliest first stamp of all channels.
-    `held` says that only changes of the channels are logged.
-    """
-    found = list(columns)
-    if start is None:
-        starts = [one.time[0] for one in found if one.time is not None and len(one.time)]
-        start = min(starts, default=0.0)
-    names: list[str] = []
-    arrays: list[np.ndarray] = []
-    clocks: dict[int, int] = {}
-    stamps: list[int] = []
-    for one in found:
-        if one.time is not None:
-            time = one.time - start
-            clock = next((k for k in stamps if np.array_equal(arrays[k], time)), None)
-            if clock is None:
-                clock = len(names)
-                stamps.append(clock)
-                names.append(f"time {len(stamps)} [s]")
-                arrays.append(time)
-            clocks[len(names)] = clock
-        names.append(printable(one.name))
-        arrays.append(one.values)
-    return Table(
-        tuple(names),
-        tuple(arrays),
-        source,
-        clocks=clocks,
-        held=frozenset(clocks) if held else frozenset(),
-    )
 
 
 @dataclass(frozen=True)
@@ -128,8 +81,8 @@ def format_of(path: Path) -> Format | None:
     return next((one for one in FORMATS if ending in one.endings), None)
 
 
-def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
-    """Return the columns of a file, the SHA-256 of its bytes, and notes.
+def read_binary(path: Path, form: Format) -> Table:
+    """Return the columns of a file.
 
     **Raises** `UsageError` without the library of the format; `LogError` for a missing, damaged or
     unreadable file or one without numbers.
@@ -141,11 +94,7 @@ def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
     library(form.needs, f"{form.name} files", form.extra)
     reader = getattr(import_module(f".{module}", __package__), function)
     try:
-        found: Iterable[Any] = reader(path, data)
-        table = table_of(
-            (one if isinstance(one, ClockedColumn) else ClockedColumn(*one) for one in found),
-            source,
-        )
+        table = table_of(reader(path, data))
     except (InputError, UsageError, MemoryError):
         raise
     except Exception:  # damaged bytes raise various exceptions
@@ -159,7 +108,8 @@ def read_binary(path: Path, form: Format) -> tuple[Table, str, tuple[str, ...]]:
             " log as CSV.",
             where=source,
         )
-    return table, digest, (form.note,) if form.note and table.clocks else ()
+    notes = (form.note,) if form.note and table.clocks else ()
+    return replace(table, source=source, digest=digest, notes=notes)
 
 
 def folder_sha256(path: Path) -> str:
@@ -173,18 +123,10 @@ def folder_sha256(path: Path) -> str:
 
 
 @contextmanager
-def silent(*loggers: str) -> Iterator[None]:
-    """Suppress warnings, log messages and prints of libraries within a `with` block.
-
-    `loggers` are the names of the loggers of the libraries.
-    """
-    # Modules of a library may have separate loggers with separate levels and handlers.
-    known = (*loggers, *logging.root.manager.loggerDict)
-    names = (name for name in known if name.split(".")[0] in loggers)
-    levels = {name: logging.getLogger(name).level for name in names}
-    hook = sys.unraisablehook
-    for name in levels:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+def silent() -> Iterator[None]:
+    """Suppress warnings, log messages and prints of libraries within a `with` block."""
+    hook, disabled = sys.unraisablehook, logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
     try:
         sys.unraisablehook = lambda _: None  # destructors of half-open files print errors
         with warnings.catch_warnings(), redirect_stderr(StringIO()), redirect_stdout(StringIO()):
@@ -192,8 +134,7 @@ def silent(*loggers: str) -> Iterator[None]:
             yield
     finally:
         sys.unraisablehook = hook
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)
+        logging.disable(disabled)
 
 
 def numpy_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
@@ -272,29 +213,24 @@ def tdms_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     from nptdms import TdmsFile
 
     budget = MemoryBudget(str(path), len(data))
-    with silent("nptdms"):
+    with silent():
         declared = TdmsFile.read_metadata(io.BytesIO(data))
         for channel in (channel for group in declared.groups() for channel in group.channels()):
             budget.take(len(channel) * getattr(channel.dtype, "itemsize", _WIDEST_TDMS))
         file = TdmsFile.read(io.BytesIO(data))
+    channels = [(group.name, channel) for group in file.groups() for channel in group.channels()]
     if file.file_status.incomplete_final_segment:
-        lengths = [len(channel) for group in file.groups() for channel in group.channels()]
+        lengths = [len(channel) for _, channel in channels]
         raise LogError(
             f"the file is cut off: its last segment is incomplete, and its channels have"
             f" {min(lengths, default=0)} to {max(lengths, default=0)} samples; export it again.",
             where=str(path),
         )
-    for group in file.groups():
-        for channel in group.channels():
-            values = channel[:]
-            if len(values) < 2:
-                continue
-            name = f"{group.name}/{channel.name}"
-            if values.dtype.kind == "M":
-                yield ClockedColumn(f"{name} [s]", since_first(values))
-                continue
-            if values.dtype.kind not in "biuf":
-                continue
+    for group, channel in channels:
+        name, values = f"{group}/{channel.name}", channel[:]
+        if len(values) > 1 and values.dtype.kind == "M":
+            yield ClockedColumn(f"{name} [s]", since_first(values))
+        elif len(values) > 1 and values.dtype.kind in "biuf":
             own = dict(channel.properties)
             unit = next((own[k] for k in TDMS_UNIT_KEYS if k in own), "")
             time, step = None, own.get("wf_increment")
@@ -345,9 +281,8 @@ def take_mdf(data: bytes, budget: MemoryBudget) -> None:
         if len(data) >= start:
             size = struct.unpack_from("<Q", data, start - 8)[0]
             packed = data[start : start + min(size, len(data))]
-            with suppress(
-                zlib.error
-            ):  # ##DZ occurs in other data, or the reader reports the damage
+            # ##DZ occurs in other data, or the reader reports the damage.
+            with suppress(zlib.error):
                 for part in unpacked_parts(zlib.decompressobj(), packed):
                     budget.take(len(part))
         place = data.find(_DZ, place + 1)
@@ -499,7 +434,7 @@ def mdf_columns(path: Path, data: bytes) -> list[ClockedColumn]:
     budget = MemoryBudget(str(path), len(data))
     check_links(data)
     take_mdf(data, budget)
-    with silent("asammdf"):
+    with silent():
         try:
             with MDF(io.BytesIO(data)) as file:
                 return list(_channels(file, budget))

@@ -12,7 +12,7 @@ log resolves the ambiguity.
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import accumulate, islice, zip_longest
 from typing import Any
@@ -67,9 +67,7 @@ def looks_like_number(field: str) -> bool:
     except ValueError:
         if _OTHER.search(field.strip()):
             return _SEXAGESIMAL.fullmatch(field.strip()) is not None
-    text = _without_thousands_blanks(field)
-    plain = any(number.fullmatch(text) for number in _NUMBER.values())
-    return plain or any(_thousands(text, mark) is not None for mark in ".,")
+    return any(to_number(field, mark) is not None for mark in ".,")
 
 
 def to_number(field: str, decimal: str) -> float | None:
@@ -92,17 +90,16 @@ def to_number(field: str, decimal: str) -> float | None:
     return float(text.replace(decimal, "."))
 
 
-def choose_decimal(fields: Iterable[str], delimiter: str | None, where: str) -> str:
+def choose_decimal(fields: Sequence[str], delimiter: str | None, where: str) -> str:
     """Return the decimal mark "." or "," of number fields, some of which may contain a comma.
 
     **Raises** `LogError` if the mark is ambiguous.
     """
     with_comma = [_without_thousands_blanks(field) for field in fields if "," in field]
-    with_point = any("." in field for field in fields)
     if not with_comma:
         return "."
     example = with_comma[0]
-    if any("." in field for field in with_comma) or with_point:
+    if any("." in field for field in fields):
         raise LogError(
             f"the log has numbers with commas (`{example}`) and numbers with points; {CURE}.",
             where=where,
@@ -219,7 +216,7 @@ class TextTable(Table):
         delimiter: str | None,
         *,
         decimal: str | None,
-        source: str,
+        source: str = "",
         missing: bool = False,
     ):
         super().__init__(tuple(names), (), source)
@@ -228,22 +225,18 @@ class TextTable(Table):
         self._no_row_is_too_long = False
         self._parsed: dict[tuple[int, str], np.ndarray] = {}
         head = [fields for _, fields in islice(self.rows(), PREAMBLE)]
-        self._first = [  # as a column of numbers may begin with `-`
-            next((text for text in column if text not in NO_NUMBERS), column[0])
-            for column in [*zip_longest(*head, fillvalue="")][: len(names)]
-        ]
-        behind = [_UNIT_BEHIND.search(text) for text in self._first]  # such as `0.5 sec`
-        kinds = [one[0] if one and unit_in(one[0]) in TIME_UNITS else "" for one in behind]
-        self._first = list(map(str.removesuffix, self._first, kinds))
-        self._units = dict(enumerate(kinds))
-        kinds = [
-            "deg" if _SEXAGESIMAL.fullmatch(text) else kind.strip()
-            for text, kind in zip(self._first, kinds, strict=True)
-        ]
-        self.names = tuple(
-            f"{name} [{kind}]" if kind and not bracket_of(name) else name
-            for name, kind in zip_longest(names, kinds)
-        )
+        named, self._first, self._units = list(names), list[str](), dict[int, str]()
+        for k, column in enumerate([*zip_longest(*head, fillvalue="")][: len(names)]):
+            # A column of numbers may begin with `-`, and a unit may stand behind, as in `0.5 sec`.
+            text = next((text for text in column if text not in NO_NUMBERS), column[0])
+            behind = _UNIT_BEHIND.search(text)
+            unit = behind[0] if behind and unit_in(behind[0]) in TIME_UNITS else ""
+            self._first.append(text.removesuffix(unit))
+            self._units[k] = unit
+            kind = "deg" if _SEXAGESIMAL.fullmatch(self._first[k]) else unit.strip()
+            if kind and not bracket_of(named[k]):
+                named[k] += f" [{kind}]"
+        self.names = tuple(named)
         self._ways = {k for k, text in enumerate(self._first) if fold(text) in WAYS}
         self._leave_out_text_below()
         self._last = list(islice(self._from_below(), 4))  # line index, text and fields, from below
@@ -445,7 +438,7 @@ class TextTable(Table):
         all_rows = slow and not self._no_row_is_too_long
         for number, row in self.rows() if all_rows else [(last, fields)]:
             if len(row) > self.own:
-                raise _more_fields(row, self.names, self.delimiter, f"{self.source}: line {number}")
+                raise _more_fields(row, self.names, self.delimiter, self._at(number))
         self._no_row_is_too_long |= bool(slow)
         rows = [
             [self._value(number, row, k, decimal) for k in slow]
@@ -523,14 +516,10 @@ class TextTable(Table):
             for array, name in zip(arrays, wanted, strict=True):
                 place = size
                 for chunk in table.column(name).chunks:  # its `to_numpy` would import pandas
-                    values = np.frombuffer(chunk.buffers()[1], array.dtype)
-                    array[place : place + len(chunk)] = values[chunk.offset :][: len(chunk)]
-                    if chunk.null_count:
-                        if whole:
-                            return None
-                        valid = np.frombuffer(chunk.buffers()[0], np.uint8)
-                        null = np.unpackbits(valid, bitorder="little")[chunk.offset :] == 0
-                        array[place : place + len(chunk)][null[: len(chunk)]] = np.nan
+                    if chunk.null_count and whole:
+                        return None
+                    known = chunk.fill_null(np.nan) if chunk.null_count else chunk
+                    array[place : place + len(chunk)] = np.from_dlpack(known)
                     place += len(chunk)
             size += len(table)
         for array in arrays:
@@ -543,8 +532,13 @@ class TextTable(Table):
             return fields[index]
         raise LogError(
             f"the field is empty; write a value, {SKIP}.",
-            where=f"{self.source}: line {number}, column `{self.names[index]}`",
+            where=self._at(number, index),
         )
+
+    def _at(self, number: int, index: int | None = None) -> str:
+        """Return the place of a line, or of the field of a column in it."""
+        column = "" if index is None else f", column `{self.names[index]}`"
+        return ": ".join(filter(None, (self.source, f"line {number}{column}")))
 
     def _value(self, number: int, fields: Sequence[str], index: int, decimal: str) -> float:
         """Return the number in a field of the row in line `number`, or raise `LogError`."""
@@ -559,7 +553,7 @@ class TextTable(Table):
             cure += f", {SKIP}" * (text in NO_NUMBERS)
             raise LogError(
                 f"`{text}` is no number; {cure}.",
-                where=f"{self.source}: line {number}, column `{self.names[index]}`",
+                where=self._at(number, index),
             )
         return value
 
@@ -595,17 +589,19 @@ def find_table(
             )
     marks: dict[str, Any] = {"decimal": layout.decimal, "source": source}
     marks["missing"] = layout.missing == "skip"
-    starts = {mark: _first_row(lines, mark) for mark in candidates}
+    first_rows = {mark: _first_row(lines, mark) for mark in candidates}
+    starts = {mark: start for mark, start in first_rows.items() if start is not None}
     for mark, start in starts.items():
-        header = None if start is None else _header_before(lines, start, mark)
-        if start is not None and header is not None:
+        header = _header_before(lines, start, mark)
+        if header is not None:
             names = _names_with_units(lines, header, mark, len(split(lines[start], mark)))
             if header + 1 < start and (units := _units_below(lines, header, mark)):
                 header, names = header + 1, with_units(names, units)
             _check_width(lines, start, names, mark, source)
             return TextTable(names, lines, header, mark, **marks)
     if highest:
-        table = _headerless(lines, starts, marks, highest, given=layout.delimiter is not None)
+        given = layout.delimiter is not None
+        table = _headerless(lines, candidates, starts, marks, highest, given=given)
         if table is not None:
             return table
     raise _no_table(lines, source)
@@ -725,11 +721,8 @@ def _header_before(lines: Lines, start: int, delimiter: str | None) -> int | Non
     for k in range(start - 1, -1, -1):
         names = _names(lines[k], delimiter, width)
         # The last cells of the first row may be empty, as below `Remarks`.
-        if (
-            k == start - 1
-            and len(names) == whole > width
-            and not any(map(looks_like_number, names))
-        ):
+        wider = k == start - 1 and len(names) == whole > width
+        if wider and not any(map(looks_like_number, names)):
             return k
         if len(names) != width and _width_of_numbers(lines[k], delimiter):
             continue
@@ -777,7 +770,8 @@ def _more_fields(
 
 def _headerless(
     lines: Lines,
-    starts: dict[str | None, int | None],
+    candidates: Sequence[str | None],
+    starts: dict[str | None, int],
     marks: dict[str, Any],
     highest: int,
     *,
@@ -787,23 +781,22 @@ def _headerless(
 
     A single column may have a name above it.
 
-    `starts` is delimiter → index of the first row. `given` is true if the user stated the
-    delimiter; a comma between digits is then a delimiter.
+    `starts` is delimiter → index of the first row, for those `candidates` that have one. `given` is
+    true if the user stated the delimiter; a comma between digits is then a delimiter.
     """
     if marks["decimal"] == "," and not given and not any('"' in line for line in lines[:PREAMBLE]):
-        starts = {mark: start for mark, start in starts.items() if mark != ","}
-    rows = {mark: split(lines[k], mark) for mark, k in starts.items() if k is not None}
+        candidates = [mark for mark in candidates if mark != ","]
+    rows = {mark: split(lines[starts[mark]], mark) for mark in candidates if mark in starts}
     numeric = [m for m, row in rows.items() if all(map(looks_like_number, row[:MOST_COLUMNS]))]
     for delimiter in (*numeric, *rows):
         start = starts[delimiter]
-        assert start is not None  # `rows` has no other delimiters
         names = [f"#{k + 1}" for k in range(len(rows[delimiter]))]
         _check_width(lines, start, names, delimiter, marks["source"])
         table = TextTable(names, lines, start - 1, delimiter, **marks)
         if delimiter == "," and marks["decimal"] is None and not given:
             _refuse_ambiguous_commas(table, highest)
         return table
-    for delimiter in starts:  # a table of one column, whose lines may end with a delimiter
+    for delimiter in candidates:  # a table of one column, whose lines may end with a delimiter
         for k, line in enumerate(lines[:PREAMBLE]):
             if not line.strip() or line.lstrip().startswith(COMMENTS):
                 continue

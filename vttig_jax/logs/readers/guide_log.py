@@ -17,9 +17,9 @@ from jaxtyping import Float
 from ...base.errors import LogError
 from ...base.units import DEG
 from .delimited import split, to_number
-from .table import Table
+from .table import Table, table_of
 from .text import Lines, printable
-from .text_rows import SPARE, Found
+from .text_rows import SPARE
 
 NAMES = ("time_s", "transmission_error_arcsec")
 """Names of the two columns of a session."""
@@ -49,7 +49,7 @@ _BY_HAND = re.compile(r"INFO: Manual guide \(Mount\) (West|East) (\d+) ms")
 _NEEDED = {"scale": "`Pixel scale = 2.00 arc-sec/px`", "declination": "`Dec = 20.0 deg`"}
 
 
-def read_guide_log(text: Lines, source: str) -> Found | None:
+def read_guide_log(text: Lines) -> Table | None:
     """Return time and transmission error of every session, and notes on the sessions.
 
     The result is None unless the first lines and a line of names are those of a guide log.
@@ -64,7 +64,7 @@ def read_guide_log(text: Lines, source: str) -> Found | None:
     last = max((number for number, line in enumerate(lines, 1) if line.strip()), default=0)
     marks = [k for k, line in enumerate(lines) if _BEGIN.match(line) or _END.match(line)]
     sessions = [
-        (begin[1].strip(), *_session(lines[k + 1 : end], k + 2, last, source))
+        (begin[1].strip(), *_session(lines[k + 1 : end], k + 2, last))
         for k, end in pairwise([*marks, len(lines)])
         if (begin := _BEGIN.match(lines[k])) is not None
     ]
@@ -84,14 +84,14 @@ def read_guide_log(text: Lines, source: str) -> Found | None:
         notes.append(f"session {number}, {printable(start)}: {told}")
     left_out = "; ".join(reasons)
     if not columns:
-        raise LogError(f"no session of guiding can be used: {left_out}.", where=source)
+        raise LogError(f"no session of guiding can be used: {left_out}.")
     if left_out:
         notes.append(f"left out: {left_out}")
-    return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
+    return table_of(columns.items(), notes)
 
 
 def _session(
-    lines: Sequence[str], first: int, last: int, source: str
+    lines: Sequence[str], first: int, last: int
 ) -> tuple[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None, str]:
     """Return time (s) and transmission error (arcsec) of one session, and a note on it.
 
@@ -146,7 +146,7 @@ def _session(
                 if number < last:
                     raise LogError(
                         "this row is no row of a guide log (Frame, Time, mount, …); remove it.",
-                        where=f"{source}: line {number}",
+                        where=f"line {number}",
                     )
             else:
                 rows.append((time, raw + moved_px, pulsed_ms))

@@ -27,23 +27,21 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import LogError
-from .binary import ClockedColumn, table_of
 from .column_names import (
-    TIME,
     TIME_UNITS,
     fold,
+    has_time,
     is_units_row,
     read_name,
     unit_in,
     unit_spelt,
     ways_in,
     with_units,
-    words_of,
 )
 from .delimited import is_value, looks_like_number, split, to_number
-from .table import Table
+from .table import ClockedColumn, Table, table_of
 from .text import Lines, printable
-from .text_rows import WHOLE, Found, Row, column_of, decimal_of, numbers, rows_from
+from .text_rows import WHOLE, Row, column_of, decimal_of, numbers, rows_from
 from .times import FILETIME, epoch_unit
 
 _HEAD = 60
@@ -68,7 +66,7 @@ _VOLTS = re.compile(r"([A-Z]+\d*)\s*V")
 """Name of a channel of Rigol with its unit, such as `CH1V`."""
 
 
-def read_twincat(text: Lines, source: str) -> Found | None:
+def read_twincat(text: Lines) -> Table | None:
     """Return the table of an export, which has the rows `Name` and `SampleTime`, or None."""
     match = next(filter(None, map(_SAMPLE_TIME.match, text[:_HEAD])), None)
     if match is None or not any(re.match(r"Name[\t;, :]", line) for line in text[:_HEAD]):
@@ -82,22 +80,22 @@ def read_twincat(text: Lines, source: str) -> Found | None:
     end = max(next(ends, len(lines)), 0)
     rows, cut = rows_from(lines if end == len(lines) else [*lines[:end], ""], start, mark)
     if not rows:
-        raise LogError("the export has no rows of numbers; export it again.", where=source)
+        raise LogError("the export has no rows of numbers; export it again.")
     decimal = decimal_of(rows, mark)
     kind = "group of channels" if len(times) == 1 else "groups of channels, each"
     notes = [f"TwinCAT Scope: {len(times)} {kind} with a time of its own", *cut]
     columns = []
     for group, (first, last) in enumerate(zip(times, (*times[1:], len(names)), strict=True), 1):
-        stamps = column_of(rows, first, f"time {group}", decimal, source)
+        stamps = column_of(rows, first, f"time {group}", decimal)
         if len(stamps) and epoch_unit(stamps) == FILETIME:
             seconds = (stamps - int(rows[0][1][times[0]])) * TIME_UNITS["100ns"]
         else:
             seconds = stamps * TIME_UNITS["ms"]
         for k in range(first + 1, last):
             if name := _name(described, k):
-                values = column_of(rows, k, name, decimal, source)
+                values = column_of(rows, k, name, decimal)
                 columns.append(ClockedColumn(name, values, seconds))
-    return table_of(columns, source, start=0.0), tuple(notes)
+    return table_of(columns, notes, start=0.0)
 
 
 def _description(lines: Sequence[str], mark: str) -> tuple[Mapping[str, list[str]], int]:
@@ -139,7 +137,7 @@ def _plain(field: str) -> str:
     return field if value is None else f"{value:g}"
 
 
-def read_lvm(text: Lines, source: str) -> Found | None:
+def read_lvm(text: Lines) -> Table | None:
     """Return the table of a LabVIEW measurement file, or None for another text."""
     if not text[0].lstrip("\ufeff").strip().startswith(START):
         return None
@@ -149,48 +147,43 @@ def read_lvm(text: Lines, source: str) -> Found | None:
     head = (split(line, mark, trim=False) for line in (lines[: ends[-1]] if ends else []))
     header = {fields[0]: fields[1:] for fields in head if fields[0]}
     if not ends or not set(_KEYS) & set(header) or len(lines) < ends[-1] + 3:
-        raise LogError("the measurement has no rows of numbers; export it again.", where=source)
+        raise LogError("the measurement has no rows of numbers; export it again.")
     if len(ends) > 2:
         raise LogError(
             f"the file has {len(ends) - 1} segments with headers of their own; write the"
-            " measurement as one segment.",
-            where=source,
+            " measurement as one segment."
         )
     axis = next((name for name in header.get("X_Dimension", []) if name), "Time")
     if axis != "Time":
-        raise LogError(
-            f"its x axis is {axis} and not time; export channels over time.", where=source
-        )
+        raise LogError(f"its x axis is {axis} and not time; export channels over time.")
     names = split(lines[ends[-1] + 1], mark, trim=False)
     rows, cut = rows_from(lines, ends[-1] + 2, mark)
     decimal = (header.get("Decimal_Separator") or ["."])[0] or "."
     if decimal not in (".", ","):
-        raise LogError(
-            f"its Decimal_Separator is `{decimal}`; write `.` or `,` there.", where=source
-        )
+        raise LogError(f"its Decimal_Separator is `{decimal}`; write `.` or `,` there.")
     own = header.get("X_Columns", ["One"])[0]
     places = [k for k, name in enumerate(names) if name not in ("X_Value", "Comment", "")]
     stated = {key: [one for one in header.get(key, []) if one] for key in (*_KEYS, "Y_Unit_Label")}
     columns = []
     for place, k in enumerate(places):
-        values = column_of(rows, k, names[k], decimal, source)
+        values = column_of(rows, k, names[k], decimal)
         said = {key: one[place] for key, one in stated.items() if len(one) == len(places)}
         if own == "No":
             first, step = (to_number(said.get(key, ""), decimal) for key in ("X0", "Delta_X"))
             time = (first or 0.0) + (step or 0.0) * np.arange(len(values))
         else:
             clock = k - 1 if own == "Multi" else 0
-            time = column_of(rows, clock, names[clock], decimal, source)[: len(values)] * 1.0
+            time = column_of(rows, clock, names[clock], decimal)[: len(values)] * 1.0
         unit = said.get("Y_Unit_Label", "")
         name = f"{names[k]} [{unit}]" if unit_in(unit) else names[k]
         columns.append(ClockedColumn(name, values, time))
-    table = table_of(columns, source, start=0.0)
+    table = table_of(columns, start=0.0)
     if len(set(table.clocks.values())) < 2:
-        return replace(table, clocks={}), ("LabVIEW measurement", *cut)
-    return table, ("LabVIEW measurement: channels with stamps of their own", *cut)
+        return replace(table, clocks={}, notes=("LabVIEW measurement", *cut))
+    return replace(table, notes=("LabVIEW measurement: channels with stamps of their own", *cut))
 
 
-def read_waveforms(text: Lines, source: str) -> Found | None:
+def read_waveforms(text: Lines) -> Table | None:
     """Return the channels of an oscilloscope whose header says what their columns do not.
 
     The header stands above rows without a time, or beside the rows of a table without names: in
@@ -213,22 +206,22 @@ def read_waveforms(text: Lines, source: str) -> Found | None:
         first = 0
     elif first:
         said = _stated(head[:first])
-        named = _above(head[:first], head[first], said, source)
+        named = _above(head[:first], head[first], said)
     if not named:
         return None
     rows, cut = rows_from(list(text), first, mark)
     decimal, columns = decimal_of(rows, mark), {}
     for k, name in named.items():
-        values = column_of(rows, k, name, decimal, source)
+        values = column_of(rows, k, name, decimal)
         same = name not in columns or np.array_equal(columns[name], values)
         columns[name if same else f"{name} #{k + 1}"] = values
     note = "oscilloscope: the header names the channels"
     if not any(name.startswith("time [") for name in columns):
-        start, step = _clock(said, source)
+        start, step = _clock(said)
         counted = columns.pop("X", np.arange(len(rows)))
         columns = {"time [s]": start + step * counted, **columns}
         note = f"oscilloscope: time = {start:g} s + {step:g} s × sample, as the header states"
-    return table_of([ClockedColumn(*one) for one in columns.items()], source), (note, *cut)
+    return table_of(columns.items(), (note, *cut))
 
 
 def _stated(head: Sequence[Sequence[str]]) -> dict[str, list[str]]:
@@ -269,7 +262,7 @@ def _time_in(said: Mapping[str, list[str]]) -> str:
 
 
 def _above(
-    head: Sequence[Sequence[str]], row: Sequence[str], said: Mapping[str, list[str]], source: str
+    head: Sequence[Sequence[str]], row: Sequence[str], said: Mapping[str, list[str]]
 ) -> dict[int, str]:
     """Return index → name of the columns below a header that states a clock.
 
@@ -291,10 +284,9 @@ def _above(
     if len(names) != size:
         raise LogError(
             f"the rows have {size} columns, but the header names {len(names)}: "
-            f"`{'`, `'.join(names)}`; export the channels again.",
-            where=source,
+            f"`{'`, `'.join(names)}`; export the channels again."
         )
-    read = [read_name(name, source) for name in names[: None if "name" not in said else 0]]
+    read = [read_name(name, "") for name in names[: None if "name" not in said else 0]]
     timed = bool(read) and (read[0].role == "time" or read[0].unit in TIME_UNITS)
     labels, rest = said.get("label", []), size - timed
     if len({*labels}) == rest:
@@ -306,7 +298,7 @@ def _above(
     return dict(zip(places, with_units(names, units), strict=True))
 
 
-def _clock(said: Mapping[str, list[str]], source: str) -> tuple[float, float]:
+def _clock(said: Mapping[str, list[str]]) -> tuple[float, float]:
     """Return the first stamp and the increment of the time in s."""
     axis, blocks = said.get("axis", ["s"])[0], said.get("blocks", ["1"])[0]
     starts, steps = (_sizes(said.get(key, ["0"]), TIME_UNITS, axis) for key in ("start", "step"))
@@ -317,7 +309,7 @@ def _clock(said: Mapping[str, list[str]], source: str) -> tuple[float, float]:
     if blocks != "1":
         what = f"names {blocks} blocks (`BlockNumber`), one recorded after the other; export one."
     if blocks != "1" or len(starts) != 1 or len(steps) != 1 or not min(steps) > 0:
-        raise LogError(f"the header {what}", where=source)
+        raise LogError(f"the header {what}")
     return starts.pop(), steps.pop()
 
 
@@ -359,7 +351,7 @@ class Section:
     rows: list[Row] = field(default_factory=list)
     others: list[int] = field(default_factory=list)
 
-    def columns(self, number: int, mark: str, source: str) -> Iterator[tuple[str, np.ndarray]]:
+    def columns(self, number: int, mark: str) -> Iterator[tuple[str, np.ndarray]]:
         """Yield the columns whose first row is a number or a date, of rows in which none lacks.
 
         With the `number` 0 they have the names of the text alone.
@@ -375,11 +367,11 @@ class Section:
             cells = [(line, row[k]) for line, row in self.rows]
             yield (
                 f"{number}/{name}" if number else name,
-                numbers(cells, decimal_of(self.rows, mark), source, place),
+                numbers(cells, decimal_of(self.rows, mark), place),
             )
 
 
-def read_sections(lines: Lines, source: str) -> Found | None:
+def read_sections(lines: Lines) -> Table | None:
     """Return the columns of at least two tables, each with a line of names, or None.
 
     Passes up and down without a time are one table with a direction, which is that of the headings
@@ -391,47 +383,38 @@ def read_sections(lines: Lines, source: str) -> Found | None:
     columns: dict[str, np.ndarray] = {}
     notes = []
     first, *rest = found
-    columns_of_ends = [
-        [to_number(one.rows[k][1][c], decimal_of(one.rows, mark)) for one in found for k in (0, -1)]
-        for c in range(min(len(one.names) for one in found))
-    ]
-    ends = columns_of_ends[0]
-    rises = all(a is not None and b is not None and a < b for a, b in pairwise(ends))
-    ways = [
-        [
-            np.nan if a is None or b is None else float(np.sign(b - a))
-            for a, b in zip(c[::2], c[1::2], strict=True)
-        ]
-        for c in columns_of_ends
-    ]
+    least = min(len(one.names) for one in found)
+    # First and last row of each section in the columns that all have; what is no number is NaN.
+    edges = [(one.rows[k][1][:least], decimal_of(one.rows, mark)) for one in found for k in (0, -1)]
+    ends = np.array([[to_number(text, point) for text in row] for row, point in edges], np.float64)
+    rises = bool(np.all(np.diff(ends[:, 0]) > 0))
+    ways = np.sign(ends[1::2] - ends[::2]).T.tolist()
     # Positions come before errors, and numbers of points rise in every pass.
     senses = next((one for one in ways if {*one} == {1.0, -1.0}), ways[0])
-    timed = any(word in TIME for name in first.names for word in words_of(name))
     said = [ways_in(one.heading) for one in found]
     if all(len(ways) == 1 for ways in said):
         senses = [sense for ways in said for sense in ways]
-    passes = not timed and {*senses} == {1.0, -1.0}
+    passes = not has_time(first.names) and {*senses} == {1.0, -1.0}
     if (rises or passes) and all(one.names == first.names for one in rest):
         starts = [one.line for one in found]
         first.rows += [row for one in rest for row in one.rows]
-        columns.update(first.columns(0, mark, source))
-        names, arrays = tuple(columns), tuple(columns.values())
+        columns.update(first.columns(0, mark))
         if rises:  # one clock, a header a page
             note = f"the names are written {len(found)} times, and the rows go on below them: one"
-            return Table(names, arrays, source), (f"{note} table",)
+            return table_of(columns.items(), [f"{note} table"])
         own = np.searchsorted(starts, [line for line, _ in first.rows]) - 1
         note = f"{len(found)} passes up and down below one another are one table"
-        arrays = (*arrays, np.take(senses, own))
-        return Table((*names, "direction"), arrays, source, ways={len(names): "+"}), (note,)
+        direction = "direction", np.take(senses, own)
+        return table_of([*columns.items(), direction], [note], ways={len(columns): "+"})
     for number, section in enumerate(found, 1):
-        columns.update(section.columns(number, mark, source))
+        columns.update(section.columns(number, mark))
         heading = f" `{printable(section.heading[:40])}`" if section.heading else ""
         note = f"section {number}{heading} at line {section.line}: {len(section.rows)} rows"
         if section.others:
             note += f"; {len(section.others)} lines between them are left out, the first is line"
             note += f" {min(section.others)}"
         notes.append(f"{note}; `--column driving={number}/NAME` chooses it")
-    return Table(tuple(columns), tuple(columns.values()), source), tuple(notes)
+    return table_of(columns.items(), notes)
 
 
 def _sections(lines: Sequence[str]) -> tuple[list[Section], str]:

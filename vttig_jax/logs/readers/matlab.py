@@ -26,7 +26,7 @@ from ...base.errors import UsageError
 from ...base.files.limits import LEAST_BYTES, PART, MemoryBudget, kept_bytes
 from ...base.logger import LOGGER
 from .table import matrix_columns
-from .text import library, unpacked_parts
+from .text import library, refuse_larger, unpacked_parts
 from .times import since_first
 
 MATRIX, COMPRESSED = 14, 15
@@ -111,9 +111,8 @@ def _check_matrix(data: bytes, start: int, stop: int, order: str, budget: Memory
         raise ValueError(f"class {group} at byte {begin}")
     if FIRST_NUMERIC_CLASS <= group <= LAST_NUMERIC_CLASS:
         wanted = (FLAGS, SIZE, NAME, NUMBERS) + (NUMBERS,) * bool(flags & COMPLEX)
-        if len(parts) != len(wanted) or any(
-            kind not in kinds for (kind, _, _), kinds in zip(parts, wanted, strict=True)
-        ):
+        same = [part[0] in kinds for part, kinds in zip(parts, wanted, strict=False)]
+        if len(parts) != len(wanted) or not all(same):
             raise ValueError(f"no array of numbers at byte {start}")
         return
     if CELL <= group <= CHAR:
@@ -176,9 +175,8 @@ def nested_columns(path: Path, data: bytes) -> Iterator[tuple[str, np.ndarray]]:
     arrays.
     """
     columns: dict[str, np.ndarray] = {}
-    budget = MemoryBudget(str(path), len(data))
-    hdf5 = HDF5_SIGNATURE in (data[:8], data[512:520])
-    has_objects = (_take_hdf5 if hdf5 else _take_matlab)(data, budget, columns)
+    take = _take_hdf5 if HDF5_SIGNATURE in (data[:8], data[512:520]) else _take_matlab
+    has_objects = take(data, MemoryBudget(str(path), len(data)), columns)
     if has_objects:
         try:
             for name, array in object_leaves(path):
@@ -257,14 +255,12 @@ def leaves(
         yield from found
         return
     inner: list[tuple[str, Any]] = []
-    if value.dtype.names and value.size <= MOST_CELLS:
-        for k, record in enumerate(value.ravel(order="F"), 1):
-            record_path = path if value.size == 1 else f"{path}({k})"
-            inner += [(f"{record_path}.{field}", record[field]) for field in value.dtype.names]
-    elif value.dtype == object and value.size <= MOST_CELLS:
-        numbered = lone_cells or value.size > 1
-        for k, cell in enumerate(value.ravel(order="F"), 1):
-            inner.append((f"{path}{{{k}}}" if numbered else path, cell))
+    for k, one in enumerate(value.ravel(order="F") if value.size <= MOST_CELLS else (), 1):
+        if value.dtype.names:
+            record = path if value.size == 1 else f"{path}({k})"
+            inner += [(f"{record}.{field}", one[field]) for field in value.dtype.names]
+        elif value.dtype == object:
+            inner.append((f"{path}{{{k}}}" if lone_cells or value.size > 1 else path, one))
     for name, item in inner:
         yield from leaves(name, item, own, lone_cells=lone_cells, depth=depth + 1)
 
@@ -275,6 +271,9 @@ _HARMLESS = LEAST_BYTES // 1032  # packed size without a check: deflate packs at
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file; in a MATLAB file they follow the header, at byte 512."""
 
+
+_NO_ARRAY = {"MATLAB_object_decode", "MATLAB_empty"}
+"""Attributes of what MATLAB stores as an array and is none."""
 
 SUBSYSTEM = "#subsystem#"
 """Name of the group with the objects of a file in format v7.3."""
@@ -325,11 +324,8 @@ def take_dataset(item: Any, budget: MemoryBudget) -> None:
         if about.size <= _HARMLESS:
             return
         mask, packed = item.id.read_direct_chunk(about.chunk_offset)
-        unpacked = 0
-        for part in () if mask else unpacked_parts(zlib.decompressobj(), packed):
-            unpacked += len(part)
-            if unpacked > room + PART:
-                raise ValueError(f"a chunk of {room} bytes unpacks to more than {unpacked}")
+        if not mask:
+            refuse_larger(zlib.decompressobj(), packed, room + PART, f"a chunk of {room} bytes")
 
     item.id.chunk_iter(check)
 
@@ -368,28 +364,19 @@ def hdf5_leaves(
             yield from members(item, full, depth + 1)
         if not isinstance(item, h5py.Dataset) or item.is_virtual or item.external:
             return
-        if matlab:
-            yield from of_matlab(item, path, name, full, depth)
-        elif item.dtype.kind in "biuf":
-            take_dataset(item, budget)
-            yield full, item[()]
-        elif item.dtype.names:
-            for field in item.dtype.names:
-                if item.dtype[field].kind in "biuf":
-                    take_dataset(item, budget)
-                    yield f"{full}.{field}", item[field]
-
-    def of_matlab(
-        item: Any, path: str, name: str, full: str, depth: int
-    ) -> Iterator[tuple[str, Any]]:
-        """Yield the arrays of a MATLAB item: data, or references to cells and structs."""
-        kind = item.attrs.get("MATLAB_class", b"")
-        if {"MATLAB_object_decode", "MATLAB_empty"} & set(item.attrs) or kind == b"char":
+        kind = item.attrs.get("MATLAB_class", b"") if matlab else b""
+        if matlab and (kind == b"char" or _NO_ARRAY & set(item.attrs)):
             return
         if item.dtype.kind in "biuf":
             take_dataset(item, budget)
-            yield full, item[()].T
-        elif h5py.check_ref_dtype(item.dtype) and item.size <= MOST_CELLS:
+            yield full, item[()].T if matlab else item[()]
+        elif not matlab:
+            for field in item.dtype.names or ():
+                if item.dtype[field].kind in "biuf":
+                    take_dataset(item, budget)
+                    yield f"{full}.{field}", item[field]
+        elif h5py.check_ref_dtype(item.dtype) and (item.size or 0) <= MOST_CELLS:
+            # References to cells and structs.
             for k, reference in enumerate(item[()].T.ravel(order="F"), 1):
                 if kind == b"cell":
                     yield from arrays(file[reference], path, f"{name}{{{k}}}", depth + 1)

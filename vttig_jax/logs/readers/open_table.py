@@ -18,7 +18,7 @@ from .matlab import HDF5_SIGNATURE
 from .records import read_brackets, read_json, read_pairs, read_side
 from .samples import read_changes, read_frames, read_halsampler, read_long
 from .table import Table, one_pass, with_computed, with_joined_angles
-from .text import read_text
+from .text import Lines, read_text
 
 LAYOUTS = (
     *(read_json, read_twincat, read_lvm, read_waveforms, read_frames, read_changes),
@@ -73,18 +73,27 @@ def open_table(path: str | Path, layout: LogLayout = LogLayout()) -> Table:
     """
     requested = [getattr(layout, role) for role in ROLES]
     if (binary := format_of(Path(path))) is not None:
-        table, table.digest, table.notes = read_binary(Path(path), binary)
+        table = read_binary(Path(path), binary)
     else:
         lines, digest, notes = read_text(path, layout.encoding)
-        own = LAYOUTS if layout.delimiter is None else ()
-        found = next(filter(None, (read(lines, str(path)) for read in own)), None)
-        if found is None:
+        table = _known_layout(lines, str(path)) if layout.delimiter is None else None
+        if table is None:
             highest = max([1, *map(number_of, requested)])
             table = find_table(lines, str(path), layout, highest)
-        else:
-            table, notes = found[0], (*notes, *found[1])
         table.digest, table.notes = digest, (*notes, *table.notes)
     return with_computed(one_pass(with_joined_angles(table), requested), requested)
+
+
+def _known_layout(lines: Lines, source: str) -> Table | None:
+    """Return the table of a text with one of `LAYOUTS`, or None for any other text."""
+    try:
+        table = next(filter(None, (read(lines) for read in LAYOUTS)), None)
+    except LogError as error:  # the readers know the line, and not the name of the file
+        error.where = ": ".join(filter(None, (source, error.where)))
+        raise
+    if table is not None:
+        table.source = source
+    return table
 
 
 def with_standard_input(logs: Sequence[Path]) -> tuple[Path, ...]:

@@ -22,9 +22,9 @@ from .column_names import WAYS, first_way, fold, is_statistic, unit_in, with_uni
 from .delimited import TextTable, is_value, looks_like_number, split, to_number
 from .matlab import DEEPEST
 from .samples import SAMPLE, read_long_rows, roles_of
-from .table import MOST_COLUMNS, Table
+from .table import MOST_COLUMNS, Table, table_of
 from .text import Lines, printable
-from .text_rows import Found, Row, content, cut_at, numbers
+from .text_rows import Row, content, cut_at, numbers
 from .times import looks_like_stamp, read_stamps
 
 _JSON = re.compile(r"\s*(?:\{\s*[\"}]|\[\s*[\[{])")
@@ -41,24 +41,24 @@ def _loads(text: str) -> Any:
     return json.loads(text, parse_int=lambda one: int(one) if len(one) <= _LONGEST else float(one))
 
 
-def read_json(lines: Lines, source: str) -> Found | None:
+def read_json(lines: Lines) -> Table | None:
     """Return lists of numbers of a text that begins as objects or rows of JSON do, or None."""
     if _JSON.match(next(lines.blocks(0), "")) is None:
         return None
     notes: list[str] = []
     try:
-        value = _loads(lines.text)
+        value = _loads("".join(lines.blocks(0)))
     except RecursionError:
         value = None
     except json.JSONDecodeError as error:
-        value = _json_lines(list(lines), source, notes, error)
+        value = _json_lines(list(lines), notes, error)
     if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
         names = list(value[0])
         rows = ((k, [str(one.get(name)) for name in names]) for k, one in enumerate(value, 1))
         first = list(islice(rows, SAMPLE))
         if (roles := roles_of(names, [row for _, row in first])) is not None:
-            return read_long_rows([*first, *rows], roles, source, notes)
-    columns, ways = dict(_json_columns("", value, source, 0)), dict[int, str]()
+            return read_long_rows([*first, *rows], roles, notes)
+    columns, ways = dict(_json_columns("", value, 0)), dict[int, str]()
     for k, (name, words) in enumerate(columns.items()):
         if words.dtype.kind == "U":
             ways[k] = first_way(words.tolist())
@@ -66,18 +66,13 @@ def read_json(lines: Lines, source: str) -> Found | None:
     if not 0 < len(columns) <= 4 * MOST_COLUMNS:
         raise LogError(
             f"the JSON text has {len(columns) or 'no'} lists of numbers; write a list of objects,"
-            " or an object of lists.",
-            where=source,
+            " or an object of lists."
         )
-    return Table(tuple(map(printable, columns)), tuple(columns.values()), source, ways=ways), (
-        "JSON: messages count its records from 0",
-        *notes,
-    )
+    notes.insert(0, "JSON: messages count its records from 0")
+    return table_of(columns.items(), notes, ways=ways)
 
 
-def _json_lines(
-    lines: Sequence[str], source: str, notes: list[str], error: json.JSONDecodeError
-) -> list[Any]:
+def _json_lines(lines: Sequence[str], notes: list[str], error: json.JSONDecodeError) -> list[Any]:
     """Return the values of a text with one value a line; a last line that is cut off is left out.
 
     **Raises** `LogError` for a damaged line, and with `error` for one damaged value.
@@ -89,14 +84,12 @@ def _json_lines(
         except (ValueError, RecursionError):
             what = "the JSON text is damaged or cut off here; write it again."
             if len(found) < 2:
-                raise LogError(what, where=f"{source}: line {error.lineno}") from None
-            notes += cut_at(lines, number, source, what)
+                raise LogError(what, where=f"line {error.lineno}") from None
+            notes += cut_at(lines, number, what)
     return found
 
 
-def _json_columns(
-    path: str, value: Any, source: str, depth: int
-) -> Iterator[tuple[str, np.ndarray]]:
+def _json_columns(path: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
     """Yield path and values of every list of numbers, dates or words for directions.
 
     Objects in lists are transposed.
@@ -105,22 +98,22 @@ def _json_columns(
         return
     if isinstance(value, dict):
         for key, own in value.items():
-            yield from _json_columns(f"{path}.{key}" if path else key, own, source, depth + 1)
+            yield from _json_columns(f"{path}.{key}" if path else key, own, depth + 1)
     if not isinstance(value, list) or len(value) < 2:
         return
     kinds = {type(one) for one in value} - {type(None)}
     if kinds == {dict}:
         for key in dict.fromkeys(key for one in value for key in one or ()):
             column = [one and one.get(key) for one in value]
-            yield from _json_columns(f"{path}.{key}" if path else key, column, source, depth + 1)
+            yield from _json_columns(f"{path}.{key}" if path else key, column, depth + 1)
     elif kinds == {list} and len({one and len(one) for one in value}) == 1:
         wide = len(value) < len(value[0])
         for k, column in enumerate(value if wide else map(list, zip(*value, strict=True)), 1):
             name = f"{path}({k},:)" if wide else f"{path}(:,{k})"
-            yield from _json_columns(name if path else f"#{k}", column, source, depth + 1)
+            yield from _json_columns(name if path else f"#{k}", column, depth + 1)
     elif kinds == {str} and looks_like_stamp(value[0] or ""):
         fields = [one or "" for one in value]
-        yield f"{path} [s]", read_stamps(fields, partial(Source(f"{source}: {path}").at, ""))[0]
+        yield f"{path} [s]", read_stamps(fields, partial(Source(path).at, ""))[0]
     elif kinds == {str} and first_way([one or "" for one in value]):
         yield path, np.array(value)
     elif kinds & {int, float} or (kinds == {str} and looks_like_number(value[0] or "")):
@@ -150,7 +143,7 @@ def _pairs(line: str) -> tuple[list[str], list[str]]:
     return (["time", *names], [before, *texts]) if looks_like_stamp(before) else (names, texts)
 
 
-def read_pairs(text: Lines, source: str) -> Found | None:
+def read_pairs(text: Lines) -> Table | None:
     """Return the columns of a text whose lines are pairs of a name and a value, or None.
 
     Each of the first lines has the same names, at least two with a number.
@@ -173,22 +166,26 @@ def read_pairs(text: Lines, source: str) -> Found | None:
     for number, line in enumerate(lines, 1):
         own, texts = _pairs(line)
         if own and len(own) < len(names) and own == names[: len(own)]:
-            notes += cut_at(lines, number, source, "the line is cut off; correct it or remove it.")
+            notes += cut_at(lines, number, "the line is cut off; correct it or remove it.")
         elif own != names and line.strip():
             other += 1
         fields = zip(texts, units, strict=True) if own == names else ()
         kept.append("\t".join(text.removesuffix(unit).strip() for text, unit in fields))
     if other:
         notes.append(f"{other} lines with other names are left out")
-    return _plain(with_units(names, units), kept, "\t", source), tuple(notes)
+    return _plain(with_units(names, units), kept, "\t", notes)
 
 
-def _plain(names: Sequence[str], lines: Sequence[str], mark: str | None, source: str) -> TextTable:
+def _plain(
+    names: Sequence[str], lines: Sequence[str], mark: str | None, notes: Sequence[str]
+) -> TextTable:
     """Return a table without a header, whose line numbers are those of the file."""
-    return TextTable(names, Lines("\n".join(lines)), -1, mark, decimal=None, source=source)
+    table = TextTable(names, Lines("\n".join(lines)), -1, mark, decimal=None)
+    table.notes = (*notes, *table.notes)
+    return table
 
 
-def read_brackets(lines: Lines, source: str) -> Found | None:
+def read_brackets(lines: Lines) -> Table | None:
     """Return the columns of lines with equally many fields, some in brackets, or None.
 
     At least half of the fields are numbers, in the same places of each of the first lines.
@@ -204,8 +201,8 @@ def read_brackets(lines: Lines, source: str) -> Found | None:
     if not 1 < len(kind) <= MOST_COLUMNS or 2 * sum(kind) < len(kind):
         return None
     names = [f"#{k + 1}" for k in range(len(kind))]
-    told = ("rows in brackets: columns #1, #2, …",)
-    return _plain(names, [line.translate(_BRACKETS) for line in lines], None, source), told
+    rows = [line.translate(_BRACKETS) for line in lines]
+    return _plain(names, rows, None, ["rows in brackets: columns #1, #2, …"])
 
 
 def _side(lines: Sequence[str]) -> list[Row]:
@@ -231,7 +228,7 @@ def _side(lines: Sequence[str]) -> list[Row]:
     return []
 
 
-def read_side(lines: Lines, source: str) -> Found | None:
+def read_side(lines: Lines) -> Table | None:
     """Return the channels of a table with one line for each, or None for another text."""
     rows = _side(lines)
     if not rows:
@@ -241,18 +238,17 @@ def read_side(lines: Lines, source: str) -> Found | None:
         raise LogError(
             f"this row has {len(last)} fields, but the one above has {len(rows[0][1])}; the file is"
             " cut off, write it again.",
-            where=f"{source}: line {number}",
+            where=f"line {number}",
         )
     names, labels = ([row[k] for _, row in rows] for k in (0, 1))
     skip = 1 if any(map(is_value, labels)) else 2
     if skip == 2:
         named = zip(labels, with_units(names, labels), strict=True)
         names = [f"{one} {name}" if fold(one) in WAYS else name for one, name in named]
-    names = tuple(map(printable, names))
     decimal = "," if any("," in text for _, row in rows for text in row[skip:]) else "."
-    arrays = tuple(
-        numbers([(number, text) for text in row[skip:]], decimal, source, f"row `{name}`")
-        for name, (number, row) in zip(names, rows, strict=True)
-    )
+    columns = []
+    for name, (number, row) in zip(names, rows, strict=True):
+        cells = [(number, text) for text in row[skip:]]
+        columns.append((name, numbers(cells, decimal, f"row `{printable(name)}`")))
     note = f"the table lies on its side: {len(rows)} rows of {len(last) - skip} samples"
-    return Table(names, arrays, source), (note,)
+    return table_of(columns, [note])

@@ -11,16 +11,18 @@ import bz2
 import sqlite3
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...base.files.limits import MemoryBudget, read_regular
-from .binary import ClockedColumn, silent
-from .text import unpacked_parts
+from .binary import silent
+from .table import ClockedColumn
+from .text import refuse_larger, unpacked_parts
 
 _MCAP_START, _MCAP_CHUNK = 8, 6  # bytes of the signature, opcode of a chunk (MCAP specification)
 _ROS1_MAGIC, _ROS1_CHUNK = b"#ROSBAG V2.0\n", 5  # first line, and opcode of a chunk (bag format 2)
@@ -94,24 +96,15 @@ def _check_chunk(kind: bytes, packed: bytes, declared: int) -> None:
     This check is necessary because rosbags unpacks a chunk to its end and ignores the declared
     size.
     """
-    if kind == b"bz2":
-        unpacker: Any = bz2.BZ2Decompressor()
-    elif kind == b"lz4":
-        from lz4.frame import LZ4FrameDecompressor
-
-        unpacker = LZ4FrameDecompressor()
-    elif kind == b"zstd":
-        unpacker = _zstd().ZstdDecompressor()
-    else:
-        return
-    unpacked = 0
-    with suppress(OSError, RuntimeError, EOFError, _zstd().ZstdError):  # the reader reports damage
-        for part in unpacked_parts(unpacker, packed):
-            unpacked += len(part)
-            if unpacked > declared:
-                break
-    if unpacked > declared:
-        raise ValueError(f"a chunk of {declared} bytes unpacks to more")
+    unpackers: dict[bytes, Callable[[], Any]] = {
+        b"bz2": bz2.BZ2Decompressor,
+        b"lz4": lambda: import_module("lz4.frame").LZ4FrameDecompressor(),
+        b"zstd": lambda: _zstd().ZstdDecompressor(),
+    }
+    if kind in unpackers:
+        # The reader reports the damage of a chunk.
+        with suppress(OSError, RuntimeError, EOFError, _zstd().ZstdError):
+            refuse_larger(unpackers[kind](), packed, declared, f"a chunk of {declared} bytes")
 
 
 def take_messages(path: Path, budget: MemoryBudget) -> None:
@@ -185,7 +178,7 @@ def rosbag_columns(path: Path, data: bytes) -> Iterator[ClockedColumn]:
     budget = MemoryBudget(str(path), sum(one.stat().st_size for one in files))
     for one in files:
         take_bag(one, budget)
-    with silent("rosbags"):
+    with silent():
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 

@@ -20,12 +20,11 @@ import numpy as np
 
 from ...base.errors import LogError
 from ..source import Source
-from .binary import ClockedColumn, table_of
 from .column_names import SHAFT_UNITS, WAYS, fold, name_and_unit
 from .delimited import TextTable, is_value, looks_like_number, split
-from .table import MOST_COLUMNS
+from .table import MOST_COLUMNS, ClockedColumn, Table, table_of
 from .text import Lines
-from .text_rows import SPARE, WHOLE, Found, Row, content, cut_at, numbers
+from .text_rows import SPARE, WHOLE, Row, content, cut_at, numbers
 from .times import exact_numbers, looks_like_stamp, read_stamps
 
 _CHANGE = re.compile(r"(\S+)\s+(\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(?:\.\d+)?)\s+(\S+)(?:\s+(.*))?")
@@ -61,37 +60,34 @@ class Channels(dict[str, list[tuple[int, str, str]]]):
         """Append one sample."""
         self.setdefault(name, []).append((line, stamp, value))
 
-    def found(self, source: str, notes: Sequence[str], *, held: bool = False) -> Found:
+    def table(self, notes: Sequence[str], *, held: bool = False) -> Table:
         """Return the numeric channels with their stamps in s since the earliest one, and the notes.
 
         **Raises** `LogError` for a file without numbers and for stamps that cannot be read.
         """
         kept = {k: one for k, one in self.items() if len(one) > 1 and looks_like_number(one[-1][2])}
         if not kept:
-            raise LogError(
-                "no channel of this file holds numbers; export the log again.", where=source
-            )
+            raise LogError("no channel of this file holds numbers; export the log again.")
         lines, stamps, _ = zip(*(sample for one in kept.values() for sample in one), strict=True)
-        dated, place = looks_like_stamp(stamps[0]), Source(source, line_of=lines.__getitem__)
+        dated, place = looks_like_stamp(stamps[0]), Source("", line_of=lines.__getitem__)
         seconds = read_stamps(stamps, partial(place.at, ""))[0] if dated else exact_numbers(stamps)
         if seconds is None:
-            raise LogError("the time stamps are no numbers; export the log again.", where=source)
+            raise LogError("the time stamps are no numbers; export the log again.")
         ends = np.cumsum([len(one) for one in kept.values()])[:-1]
         columns = []
         for (name, one), own in zip(kept.items(), np.split(seconds, ends), strict=True):
             cells = [(line, value) for line, _, value in one]
-            values = numbers(cells, ".", source, f"channel `{name}`")
+            values = numbers(cells, ".", f"channel `{name}`")
             columns.append(ClockedColumn(name, values, own))
-        return table_of(columns, source, held=held, start=float(seconds.min())), tuple(notes)
+        return table_of(columns, notes, held=held, start=float(seconds.min()))
 
 
-def read_changes(lines: Lines, source: str) -> Found | None:
+def read_changes(lines: Lines) -> Table | None:
     """Return the channels of EPICS, or None unless all first lines are changes of them."""
     first = content(lines)
     seen = [_CHANGE.fullmatch(line) is not None for line in first]
-    if not any(seen) or not all(
-        own or _STOP in line for own, line in zip(seen, first, strict=True)
-    ):
+    stops = [_STOP in line for line in first]
+    if not any(seen) or not all(np.logical_or(seen, stops)):
         return None
     channels = Channels()
     lost = invalid = 0
@@ -102,7 +98,7 @@ def read_changes(lines: Lines, source: str) -> Found | None:
             lost += _STOP in line
         elif match is None:
             what = "this line is none of `camonitor` (name, date, time, value); remove it."
-            notes += cut_at(list(lines), number, source, what)
+            notes += cut_at(list(lines), number, what)
         elif INVALID in (match[4] or "") and "UDF" not in match[4]:
             invalid += 1
         else:
@@ -111,10 +107,10 @@ def read_changes(lines: Lines, source: str) -> Found | None:
         notes.append(f"channels were disconnected {lost} times; values are held across the gaps")
     if invalid:
         notes.append(f"{invalid} values with severity INVALID are left out")
-    return channels.found(source, notes, held=True)
+    return channels.table(notes, held=True)
 
 
-def read_frames(text: Lines, source: str) -> Found | None:
+def read_frames(text: Lines) -> Table | None:
     """Return the signals `Message.Signal [unit]`; an incomplete last message is left out.
 
     The result is None unless one of the first lines is a decoded frame.
@@ -134,13 +130,13 @@ def read_frames(text: Lines, source: str) -> Found | None:
             name = f"{message['name']}.{signal['name']}{unit}"
             channels.add(name, stamp, signal["value"], number)
     if not channels:
-        raise LogError("no frame of this file is decoded; give cantools the DBC.", where=source)
+        raise LogError("no frame of this file is decoded; give cantools the DBC.")
     notes = ["cantools decode: every message has its own time stamps"]
     if cut:
         notes.append("the last message is cut off and left out")
     if undecoded - cut:
         notes.append(f"{undecoded - cut} frames without decoded signals are left out")
-    return channels.found(source, notes)
+    return channels.table(notes)
 
 
 def _messages(lines: Sequence[str]) -> Iterator[tuple[int, str, str]]:
@@ -177,9 +173,9 @@ def _long_columns(lines: Sequence[str]) -> tuple[str, str, tuple[int, int, int]]
     return None
 
 
-def read_long(text: Lines, source: str) -> Found | None:
+def read_long(text: Lines) -> Table | None:
     """Return the channels of a table whose rows are a time, a name of a few, and a number."""
-    if (annotated := _read_influx(text, source)) is not None:
+    if (annotated := _read_influx(text)) is not None:
         return annotated
     found = _long_columns(text)
     if found is None:
@@ -193,11 +189,11 @@ def read_long(text: Lines, source: str) -> Found | None:
             rows.append((number, fields))
         elif fields:
             what = "this line has too few fields; correct it or remove it."
-            notes += cut_at(lines, number, source, what)
-    return read_long_rows(rows, roles, source, notes, comma=mark != ",", header=header)
+            notes += cut_at(lines, number, what)
+    return read_long_rows(rows, roles, notes, comma=mark != ",", header=header)
 
 
-def _read_influx(text: Lines, source: str) -> Found | None:
+def _read_influx(text: Lines) -> Table | None:
     """Return the channels of an annotated CSV of InfluxDB, or None for another text.
 
     A channel is named by its tags and its field, without those that all channels share; the unit of
@@ -215,48 +211,45 @@ def _read_influx(text: Lines, source: str) -> Found | None:
             head = fields
         elif len(fields) < len(head):
             what = "this line has too few fields; correct it or remove it."
-            notes += cut_at(lines, number, source, what)
+            notes += cut_at(lines, number, what)
         else:
             row = dict(zip(head, fields, strict=False))
             own = [field for tag, field in row.items() if tag not in _NO_TAGS]
             name = "\t".join([*own, row.get("_field", "")])
             channels.add(name, row["_time"], row["_value"], number)
-    labels = {name: name.split("\t") for name in channels}
-    shared = set.intersection(*map(set, labels.values())) if len(labels) > 1 else set[str]()
-    short = {
-        name: _with_unit(" ".join(t for t in own if t and t not in shared), own[-1], source)
-        for name, own in labels.items()
-    }
-    channels = Channels({short[name]: samples for name, samples in channels.items()})
-    return channels.found(source, ["InfluxDB: every channel has its own time stamps", *notes])
+    labels = [name.split("\t") for name in channels]
+    shared = set.intersection(*map(set, labels)) if len(labels) > 1 else set[str]()
+    short = [" ".join(tag for tag in own if tag and tag not in shared) for own in labels]
+    names = [_with_unit(name, own[-1]) for name, own in zip(short, labels, strict=True)]
+    channels = Channels(zip(names, channels.values(), strict=True))
+    return channels.table(["InfluxDB: every channel has its own time stamps", *notes])
 
 
-def _with_unit(name: str, header: str, source: str) -> str:
+def _with_unit(name: str, header: str) -> str:
     """Return a name of a channel, with the unit in the name of its values if it has none itself."""
-    (_, unit), (_, own) = (name_and_unit(text, SHAFT_UNITS, source) for text in (header, name))
+    (_, unit), (_, own) = (name_and_unit(text, SHAFT_UNITS, "") for text in (header, name))
     return f"{name} [{unit}]" if unit and not own else name
 
 
 def read_long_rows(
     rows: Sequence[Row],
     roles: tuple[int, int, int],
-    source: str,
     notes: Sequence[str] = (),
     *,
     comma: bool = False,
     header: str = "",
-) -> Found:
+) -> Table:
     """Return the channels of a long table from its rows and the columns of time, name and value.
 
     `header` is the name of the column of values, whose unit a channel without one has.
     """
     time, name, value = roles
     channels = Channels()
-    names = {text: _with_unit(text, header, source) for text in {row[name] for _, row in rows}}
+    names = {text: _with_unit(text, header) for text in {row[name] for _, row in rows}}
     for number, row in rows:
         text = row[value].replace(",", ".") if comma else row[value]
         channels.add(names[row[name]], row[time], text, number)
-    return channels.found(source, ["long table: every channel has its own time stamps", *notes])
+    return channels.table(["long table: every channel has its own time stamps", *notes])
 
 
 def roles_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[int, int, int] | None:
@@ -309,7 +302,7 @@ LOST = 10
 so that all later steps treat the gap as a pause."""
 
 
-def read_halsampler(text: Lines, source: str) -> Found | None:
+def read_halsampler(text: Lines) -> Table | None:
     """Return rows of numbers with lines `overrun` between them, or None for another text."""
     if not text.have(OVERRUN) or OVERRUN not in (line.strip() for line in text):
         return None
@@ -322,14 +315,14 @@ def read_halsampler(text: Lines, source: str) -> Found | None:
         kept.append("" if line.strip() == OVERRUN else line)
         size += bool(kept[-1].strip())
     names = tuple(f"#{k + 1}" for k in range(len(first)))
-    table = TextTable(names, Lines("\n".join(kept)), -1, None, decimal=".", source=source)
+    table = TextTable(names, Lines("\n".join(kept)), -1, None, decimal=".")
     inner = [gap for gap in gaps if 0 < gap < size]
-    table.sample_numbers, counted = _sample_numbers(
-        table.own_columns([0], keep_last=True)[0], inner
-    )
+    (numbered,) = table.own_columns([0], keep_last=True)
+    table.sample_numbers, counted = _sample_numbers(numbered, inner)
     how = "as the sample numbers say" if counted else f"each taken as {LOST} samples"
     note = f"halsampler: {len(inner)} gaps where samples were lost, {how}"
-    return table, (note,)
+    table.notes = (note, *table.notes)
+    return table
 
 
 def _sample_numbers(first: np.ndarray, gaps: list[int]) -> tuple[np.ndarray, bool]:

@@ -199,6 +199,15 @@ def unpacked_parts(unpacker: Any, packed: bytes) -> Iterator[bytes]:
             return
 
 
+def refuse_larger(unpacker: Any, packed: bytes, most: int, what: str) -> None:
+    """Raise `ValueError` if `packed` unpacks to more than `most` bytes; `what` declares fewer."""
+    size = 0
+    for part in unpacked_parts(unpacker, packed):
+        size += len(part)
+        if size > most:
+            raise ValueError(f"{what} unpacks to more than {size}")
+
+
 BOMS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -348,6 +357,12 @@ def _utf16_without_mark(data: bytes) -> str | None:
     return "utf-16-be" if high == 0 and low > 0.9 else None
 
 
+_UNREADABLE: dict[type[OSError], str] = {
+    FileNotFoundError: "no such file; check its path.",
+    PermissionError: "there is no permission to read this file; change its access rights.",
+}
+
+
 def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
     """Return the bytes of a file with one of `endings`.
 
@@ -369,16 +384,9 @@ def read_bytes(path: str | Path, endings: Sequence[str]) -> bytes:
             )
         kept = kept_bytes(path)
         data = read_regular(path) if kept is None else kept
-    except FileNotFoundError:
-        raise LogError("no such file; check its path.", where=where) from None
-    except PermissionError:
-        raise LogError(
-            "there is no permission to read this file; change its access rights.", where=where
-        ) from None
     except OSError as error:
-        raise LogError(
-            f"cannot be read ({error.strerror or error}); check the path and the disk.", where=where
-        ) from None
+        said = f"cannot be read ({error.strerror or error}); check the path and the disk."
+        raise LogError(_UNREADABLE.get(type(error), said), where=where) from None
     if not data or data.isspace():
         raise LogError("the file is empty; export the log again.", where=where)
     return data
@@ -436,11 +444,6 @@ class Lines(Sequence[str]):
         if index >= len(self) or index < -len(self):
             raise IndexError("this text has no such line")
         return next(self.starting_at(index % len(self)))
-
-    @property
-    def text(self) -> str:
-        """The whole text."""
-        return "".join(self.blocks(0))
 
     def _decoded(self, start: int, stop: int) -> str:
         """Return the text of whole lines, whose line ends are LF."""

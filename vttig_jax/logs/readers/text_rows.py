@@ -1,7 +1,7 @@
 """Rows of a text and the columns of numbers in them, for the readers of layouts.
 
-Every row keeps the number of its line, so that errors name it. A damaged last line was not written
-to its end: it is left out with a note.
+Every row keeps the number of its line, so that errors name it; `open_table` adds the name of the
+file. A damaged last line was not written to its end: it is left out with a note.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,6 @@ from jaxtyping import Real
 
 from ...base.errors import LogError
 from .delimited import split, to_number
-from .table import Table
 from .text import printable
 from .times import looks_like_stamp, read_stamps
 
@@ -26,9 +25,6 @@ Cell = tuple[int, str]
 
 Row = tuple[int, list[str]]
 """Line number and fields of a line."""
-
-Found = tuple[Table, tuple[str, ...]]
-"""Table and notes."""
 
 
 def content(lines: Sequence[str], most: int = SPARE) -> list[str]:
@@ -48,13 +44,13 @@ def rows_from(lines: Sequence[str], first: int, mark: str) -> tuple[list[Row], l
     ]
     if len(rows) < 2 or not lines[-1].strip():
         return rows, []
-    return rows[:-1], cut_at(lines, rows[-1][0], "", "")
+    return rows[:-1], cut_at(lines, rows[-1][0], "")
 
 
-def cut_at(lines: Sequence[str], number: int, source: str, what: str) -> list[str]:
+def cut_at(lines: Sequence[str], number: int, what: str) -> list[str]:
     """Return a note on a damaged line if it is the last one; raise `LogError` for other lines."""
     if any(rest.strip() for rest in lines[number:]):
-        raise LogError(what, where=f"{source}: line {number}")
+        raise LogError(what, where=f"line {number}")
     return [f"the last line ({number}) is cut off and left out"]
 
 
@@ -64,9 +60,7 @@ def decimal_of(rows: Sequence[Row], mark: str) -> str:
     return "," if commas else "."
 
 
-def column_of(
-    rows: Sequence[Row], k: int, name: str, decimal: str, source: str
-) -> Real[np.ndarray, " n"]:
+def column_of(rows: Sequence[Row], k: int, name: str, decimal: str) -> Real[np.ndarray, " n"]:
     """Return column `k` as `numbers` does; short channels end with empty fields.
 
     **Raises** `LogError` for an empty field above other ones, and for one that is no number.
@@ -77,12 +71,12 @@ def column_of(
         if number != own:
             raise LogError(
                 "the field is empty; write a value or remove the line.",
-                where=f"{source}: line {number}, {what}",
+                where=f"line {number}, {what}",
             )
-    return numbers(found, decimal, source, what)
+    return numbers(found, decimal, what)
 
 
-def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real[np.ndarray, " n"]:
+def numbers(cells: Sequence[Cell], decimal: str, what: str) -> Real[np.ndarray, " n"]:
     """Return a column: int64 for whole numbers, else float64; dates in s since the first one.
 
     **Raises** `LogError` for a field that is no number; `what` names the column.
@@ -90,7 +84,7 @@ def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real
     texts = [text for _, text in cells]
     if texts and looks_like_stamp(texts[0]):
         lines = [f"line {line}, " for line, _ in cells]
-        return read_stamps(texts, lambda r: f"{source}: {'' if r is None else lines[r]}{what}")[0]
+        return read_stamps(texts, lambda r: f"{'' if r is None else lines[r]}{what}")[0]
     if texts and all(text.lstrip("+-").isdigit() and len(text) < 19 for text in texts):
         return np.array([int(text) for text in texts], np.int64)
     values = []
@@ -99,7 +93,7 @@ def numbers(cells: Sequence[Cell], decimal: str, source: str, what: str) -> Real
         if value is None:
             raise LogError(
                 f"`{printable(text)}` is no number; correct it or remove the line.",
-                where=f"{source}: line {line}, {what}",
+                where=f"line {line}, {what}",
             )
         values.append(value)
     return np.array(values, np.float64)
