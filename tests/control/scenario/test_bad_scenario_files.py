@@ -44,18 +44,9 @@ def test_a_missing_key_is_named_with_an_example(write):
 CONTRADICTIONS = [
     ({"kind": "recorded"}, "file", 'missing; kind = "recorded" follows a CSV'),
     ({"file": "a.csv"}, "file", 'given, but kind is "trapezoid"; write kind = "recorded"'),
-    (
-        {"kind": "sine", "event": "aborted"},
-        "event",
-        '"aborted" needs kind = "trapezoid" or "s_curve", but kind is "sine".',
-    ),
+    ({"kind": "sine", "event": "aborted"}, "event", '"aborted" needs kind = "trapezoid"'),
     ({"kind": "recorded", "file": "a", "event": "slow_down"}, "event", '"slow_down" needs'),
-    (
-        {"reversal_deg": 179.9},
-        "reversal_deg",
-        "179.9 lies inside the ramps of this reversal; at 60 rpm with ramp_s = 0.5 it must be at"
-        " least 180.",
-    ),
+    ({"reversal_deg": 179.9}, "reversal_deg", "inside the ramps"),
 ]
 
 
@@ -66,32 +57,29 @@ def test_a_contradiction_names_its_key(motion, key, words, write):
         load_scenario_spec(path)
 
 
-@pytest.mark.parametrize(
-    "motion",
-    [
-        {"kind": "recorded", "file": "a.csv"},
-        {"kind": "recorded", "file": "a.csv", "reversal_deg": 1.0},
+def test_what_does_not_contradict_is_read():
+    recorded = {"kind": "recorded", "file": "a.csv"}
+    for motion in (
+        recorded,
+        recorded | {"reversal_deg": 1.0},
         {"kind": "sine", "reversal_deg": 1.0},
-    ],
-)
-def test_what_does_not_contradict_is_read(motion):
-    assert scenario(motion=motion).motion == MotionTable(**motion)
+    ):
+        assert scenario(motion=motion).motion == MotionTable(**motion)
 
 
-@given(
-    st.sampled_from(["reversal", "slow_down", "aborted", "emergency_stop"]),
-    st.floats(1, 1000),
-    st.floats(0.01, 3),
-    st.floats(0.05, 0.95),
-    st.floats(0.01, 3),
-    st.floats(0, 5),
-)
-def test_the_smallest_reversal_named_is_allowed(
-    event, speed_rpm, ramp_s, slow_share, stop_s, dwell_s
-):
+MOTIONS = {
+    "event": st.sampled_from(["reversal", "slow_down", "aborted", "emergency_stop"]),
+    "speed_rpm": st.floats(1, 1000),
+    "ramp_s": st.floats(0.01, 3),
+    "slow_share": st.floats(0.05, 0.95),
+    "stop_s": st.floats(0.01, 3),
+    "dwell_s": st.floats(0, 5),
+}
+
+
+@given(st.fixed_dictionaries(MOTIONS))
+def test_the_smallest_reversal_named_is_allowed(numbers):
     """That it is the angle of the ramps laid out one after the other, test_motion.py tells."""
-    numbers = {"speed_rpm": speed_rpm, "ramp_s": ramp_s, "dwell_s": dwell_s}
-    numbers |= {"event": event, "slow_share": slow_share, "stop_s": stop_s}
     with pytest.raises(ScenarioError) as caught:
         scenario(motion={**numbers, "reversal_deg": 1e-3})
     smallest = float(caught.value.message.rpartition(" ")[2].rstrip("."))

@@ -93,15 +93,12 @@ def test_eccentricities_take_the_place_of_draws():
         with_values(spec, {"eccentricities.driving_mm": 0.1})
 
 
-EITHER = "`driving_encoder.noise_arcsec` or `driven_encoder.noise_arcsec`?"
-
-
 @pytest.mark.parametrize(
     ("values", "where", "words"),
     [
         ({"motion.reversal_deg": 9.0}, "motion.reversal_deg", "inside the ramps"),
         ({"motion.speed": 9.0}, "motion.speed", "did you mean `motion.speed_rpm`?"),
-        ({"noise_arcsec": 1.0}, "noise_arcsec", EITHER),
+        ({"noise_arcsec": 1.0}, "noise_arcsec", "or `driven_encoder.noise_arcsec`?"),
         ({"motion": {}}, "motion", "is no key of a scenario"),
         ({"rig.draws": 2}, "rig.draws", "`vttig simulate --print-defaults` lists them."),
         ({"motion.speed_rpm": "9"}, "motion.speed_rpm", "expected a number"),
