@@ -6,7 +6,9 @@ import numpy as np
 import tomli_w
 
 from tests.control.texts import RIG
+from vttig_jax.base.units import DEG
 from vttig_jax.cli.main import main
+from vttig_jax.logs import EncoderLog
 from vttig_jax.pair.gear_pair import spec_of
 from vttig_jax.pair.pair_file import spec_table
 from vttig_jax.rig.paper import paper_pair
@@ -45,3 +47,14 @@ def row_of(text: str, label: str) -> str:
 def table_of(path: Path) -> np.ndarray:
     """Return the named columns of a CSV file."""
     return np.genfromtxt(path, delimiter=",", names=True)
+
+
+def write_log(
+    path: Path, log: EncoderLog, driving: str = "driving", driven: str = "driven"
+) -> Path:
+    """Write time and angles of a log; other names exchange its columns."""
+    angles = [getattr(log, f"{shaft}_angle") / DEG for shaft in (driving, driven)]
+    head = "time_s,driving_deg,driven_deg"
+    table = np.stack([log.time, *angles], axis=1)
+    np.savetxt(path, table, "%.9f", ",", header=head, comments="")
+    return path

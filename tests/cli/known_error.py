@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.cli.commands import fit_into
+from tests.cli.commands import fit_into, write_log
+from tests.identify.drives import drive, drive_log, there_and_back
 
 GAP_ARCSEC = 90.0
 TURNS = 8
@@ -41,23 +42,18 @@ def fitted(
     The driven shaft turns `slip` times as fast as the ratio of the pair file says.
     """
     folder.mkdir()
-    there = [0, 60, 60, 0], [0, 0.5, 0.5 + TURNS, 1 + TURNS]
-    speeds, times = np.array(there[0] + [0, -60, -60, 0]), np.array(there[1] + [2, 2.5, 10.5, 11])
-    times[4:] += times[3] - 1.0
-    if not back:
-        speeds, times = speeds[:4], times[:4]
-    time = np.arange(0, times[-1], 0.02)
-    fine = np.linspace(0, times[-1], 200_001)
-    speed = np.interp(fine, times, speeds) * 2 * np.pi / 60
-    turned = np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2) * fine[1]])
-    driving = np.interp(time, fine, turned)
-    forward = np.interp(time, times, speeds) >= 0
-    te = np.where(forward, error("A", driving), error("B", driving))
-    te += np.random.default_rng(0).standard_normal(len(time))
-    driven_deg = np.degrees(slip * ratio * driving) + (te - te[0]) / 3600
-    table = np.stack([time, np.degrees(driving), driven_deg], axis=1)
-    head = "time_s,driving_deg,driven_deg"
-    np.savetxt(folder / "log.csv", table, "%.9f", ",", header=head, comments="")
+    durations, rpms = there_and_back([60], TURNS, ramp_s=0.5)
+    kept = len(durations) if back else 5
+    log = drive_log(
+        drive(f"1/{1 / ratio:.0f}"),
+        (durations[:kept], rpms[:kept]),
+        gap=lambda angle, _: error("B", angle) - error("A", angle),
+        error=lambda angle, _: error("A", angle),
+        noise_arcsec=1.0,
+        rate_hz=50.0,
+        ratio=slip * ratio,
+    )
+    write_log(folder / "log.csv", log)
     (folder / "pair.toml").write_text(
         f'name = "drive"\n[drive]\nratio = "1/{1 / ratio:.0f}"\n'
         "[fit]\ndriving_orders = [1, 2, 3]\ndriven_orders = [1, 2]\n"

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.commands import fit_into
+from tests.cli.commands import fit_into, write_log
 from tests.identify.drives import drive, drive_log, level, there_and_back
-from vttig_jax.base.units import DEG
 
 ONE = '[drive]\nratio = "1"\n[fit]\ndriving_orders = [1]\ndriven_orders = [1]\n'
 
@@ -16,12 +15,6 @@ ONE = '[drive]\nratio = "1"\n[fit]\ndriving_orders = [1]\ndriven_orders = [1]\n'
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("gap")
-
-    def write(name: str, log, driving: str = "driving", driven: str = "driven") -> None:
-        angles = [getattr(log, f"{shaft}_angle") / DEG for shaft in (driving, driven)]
-        table = np.stack([log.time, *angles], axis=1)
-        head = "time_s,driving_deg,driven_deg"
-        np.savetxt(folder / name, table, "%.8f", ",", header=head, comments="")
 
     (folder / "one.toml").write_text(ONE)
     (folder / "half.toml").write_text(ONE.replace('"1"', '"1/2"'))
@@ -31,8 +24,8 @@ def folder(tmp_path_factory) -> Path:
         gap=level(200.0),
         error=lambda angle, _: 20 * np.sin(angle + 0.3),
     )
-    write("right.csv", right)
-    write("exchanged.csv", right, "driven", "driving")
+    write_log(folder / "right.csv", right)
+    write_log(folder / "exchanged.csv", right, "driven", "driving")
     steady = drive_log(
         drive("1/2"),
         there_and_back([60, 60], 5, ramp_s=0.005),
@@ -40,8 +33,10 @@ def folder(tmp_path_factory) -> Path:
         error=lambda angle, _: 20 * np.sin(angle + 0.3) + 30 * np.sin(angle / 2 + 1),
         delay_s=level(5e-4),
     )
-    write("steady.csv", steady)
-    write("arc.csv", drive_log(drive("1"), there_and_back([30, 50], 0.4), gap=level(200.0)))
+    write_log(folder / "steady.csv", steady)
+    write_log(
+        folder / "arc.csv", drive_log(drive("1"), there_and_back([30, 50], 0.4), gap=level(200.0))
+    )
     return folder
 
 
