@@ -10,11 +10,11 @@ from vttig_jax.posterior.calibration import calibrate as room
 
 @pytest.mark.portable
 def test_table_and_file(vttig, told, run_folder, tmp_path):
-    call = ("calibrate", run_folder, "--rigs", "30", "--out", tmp_path / "found")
+    call = ("calibrate", run_folder, "--rigs", "20", "--out", tmp_path / "found")
     text = told(*call)
     assert "calibrated: yes" in text and "driving_eccentricity_mm" in text
     record = json.loads((tmp_path / "found" / "calibration.json").read_text())
-    assert record["schema"] == "vttig.calibrate/2" and record["rigs"] == 30
+    assert record["schema"] == "vttig.calibrate/2" and record["rigs"] == 20
     assert vttig(*call)[0] == 2
 
 

@@ -109,11 +109,9 @@ def test_inspect_imports_no_jax(files):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
-def test_a_picture_before_any_fit(files, vttig, refused, tmp_path, suffix):
-    call = (*files, "--picture", tmp_path / f"raw.{suffix}")
+def test_a_picture_before_any_fit(files, vttig, refused, tmp_path):
+    call = (*files, "--picture", tmp_path / "raw.svg")
     code, out, err = vttig(*call)
     assert code == 0 and err == "" and out.endswith(f"picture: {call[-1]}\n")
-    starts = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
-    assert call[-1].read_bytes().startswith(starts[suffix])
+    assert call[-1].read_bytes().startswith(b"<?xml")
     refused(2, "--overwrite", *call)
