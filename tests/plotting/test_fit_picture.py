@@ -83,21 +83,10 @@ def test_the_fitted_line_breaks_between_far_points(make_fit, angle_deg, time):
     np.testing.assert_allclose(np.delete(y, 3), error / ARCSEC)
 
 
-def test_the_words(make_fit):
-    fit = make_fit()
-    figure = plot_fit(fit)
-    axes = figure.axes
-    shown = [ax.get_ylabel() for ax in axes]
-    assert shown == ["TE, flank A [arcsec]", "TE, flank B [arcsec]", "residual [arcsec]"]
-    assert [ax.get_xlabel() for ax in axes] == ["", "", "driving angle [°]"]
-    assert figure.get_suptitle() == "transmission error and its fit · VTTIG rig · log.csv"
-    assert legend_texts(axes[0]) == legend_texts(axes[1]) == ["measured", "fitted"]
-    rms = [np.sqrt(np.mean(residual**2)) / ARCSEC for residual in fit.residuals]
-    assert legend_texts(axes[2]) == [f"flank A: {rms[0]:.3g}″ rms", f"flank B: {rms[1]:.3g}″ rms"]
-    assert axes[2].get_title(loc="left") == "residual (4.5″ rms of averaged rows)"
-    in_deg = [ax.get_ylabel() for ax in plot_fit(fit, unit="deg").axes]
-    assert in_deg == ["TE, flank A [°]", "TE, flank B [°]", "residual [arcsec]"]
-    # Panels share the angle axis.
+def test_panels_share_the_angle_axis_and_show_any_name(make_fit):
+    axes = plot_fit(make_fit(), unit="deg").axes
+    units = [ax.get_ylabel().partition("[")[2] for ax in axes]
+    assert units == ["°]", "°]", "arcsec]"]
     axes[0].set_xlim(100, 200)
     assert all(ax.get_xlim() == (100, 200) for ax in axes)
     figure = plot_fit(make_fit(source=r"run $\nonsense$.csv"))

@@ -44,15 +44,10 @@ def test_bars_are_the_orders(make_fit, log):
     assert [bar[0] for bar in bars(axes[0])] == pytest.approx([-0.19, 0.19, 0.81, 1.19])
 
 
-def test_the_words_of_both_flanks_and_of_one(make_fit, worm_fit):
+def test_the_largest_is_told_and_one_flank_stands_alone(make_fit, worm_fit):
     figure = plot_orders(make_fit())
-    axes = figure.axes
-    assert axes[0].get_ylabel() == "amplitude at the driven gear [arcsec]"
-    assert [ax.get_xlabel() for ax in axes] == ["driving order", "driven order", "mesh order"]
-    assert [text.get_text() for text in axes[0].get_xticklabels()] == ["1", "3"]
-    assert figure.get_suptitle() == "order spectrum: the largest is driven 1, 92″ · VTTIG rig"
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["flank A", "flank B", "not significant"]
+    assert "driven 1, 92″" in figure.get_suptitle()
+    assert [text.get_text() for text in figure.axes[0].get_xticklabels()] == ["1", "3"]
     figure = plot_orders(worm_fit)
     figure.draw_without_rendering()
     (ax,) = figure.axes

@@ -195,7 +195,6 @@ def test_the_right_axis_is_the_axial_displacement_and_a_drive_has_none(bands, ba
     (right,) = ax.child_axes
     per_deg = DEG * 80 / (2 * np.tan(3 * DEG))
     assert right.get_ylim() == pytest.approx(np.array(ax.get_ylim()) * per_deg)
-    assert right.get_ylabel() == "axial displacement that closes it [mm]"
     drive = Drive(banded.map.pair.ratio, name="drive")
     smallest, grid = (replace(one, pair=drive) for one in (banded.smallest, banded.map))
     alone = replace(banded, map=grid, smallest=smallest)

@@ -99,20 +99,6 @@ def test_what_is_commanded_beyond_the_closed_gap_is_filled_and_speeds_are_shown(
     assert 0 < np.abs(data(panels[5], 0)[1] - speed).max() < 5  # what the observer sees
 
 
-def test_the_words(run):
-    figure = plot_simulation(run)
-    said = "play plant, controller acceleration, outcome ok"
-    assert figure.get_suptitle() == f"simulation · VTTIG rig of the paper · {said}"
-    assert figure.axes[1].get_ylabel() == "transmission error [°]"
-    assert figure.axes[3].get_ylabel() == "axial shift [mm]"
-    assert [", ".join(row) for row in words(figure)] == [
-        "flank B, flank A, transmission error, measured by encoders, motor brakes,"
-        " controller closes, motor turns",
-        "closes the gap, commanded, reached, commanded too far",
-        "reference, observer's estimate",
-    ]
-
-
 def test_a_span_of_your_own_and_views_that_meet_are_one(run):
     for figure, span in (
         (plot(run, span_s=(2.0, 2.1)), (2.0, 2.1)),
