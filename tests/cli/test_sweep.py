@@ -73,26 +73,19 @@ def test_a_folder_gets_the_table_and_a_picture(vttig, told, sweep, tmp_path):
 
 
 def test_a_command_with_resume_is_repeated(found, refused, sweep, tmp_path):
-    """It starts, goes on with the parts that are there, and prints what is complete."""
+    """Complete, it computes nothing and draws a missing picture; `runs` has what else happens."""
     out = tmp_path / "swept"
-    again = ("sweep", sweep, "--out", out, "--resume", "-q")
+    again, picture = ("sweep", sweep, "--out", out, "--resume", "-q"), out / "figures" / "sweep.png"
     started = found(*again)
-    assert started["lane_steps"] > 0
-    table, picture = out / "sweep.parquet", out / "figures" / "sweep.png"
-    before, rows = table.stat().st_mtime_ns, pq.read_table(table)
     picture.unlink()
     complete = found(*again)
-    assert complete["lane_steps"] == complete["devices"] == 0
+    assert started["lane_steps"] > 0 == complete["lane_steps"] == complete["devices"]
     assert all(complete[key] == started[key] for key in ("pair", "outcomes", "axes"))
-    assert table.stat().st_mtime_ns == before and picture.exists()
-    # As a kill leaves it: the header, and no block.
-    table.unlink()
-    assert found(*again)["lane_steps"] == started["lane_steps"]
-    assert pq.read_table(table).equals(rows)
-    # A complete table of another sweep is refused.
+    assert picture.exists()
+    rows = (out / "sweep.parquet").read_bytes()
     sweep.write_text(sweep.read_text().replace("num = 5", "num = 4"))
     refused(3, "another sweep: scenario differ", *again)
-    assert pq.read_table(table).equals(rows)
+    assert (out / "sweep.parquet").read_bytes() == rows
 
 
 @pytest.mark.slow

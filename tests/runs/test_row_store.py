@@ -126,6 +126,9 @@ def test_resume_starts_goes_on_or_returns_what_is_complete(whole, tmp_path):
     assert again.columns["case"].tolist() == first.columns["case"].tolist()
     with pytest.raises(InputError, match="holds another sweep: scenario differ"):
         swept(out, axes=OTHER, resume=True)
+    (out / TABLE).unlink()  # as a kill leaves it: the header, and no block
+    assert swept(out, resume=True).lane_steps == first.lane_steps
+    assert_same_rows(out, whole)
 
 
 def test_a_damaged_part_is_made_again(whole, tmp_path, caplog):
