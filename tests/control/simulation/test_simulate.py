@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.control.hardware.test_observer import tracked
 from tests.control.scenarios import CLOSING, PAIR, SHORT, exact_gap, samples_of, spec_of
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.hardware.encoder import noise_draws
@@ -53,6 +52,25 @@ def readings(run: Simulation) -> np.ndarray:
         for angle, shock, (size, phase, spread) in zip(true, noise, ENCODERS.values(), strict=True)
     ]
     return np.floor(np.array(shown) / count + 0.5) * count
+
+
+def tracked(readings: np.ndarray, bandwidth: float, period: float) -> np.ndarray:
+    """The tracking filter as prediction matrix and gain vector."""
+    pole = math.exp(-2 * math.pi * bandwidth * period)
+    gain = np.array(
+        [
+            1 - pole**3,
+            1.5 * (1 - pole) * (1 - pole**2) / period,
+            (1 - pole) ** 3 / period**2,
+        ]
+    )
+    ahead = np.array([[1, period, period**2 / 2], [0, 1, period], [0, 0, 1]])
+    state, found = np.array([readings[0], 0.0, 0.0]), []
+    for reading in readings:
+        state = ahead @ state
+        state = state + gain * (reading - state[0])
+        found.append(state)
+    return np.transpose(found)
 
 
 def test_what_is_shown_and_estimated_is_that_of_both_readings(traced):
