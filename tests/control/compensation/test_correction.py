@@ -58,7 +58,7 @@ def test_the_corrected_axis_stands_where_it_is_told(seed):
         np.testing.assert_allclose(added + axis.at(flank, far + added), 0.0, atol=1e-10)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_a_table_never_makes_the_axis_worse(seed):
     axis, rng = axis_of(seed), np.random.default_rng(1000 + seed)
     start = rng.uniform(-REV, REV)
@@ -70,19 +70,6 @@ def test_a_table_never_makes_the_axis_worse(seed):
     for direction in axis.directions:
         before, after = (size(left_over(axis, one, direction, where)) for one in (None, table))
         assert after.rms < 0.5 * before.rms and after.peak < before.peak
-
-
-def test_the_flank_of_a_direction_follows_the_sense_of_the_axis():
-    errors: dict[Flank, Curve] = {"A": np.zeros_like, "B": np.ones_like}
-    ahead = AxisError(errors, 0.5, 0.5)
-    behind = AxisError(errors, 0.5, -0.5)
-    assert ahead.directions == {"forward": "A", "reverse": "B"}
-    assert behind.directions == {"forward": "B", "reverse": "A"}
-    alone = AxisError({"B": np.ones_like}, 0.5, 0.5)
-    assert alone.directions == {"reverse": "B"}
-    # What the driven gear is ahead, an axis that counts the other way is behind.
-    np.testing.assert_allclose(ahead.at("B", np.zeros(1)), 1.0)
-    np.testing.assert_allclose(behind.at("B", np.zeros(1)), -1.0)
 
 
 @pytest.mark.parametrize(("order", "fitted", "sampled"), [(30, 0.03, 0.05), (43, 0.055, 0.09)])
