@@ -57,23 +57,20 @@ def root(flank: int, held: float, low: float, high: float) -> float:
     return float(np.asarray(brentq(off, low, high, xtol=1e-15)))
 
 
-@pytest.mark.parametrize("step", [1e-3, 1e-2])
-def test_flank_b_is_met_where_brentq_finds_it(rig, step):
-    _, _, touches = run(rig, step)
+@pytest.mark.parametrize(("step", "above"), [(1e-3, 0.0), (1e-2, 0.0), (1e-3, 2e-4)])
+def test_a_flank_is_met_where_brentq_finds_it(rig, step, above):
+    """Flank B after the turn; flank A first where the driving shaft has 2e-4 rad to take up."""
+    _, shafts, touches = run(rig, step, above, end=1.0 if above else 4.1)
     (met,) = np.flatnonzero(touches.side)
-    angle = root(1, PAPER.ratio * TURN + WALLS[0](TURN)[0], TURN - 0.02, TURN)
-    assert touches.side[met] == ON_B and touches.angle[met] == pytest.approx(angle, abs=1e-9)
-    gap = WALLS[1](angle)[0] - WALLS[0](angle)[0]
-    assert touches.gap[met] == pytest.approx(gap, abs=1e-9)
-
-
-def test_flank_a_is_met_from_inside_the_gap(rig):
-    """The driving shaft takes up 2e-4 rad first."""
-    _, shafts, touches = run(rig, STEP, above=2e-4, end=1.0)
-    (met,) = np.flatnonzero(touches.side)
-    angle = root(0, WALLS[0](0.0)[0] + 2e-4, 0, 0.01)
-    assert touches.side[met] == ON_A and touches.angle[met] == pytest.approx(angle, abs=1e-9)
-    assert np.all(shafts.side[met:] == ON_A) and np.all(shafts.side[:met] == FREE)
+    if above:
+        angle = root(0, WALLS[0](0.0)[0] + above, 0, 0.01)
+        assert np.all(shafts.side[met:] == ON_A) and np.all(shafts.side[:met] == FREE)
+    else:
+        angle = root(1, PAPER.ratio * TURN + WALLS[0](TURN)[0], TURN - 0.02, TURN)
+        gap = WALLS[1](angle)[0] - WALLS[0](angle)[0]
+        assert touches.gap[met] == pytest.approx(gap, abs=1e-9)
+    assert touches.side[met] == (ON_A if above else ON_B)
+    assert touches.angle[met] == pytest.approx(angle, abs=1e-9)
 
 
 def test_the_wedge_closes_the_gap_and_takes_the_shaft_along(rig):

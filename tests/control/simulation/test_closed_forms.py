@@ -5,6 +5,7 @@ the play operator, the cheapest plant, serves wherever the driven shaft does not
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -135,6 +136,7 @@ SPEEDS = (10.0, 60.0, 100.0)
 MEAN_GAP = 0.038 * DEG
 
 
+@cache
 def predicted(name: str) -> list[Simulation]:
     """A motion at each speed, to the right and to the left of a third of a turn of the wheel."""
     table = {"plant": "play", "controller": "predictive"}

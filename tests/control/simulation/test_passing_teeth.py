@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.control.texts import MINIMAL
 from vttig_jax.control import (
     Predictive,
     Reversal,
@@ -95,8 +96,6 @@ def test_objects_with_a_traced_map_look_at_the_teeth_too():
 
 @pytest.mark.parametrize("believed", ["exact", "closed"])
 def test_a_map_without_teeth_needs_no_look_at_them(believed):
-    rig = {"driving_mm": 0.0226, "driving_phase_deg": 49.5, "driven_mm": 0.0273}
-    rig |= {"driven_phase_deg": 79.3, "constant_backlash_deg": 0.038}
-    table = {"pair": "pair.toml", "eccentricities": rig, "flanks": believed}
-    spec = parse_scenario_spec({**table, "controller": "predictive"})
+    table = {**MINIMAL, "flanks": believed, "controller": "predictive"}
+    spec = parse_scenario_spec(table)
     assert build_case(spec, RIG.pair).retreat is None
