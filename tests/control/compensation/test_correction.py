@@ -72,6 +72,17 @@ def test_a_table_never_makes_the_axis_worse(seed):
         assert after.rms < 0.5 * before.rms and after.peak < before.peak
 
 
+def test_the_flank_of_a_direction_follows_the_sense_of_the_axis():
+    errors: dict[Flank, Curve] = {"A": np.zeros_like, "B": np.ones_like}
+    ahead, behind = AxisError(errors, 0.5, 0.5), AxisError(errors, 0.5, -0.5)
+    assert ahead.directions == {"forward": "A", "reverse": "B"}
+    assert behind.directions == {"forward": "B", "reverse": "A"}
+    assert AxisError({"B": np.ones_like}, 0.5, 0.5).directions == {"reverse": "B"}
+    # What the driven gear is ahead, an axis that counts the other way is behind.
+    np.testing.assert_allclose(ahead.at("B", np.zeros(1)), 1.0)
+    np.testing.assert_allclose(behind.at("B", np.zeros(1)), -1.0)
+
+
 @pytest.mark.parametrize(("order", "fitted", "sampled"), [(30, 0.03, 0.05), (43, 0.055, 0.09)])
 def test_fitted_nodes_hold_shorter_waves_than_sampled_ones(order, fitted, sampled):
     """255 intervals a turn; both limits are computed facts of linear interpolation."""
