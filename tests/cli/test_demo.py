@@ -4,7 +4,7 @@ import pytest
 
 from vttig_jax.cli.main import main
 
-STEPS = "60"
+STEPS = "40"
 """Far from converged, but quick."""
 
 
