@@ -9,6 +9,7 @@ import pytest
 
 import vttig_jax
 from tests.cli.commands import table_of
+from tests.control.texts import MINIMAL
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.cli.main import main
 
@@ -101,9 +102,7 @@ def test_what_has_no_band_is_refused(vttig, run_folder, sampled_folder, tmp_path
     for believed in (run_folder, model):
         with pytest.raises(ScenarioError, match="draws"):
             left_deg(sampled_folder, believed, "low95")
-    rig = dict.fromkeys(("driving_mm", "driving_phase_deg", "driven_mm"), 0.0)
-    rig |= {"driven_phase_deg": 0.0, "constant_backlash_deg": 0.04}
-    scenario = {"pair": "p", "eccentricities": rig, "controller_gap": "low95", "motion": MOTION}
+    scenario = {**MINIMAL, "controller_gap": "low95", "motion": MOTION}
     with pytest.raises(ScenarioError, match="have no band"):
         vttig_jax.simulate(scenario, vttig_jax.open_run(sampled_folder).pair)
     plain = tmp_path / "plain.csv"

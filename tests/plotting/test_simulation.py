@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
-from tests.control.texts import RIG
+from tests.control.texts import MINIMAL
 from tests.plotting.axes import data
 from vttig_jax.control import Simulation, parse_scenario_spec, simulate
 from vttig_jax.plotting import plot
@@ -21,8 +21,8 @@ FLANK_B, FLANK_A, TRUE = 1, 2, 3
 @pytest.fixture(scope="module")
 def run() -> Simulation:
     """Two turns, a dwell of 2 s and back; the paper's controller closes too far."""
-    scenario = {"pair": "pair.toml", "plant": "play", "flanks": "closed", "eccentricities": RIG}
-    spec = parse_scenario_spec(scenario | {"motion": {"reversal_deg": 720.0}})
+    motion = {"motion": {"reversal_deg": 720.0}}
+    spec = parse_scenario_spec({**MINIMAL, "plant": "play", "flanks": "closed", **motion})
     return simulate(spec, paper_pair(), trace_every=1)
 
 

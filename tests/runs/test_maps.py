@@ -9,6 +9,7 @@ import pytest
 
 import vttig_jax
 from tests.cli.drive import write_drive, write_pair
+from tests.control.texts import MINIMAL
 from vttig_jax.base.errors import ScenarioError
 from vttig_jax.identify.identification import fit
 from vttig_jax.identify.result import Fit
@@ -147,10 +148,8 @@ def test_the_controller_may_believe_another_constant(model):
 
 
 def test_maps_that_do_not_belong_to_the_scenario(run_folder, model):
-    rig = dict.fromkeys(("driving_mm", "driving_phase_deg", "driven_mm"), 0.0)
-    rig |= {"driven_phase_deg": 0.0, "constant_backlash_deg": 0.04}
     predictive = {"motion": MOTION, "controller": "predictive"}
-    stated = {"pair": "p", "eccentricities": rig, "constant_backlash_deg": 0.1}
+    stated = {**MINIMAL, "constant_backlash_deg": 0.1}
     drawn = {"rig": {"from": str(run_folder)}, "motion": MOTION, "sweep": {"seed": [0, 1]}}
 
     def swapped(angle, flank):
