@@ -10,7 +10,6 @@ from vttig_jax.base.angles import difference_deg
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.logs.lines.rows import (
     APART,
-    Regressors,
     Stretch,
     filter_of_order,
     orthonormal,
@@ -128,12 +127,12 @@ def test_the_level_at_some_frequencies_is_that_of_the_whole_spectrum():
         noise = coloured(9000, [1.0, -0.9], seed)
         value = noise + sum(sine(REV * turns, c, 0.5 * 10**seed, 0.0) for c in (1.234, 3.07))
         rows = stack([run_of(REV * turns, value, np.ones((9000, 1)))], 4.0)
-        spectrum = Spectrum.of(rows, Regressors.of(rows), 4.0)
+        spectrum = Spectrum.of(rows, 4.0)
         height = spectrum.height(rows.value - rows.value.mean(), np.ones(1))
         lines = np.array([1.234])
-        level, freedom = noise_level(spectrum, height, lines).at(spectrum.cycles)
+        level, freedom = noise_level(spectrum, height, lines, spectrum.cycles)
         some = spectrum.cycles[np.random.default_rng(seed).integers(0, len(level), 40)]
-        near = noise_level(spectrum, height, lines, near=some).at(some)
+        near = noise_level(spectrum, height, lines, some)
         np.testing.assert_allclose(near[0], np.interp(some, spectrum.cycles, level), rtol=1e-4)
         places = np.flatnonzero(np.abs(spectrum.cycles - 1.234) * 900 >= 1)
         score = relative_height(height / level, freedom)[places]
@@ -178,9 +177,8 @@ def test_the_probability_is_that_of_noise(share):
     chances = []
     for _ in range(400):
         rows = stack([Stretch(angle, generator.standard_normal(200), columns)], 8.0)
-        regressors = Regressors.of(rows)
-        spectrum = Spectrum.of(rows, regressors, 8.0)
-        height = spectrum.height(regressors.residual(rows.value), np.ones(1)).max()
+        spectrum = Spectrum.of(rows, 8.0)
+        height = spectrum.height(rows.without_regressors(rows.value), np.ones(1)).max()
         bandwidth = float(np.ptp(spectrum.cycles))
         chances.append(false_alarm_probability(float(height), rows.turns, bandwidth))
     assert np.mean(np.array(chances) < share) <= share + 3 * np.sqrt(share / 400)

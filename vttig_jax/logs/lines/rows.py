@@ -97,6 +97,24 @@ class Rows:
         return float(np.ptp(self.turns))
 
     @cached_property
+    def bases(self) -> list[tuple[slice, Float[np.ndarray, "_ _"]]]:
+        """Rows of every group, and an orthonormal basis of its regressors."""
+        return [(where, orthonormal(columns)[0]) for where, columns in self.nuisance]
+
+    @property
+    def rank(self) -> int:
+        """Number of independent regressors of all groups."""
+        return sum(basis.shape[1] for _, basis in self.bases)
+
+    def without_regressors(self, columns: Float[np.ndarray, " n *k"]) -> Float[np.ndarray, " n *k"]:
+        """Return the part of `columns` orthogonal to the regressors, column-major in memory."""
+        left = np.array(columns.T, order="C")
+        for where, basis in self.bases:
+            part = left[..., where]
+            part -= (part @ basis) @ basis.T
+        return left.T
+
+    @cached_property
     def wave(self) -> Callable[[float], Wave]:
         """Function from the frequency of a line to its columns, which keeps the last ones.
 
@@ -105,12 +123,9 @@ class Rows:
         turns, width, averaged = self.turns, self.width, self.width.any()
 
         def wave(cycles: float) -> Wave:
-            angle = cycles * turns
-            angle -= np.rint(angle)  # NumPy is faster for small angles
-            angle *= REV
-            table = np.empty((2, len(angle)))
-            np.cos(angle, out=table[0])
-            np.sin(angle, out=table[1])
+            turned = cycles * turns
+            angle = REV * (turned - np.rint(turned))  # NumPy is faster for small angles
+            table = np.stack([np.cos(angle), np.sin(angle)])
             if averaged:
                 table *= np.sinc(cycles * width)
             return table.T
@@ -224,9 +239,8 @@ def noise_filter(rows: Rows, residual: Float[np.ndarray, " n"]) -> Float[np.ndar
     most = min(HIGHEST_ORDER, len(residual) // _ROWS_PER_LAG, longest // 4)
     products = np.zeros(most + 1)
     for run in rows.runs:
-        values = residual[run]
-        padded = np.concatenate([np.zeros(most), values])
-        products += np.correlate(padded, values, mode="valid")[::-1]
+        padded = np.pad(residual[run], (most, 0))
+        products += np.correlate(padded, residual[run], mode="valid")[::-1]
     order = len(whitening_filter(products / len(residual), len(residual))) - 1
     return filter_of_order(rows, residual, order)
 
@@ -316,7 +330,6 @@ _CONVERGED = 0.01
 """Largest number of Gauss–Newton steps. The iteration ends earlier if the step of every frequency
 is at most `_CONVERGED` standard errors of this frequency (chosen)."""
 
-_UNCHANGED = np.ones(1)
 _RANK = 1e-10
 """A column is independent if the part orthogonal to the other columns has at least this norm,
 relative to the column (chosen)."""
@@ -324,31 +337,6 @@ relative to the column (chosen)."""
 _INDEPENDENT_COLUMNS = 1e-6
 """The normal equations are used if the least eigenvalue of the Gram matrix of normalised columns
 reaches this value; the coefficients are then correct to ten digits (chosen)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Regressors:
-    """Pairs of the rows of a group and an orthonormal basis of its regressors, in row order."""
-
-    blocks: tuple[tuple[slice, Float[np.ndarray, "_ _"]], ...]
-
-    @classmethod
-    def of(cls, rows: Rows) -> "Regressors":
-        """Orthonormalise the regressors of `rows`; linearly dependent columns are omitted."""
-        return cls(tuple((where, orthonormal(columns)[0]) for where, columns in rows.nuisance))
-
-    @property
-    def rank(self) -> int:
-        """Number of independent regressors of all groups."""
-        return sum(basis.shape[1] for _, basis in self.blocks)
-
-    def residual(self, columns: Float[np.ndarray, " n *k"]) -> Float[np.ndarray, " n *k"]:
-        """Return the part of `columns` orthogonal to the regressors, column-major in memory."""
-        left = np.array(columns.T, order="C")
-        for where, basis in self.blocks:
-            part = left[..., where]
-            part -= (part @ basis) @ basis.T
-        return left.T
 
 
 def orthonormal(
@@ -380,28 +368,52 @@ def fitted(
 
     The normal equations are solved if the columns are far from dependent; otherwise QR is used.
     """
-    found = _of_products(columns.T @ columns, columns.T @ value)
-    return _by_factors(columns, value) if found is None else found
+    return _solved(columns.T @ columns, columns.T @ value, (columns,), value)
 
 
-def _of_products(
-    products: Float[np.ndarray, "q q"], right: Float[np.ndarray, " q"]
-) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]] | None:
-    """Return the solution of the normal equations, or None if the columns are nearly dependent."""
+def _solved(
+    products: Float[np.ndarray, "q q"],
+    right: Float[np.ndarray, " q"],
+    columns: tuple[Float[np.ndarray, "n _"], ...],
+    value: Float[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
+    """Return the result of `fitted` for columns side by side, whose products are known."""
     size = np.sqrt(np.diag(products))
     size[size == 0] = 1.0
     values, vectors = np.linalg.eigh(products / np.outer(size, size))
     if len(values) and values[0] < _INDEPENDENT_COLUMNS:
-        return None
+        basis, mixing = orthonormal(np.hstack(columns))
+        return mixing @ (basis.T @ value), mixing @ mixing.T
     root = vectors / np.sqrt(values) / size[:, None]
     return root @ (root.T @ right), root @ root.T
 
 
-def _by_factors(
-    columns: Float[np.ndarray, "n q"], value: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
-    basis, mixing = orthonormal(columns)
-    return mixing @ (basis.T @ value), mixing @ mixing.T
+class LineFit(NamedTuple):
+    """Fit of lines at `frequencies`: coefficients of their columns, and the residual `rest`.
+
+    `covariance` is that of the coefficients for innovations of variance 1. `products` and `right`
+    are the products of the `columns` with each other and with the value.
+    """
+
+    frequencies: Float[np.ndarray, " k"]
+    coefficients: Float[np.ndarray, " 2*k"]
+    covariance: Float[np.ndarray, "2*k 2*k"]
+    rest: Float[np.ndarray, " n"]
+    columns: Float[np.ndarray, "n 2*k"]
+    products: Float[np.ndarray, "2*k 2*k"]
+    right: Float[np.ndarray, " 2*k"]
+
+    @property
+    def misfit(self) -> float:
+        """Sum of squares that remains."""
+        return float(self.rest @ self.rest)
+
+    @property
+    def drops(self) -> Float[np.ndarray, " k"]:
+        """Decrease of the sum of squares by each line, relative to a fit of all other lines."""
+        waves = [slice(k, k + 2) for k in range(0, len(self.coefficients), 2)]
+        pairs = [(self.coefficients[w], np.linalg.pinv(self.covariance[w, w])) for w in waves]
+        return np.array([pair @ inverse @ pair for pair, inverse in pairs])
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,36 +430,22 @@ class LineRegression:
     """
 
     rows: Rows
-    regressors: Regressors
-    taps: Float[np.ndarray, " taps"]
     residual: Float[np.ndarray, " n"]
+    taps: Float[np.ndarray, " taps"]
     plain: "LineRegression | None" = None
-
-    @classmethod
-    def of(
-        cls, rows: Rows, regressors: Regressors, taps: Float[np.ndarray, " taps"] = _UNCHANGED
-    ) -> "LineRegression":
-        """Remove the regressors from the value of `rows`, and whiten the rest with `taps`."""
-        plain = cls(rows, regressors, _UNCHANGED, regressors.residual(rows.value))
-        return plain.whitened(taps)
 
     def whitened(self, taps: Float[np.ndarray, " taps"]) -> "LineRegression":
         """Return the same regression, whitened with `taps`; `self` must not be whitened."""
         if len(taps) == 1:
             return self
-        residual = whitened(self.rows, self.residual, taps)
-        return LineRegression(self.rows, self.regressors, taps, residual, self)
-
-    def columns(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, "n k"]:
-        """Return cosine and sine of every line, made orthogonal to the regressors and whitened."""
-        table = np.empty((2 * len(frequencies), len(self.residual)))
-        for place, cycles in enumerate(frequencies):
-            table[2 * place : 2 * place + 2] = self.wave(float(cycles)).T
-        return table.T
+        return LineRegression(self.rows, whitened(self.rows, self.residual, taps), taps, self)
 
     @cached_property
     def wave(self) -> Callable[[float], Wave]:
-        """Function from a frequency to the columns of its line, which keeps the last ones."""
+        """Function from a frequency to cosine and sine of its line, which keeps the last ones.
+
+        They are made orthogonal to the regressors and whitened.
+        """
         return self._made("wave")
 
     @cached_property
@@ -457,59 +455,47 @@ class LineRegression:
 
     def _made(self, name: Literal["wave", "slope"]) -> Callable[[float], Wave]:
         """Return a function that keeps its last results, and not this regression, in memory."""
-        rows, regressors, taps = self.rows, self.regressors, self.taps
+        rows, taps = self.rows, self.taps
         of_rows = getattr(rows if self.plain is None else self.plain, name)
         if self.plain is None:
-            return lru_cache(_KNOWN)(lambda cycles: regressors.residual(of_rows(cycles)))
+            return lru_cache(_KNOWN)(lambda cycles: rows.without_regressors(of_rows(cycles)))
         return lru_cache(_KNOWN)(lambda cycles: whitened(rows, of_rows(cycles), taps))
 
-    def after(self, frequencies: Sequence[float] | np.ndarray) -> Float[np.ndarray, " n"]:
-        """Return the whitened residual of a fit of regressors and lines."""
-        columns = self.columns(frequencies)
-        return self.residual - columns @ fitted(columns, self.residual)[0]
+    def fit(self, frequencies: Float[np.ndarray, " k"]) -> LineFit:
+        """Fit cosine and sine of each line."""
+        waves = [self.wave(float(cycles)).T for cycles in frequencies]
+        columns = np.concatenate([np.empty((0, len(self.residual))), *waves]).T
+        products, right = columns.T @ columns, columns.T @ self.residual
+        found, covariance = _solved(products, right, (columns,), self.residual)
+        rest = self.residual - columns @ found
+        return LineFit(frequencies, found, covariance, rest, columns, products, right)
 
-    def misfit(self, frequencies: Sequence[float] | np.ndarray) -> float:
-        """Return the sum of squares of the whitened residual of a fit of regressors and lines."""
-        residual = self.after(frequencies)
-        return float(residual @ residual)
-
-    def drops(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " k"], float]:
-        """Return the decrease of the sum of squares by each line, and the remaining sum of squares.
-
-        The decrease by a line is relative to a fit of all other lines. The remaining sum of squares
-        is that of a fit of all lines.
-        """
-        columns = self.columns(frequencies)
-        pairs, covariance = fitted(columns, self.residual)
-        rest = self.residual - columns @ pairs
-        drops = [
-            pairs[wave] @ np.linalg.pinv(covariance[wave, wave]) @ pairs[wave]
-            for wave in (slice(k, k + 2) for k in range(0, len(pairs), 2))
-        ]
-        return np.array(drops), float(rest @ rest)
-
-    def solve(
-        self, frequencies: Float[np.ndarray, " k"]
-    ) -> tuple[Float[np.ndarray, " 3*k"], Float[np.ndarray, "3*k 3*k"]]:
-        """Fit cosine and sine of each line together with a linear correction of each frequency.
+    def with_corrections(
+        self, found: LineFit
+    ) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
+        """Fit the lines of `found` together with a linear correction of each frequency.
 
         **Returns** the coefficients (2 k of cosines and sines, then k corrections of frequencies in
         cycles per revolution) and their covariance for innovations of variance 1.
         """
-        return self._solved(self._fit(frequencies))
+        slopes = [self.slope(float(cycles)).T for cycles in found.frequencies]
+        pairs = found.coefficients.reshape(-1, 2)
+        moved = np.array([pair @ slope for pair, slope in zip(pairs, slopes, strict=True)])
+        crossed = moved @ found.columns
+        products = np.block([[found.products, crossed.T], [crossed, moved @ moved.T]])
+        right = np.concatenate([found.right, moved @ self.residual])
+        return _solved(products, right, (found.columns, moved.T), self.residual)
 
-    def refine(
-        self, frequencies: Float[np.ndarray, " k"], lowest_cycles: float
-    ) -> Float[np.ndarray, " k"]:
-        """Return the frequencies of least misfit near `frequencies`, by Gauss–Newton iteration.
+    def refine(self, frequencies: Float[np.ndarray, " k"], lowest_cycles: float) -> LineFit:
+        """Return the fit of least misfit near `frequencies`, by Gauss–Newton iteration.
 
         A step that fails is halved, and a step moves only the lines that are not yet at their best
         frequency. Two lines keep a distance of at least the resolution; otherwise their amplitudes
         are undefined. No frequency falls below `lowest_cycles`.
         """
         count, resolution = len(frequencies), 1 / self.rows.span
-        size, best = 1.0, self._fit(frequencies)
-        coefficients, covariance = self._solved(best)
+        size, best = 1.0, self.fit(frequencies)
+        coefficients, covariance = self.with_corrections(best)
         for _ in range(_STEPS):
             step = np.clip(coefficients[-count:], -0.25 * resolution, 0.25 * resolution)
             scatter = np.sqrt(np.diag(covariance)[-count:] * best.misfit / len(self.residual))
@@ -519,45 +505,10 @@ class LineRegression:
             trial = best.frequencies + np.where(moves, size * step, 0.0)
             apart = np.min(np.diff(np.sort(trial)), initial=np.inf)
             allowed = trial.min() >= lowest_cycles and apart >= APART * resolution
-            found = self._fit(trial) if allowed else best
+            found = self.fit(trial) if allowed else best
             if found.misfit < best.misfit:
                 best = found
-                coefficients, covariance = self._solved(best)
+                coefficients, covariance = self.with_corrections(best)
             else:
                 size *= 0.5
-        return best.frequencies
-
-    def _fit(self, frequencies: Float[np.ndarray, " k"]) -> "_Fitted":
-        columns = self.columns(frequencies)
-        products, right = columns.T @ columns, columns.T @ self.residual
-        found = _of_products(products, right)
-        pairs = (_by_factors(columns, self.residual) if found is None else found)[0]
-        rest = self.residual - columns @ pairs
-        left = float(rest @ rest)
-        return _Fitted(frequencies, pairs, left, columns=columns, products=products, right=right)
-
-    def _solved(self, found: "_Fitted") -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
-        """Fit the lines of `found` and a linear correction of their frequencies; see `solve`."""
-        moved = np.empty((len(found.frequencies), len(self.residual)))
-        for place, cycles in enumerate(found.frequencies):
-            wave = slice(2 * place, 2 * place + 2)
-            np.matmul(found.pairs[wave], self.slope(float(cycles)).T, out=moved[place])
-        crossed = moved @ found.columns
-        products = np.block([[found.products, crossed.T], [crossed, moved @ moved.T]])
-        right = np.concatenate([found.right, moved @ self.residual])
-        solved = _of_products(products, right)
-        return solved or _by_factors(np.hstack([found.columns, moved.T]), self.residual)
-
-
-class _Fitted(NamedTuple):
-    """Frequencies of lines, coefficients of their columns, and the sum of squares that remains.
-
-    `products` and `right` are the products of the `columns` with each other and with the value.
-    """
-
-    frequencies: Float[np.ndarray, " k"]
-    pairs: Float[np.ndarray, " 2*k"]
-    misfit: float
-    columns: Float[np.ndarray, "n 2*k"]
-    products: Float[np.ndarray, "2*k 2*k"]
-    right: Float[np.ndarray, " 2*k"]
+        return best

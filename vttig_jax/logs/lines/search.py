@@ -9,7 +9,6 @@ than a coincidence can explain are those of a hidden shaft.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from operator import itemgetter
 
 import numpy as np
@@ -26,8 +25,8 @@ from ..encoder_log import EncoderLog
 from ..motion.segments import Segment
 from .rows import (
     APART,
+    LineFit,
     LineRegression,
-    Regressors,
     Rows,
     Stretch,
     filter_of_order,
@@ -52,10 +51,6 @@ noise (chosen)."""
 _ROUNDING = 1e-26
 """A residual is rounding error if its sum of squares is at most this fraction of that of the values
 (chosen)."""
-
-
-_Level = tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]
-"""Noise level at every line, and the number of independent heights over which it is averaged."""
 
 
 @dataclass(frozen=True)
@@ -129,27 +124,25 @@ def find_lines(
     enough = len(rows.value) >= _LEAST_ROWS + count
     if not enough or rows.span == 0 or highest * rows.span <= LEAST_CYCLES:
         return ()
-    regressors = Regressors.of(rows)
-    spectrum = Spectrum.of(rows, regressors, highest)
+    spectrum = Spectrum.of(rows, highest)
     if len(spectrum.cycles) < 2:
         return ()
-    search = _Search(rows, regressors, spectrum, false_alarm)
+    plain = LineRegression(rows, rows.without_regressors(rows.value), np.ones(1))
+    search = _Search(rows, plain, spectrum, false_alarm)
     return search.surviving(search.candidates(most + _SPARE))[:most]
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Search for candidate lines above the noise level, and test of their significance."""
+    """Search for candidate lines above the noise level, and test of their significance.
+
+    `plain` is the regression without whitening, from which all whitened ones are made.
+    """
 
     rows: Rows
-    regressors: Regressors
+    plain: LineRegression
     spectrum: "Spectrum"
     false_alarm: float
-
-    @cached_property
-    def plain(self) -> LineRegression:
-        """Regression without whitening, from which all whitened ones are made."""
-        return LineRegression.of(self.rows, self.regressors)
 
     def candidates(self, most: int) -> Float[np.ndarray, " k"]:
         """Return the frequencies of up to `most` candidate lines.
@@ -160,19 +153,17 @@ class _Search:
         """
         frequencies = np.zeros(0)
         while len(frequencies) < most:
-            residual = self.plain.after(frequencies)
-            rounding = _ROUNDING * float(self.rows.value @ self.rows.value)
-            if float(residual @ residual) <= rounding:
+            without = self.plain.fit(frequencies)
+            if without.misfit <= _ROUNDING * float(self.rows.value @ self.rows.value):
                 break
-            taps = noise_filter(self.rows, residual)
-            parts = [self.plain]
-            if len(taps) > 1:
-                parts.append(self.plain.whitened(taps))
+            taps = noise_filter(self.rows, without.rest)
+            parts = dict.fromkeys([self.plain, self.plain.whitened(taps)])  # one for white noise
             found = [(*self._highest(part, frequencies), part) for part in parts]
             score, cycles, regression = max(found, key=itemgetter(0))
             if score <= 0 or self._alarm(score) > self.false_alarm:
                 break
-            frequencies = regression.refine(np.append(frequencies, cycles), self._lowest)
+            tried = np.append(frequencies, cycles)
+            frequencies = regression.refine(tried, self._lowest).frequencies
         return frequencies
 
     def surviving(self, frequencies: Float[np.ndarray, " k"]) -> tuple[Line, ...]:
@@ -181,17 +172,17 @@ class _Search:
         Return the remaining lines, the most certain first.
         """
         while len(frequencies):
-            taps = noise_filter(self.rows, self.plain.after(frequencies))
+            taps = noise_filter(self.rows, self.plain.fit(frequencies).rest)
             regression = self.plain.whitened(taps)
-            frequencies = regression.refine(frequencies, self._lowest)
-            height = self.spectrum.height(regression.after(frequencies), taps)
-            level = noise_level(self.spectrum, height, frequencies, near=frequencies).at(
-                frequencies
-            )
-            scores = self._scores(regression, frequencies, level)
+            found = regression.refine(frequencies, self._lowest)
+            frequencies = found.frequencies
+            height = self.spectrum.height(found.rest, taps)
+            usual, freedom = noise_level(self.spectrum, height, frequencies, frequencies)
+            level = np.where(freedom >= _LEAST_FREEDOM, usual, 0.0)
+            scores = self._scores(found, taps, usual, freedom)
             worst = int(np.argmin(scores))
             if self._alarm(float(scores[worst])) <= self.false_alarm:
-                return self._lines(regression, frequencies, scores, level)
+                return self._lines(regression, found, scores, level)
             frequencies = np.delete(frequencies, worst)
         return ()
 
@@ -202,52 +193,51 @@ class _Search:
 
         The lines `frequencies` are fitted first, and peaks near them are excluded.
         """
-        height = self.spectrum.height(regression.after(frequencies), regression.taps)
-        open_ = np.flatnonzero(self._free(frequencies))
-        places = open_[may_be_highest(self.spectrum, height, frequencies, open_)]
+        height = self.spectrum.height(regression.fit(frequencies).rest, regression.taps)
+        free = np.flatnonzero(self.spectrum.is_apart(frequencies))
+        places = free[may_be_highest(self.spectrum, height, frequencies, free)]
         if not len(places):
             return -1.0, 0.0
         cycles = self.spectrum.cycles[places]
-        usual, freedom = noise_level(self.spectrum, height, frequencies, near=cycles).at(cycles)
+        usual, freedom = noise_level(self.spectrum, height, frequencies, cycles)
         score = relative_height(height[places] / usual, freedom)
         best = int(np.argmax(score))
         return float(score[best]), float(cycles[best])
 
     def _scores(
-        self, regression: LineRegression, frequencies: Float[np.ndarray, " k"], level: _Level
+        self,
+        found: LineFit,
+        taps: Float[np.ndarray, " taps"],
+        usual: Float[np.ndarray, " k"],
+        freedom: Float[np.ndarray, " k"],
     ) -> Float[np.ndarray, " k"]:
         """Return z = −ln P of every line, where P is the probability of its height in noise alone.
 
         All other lines are fitted too. z is the smaller of two values. The first is the likelihood
         ratio against an autoregression of the same order that is fitted without the line, because
         a narrow resonance of the noise looks like a line. The second is the height above the local
-        level of the whitened spectrum, which includes noise that the autoregression misses.
+        level `usual` of the whitened spectrum, which includes noise that the autoregression misses.
         """
-        drops, misfit = regression.drops(frequencies)
-        if misfit <= 0:
+        frequencies = found.frequencies
+        if found.misfit <= 0:
             return np.full(len(frequencies), np.inf)
-        used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
-        rows = len(self.rows.value)
         without = []
-        for others in (np.delete(frequencies, k) for k in range(len(drops))):
-            taps = filter_of_order(self.rows, self.plain.after(others), len(regression.taps) - 1)
-            without.append(self.plain.whitened(taps).misfit(others))
-        gain = np.log(np.maximum(np.array(without) / misfit, 1.0))
-        ratio = 0.5 * max(rows - used, 1) * gain
-        usual, freedom = level
-        nearby = relative_height(0.5 * drops / usual, freedom)
+        for others in (np.delete(frequencies, k) for k in range(len(frequencies))):
+            again = filter_of_order(self.rows, self.plain.fit(others).rest, len(taps) - 1)
+            without.append(self.plain.whitened(again).fit(others).misfit)
+        gain = np.log(np.maximum(np.array(without) / found.misfit, 1.0))
+        ratio = 0.5 * self._freedom(found, taps) * gain
+        nearby = relative_height(0.5 * found.drops / usual, freedom)
         return np.where(freedom >= _LEAST_FREEDOM, np.minimum(ratio, nearby), ratio)
+
+    def _freedom(self, found: LineFit, taps: Float[np.ndarray, " taps"]) -> int:
+        """Return the number of rows beyond those that the regressors, lines and filter use up."""
+        used = self.rows.rank + 3 * len(found.frequencies) + len(taps)
+        return max(len(self.rows.value) - used, 1)
 
     @property
     def _lowest(self) -> float:
         return LEAST_CYCLES / self.rows.span
-
-    def _free(self, frequencies: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " f"]:
-        cycles = self.spectrum.cycles
-        free = np.ones(len(cycles), bool)
-        for frequency in frequencies:
-            free &= np.abs(cycles - frequency) * self.spectrum.span >= APART
-        return free
 
     def _alarm(self, score: float) -> float:
         cycles = self.spectrum.cycles
@@ -256,37 +246,31 @@ class _Search:
     def _lines(
         self,
         regression: LineRegression,
-        frequencies: Float[np.ndarray, " k"],
+        found: LineFit,
         scores: Float[np.ndarray, " k"],
-        level: _Level,
+        level: Float[np.ndarray, " k"],
     ) -> tuple[Line, ...]:
         """Return the lines, the most certain first.
 
-        Their standard errors use the larger noise level: the mean or the local one.
+        Their standard errors use the larger noise level: the mean or the local one, `level`.
         """
-        coefficients, covariance = regression.solve(frequencies)
-        misfit = regression.misfit(frequencies)
-        used = self.regressors.rank + 3 * len(frequencies) + len(regression.taps)
-        usual = misfit / max(len(self.rows.value) - used, 1)
-        nearby, freedom = level
-        variance = np.where(freedom >= _LEAST_FREEDOM, np.maximum(nearby, usual), usual)
-        lines = []
+        coefficients, covariance = regression.with_corrections(found)
+        count, lines = len(scores), []
+        variance = np.maximum(level, found.misfit / self._freedom(found, regression.taps))
         for number in np.argsort(-scores, kind="stable"):
-            cycles = float(frequencies[number])
+            cycles = float(found.frequencies[number])
             wave = slice(2 * number, 2 * number + 2)
             pair = coefficients[wave]
             amplitude, phase_deg = amplitude_phase(*pair)
             slope = pair / amplitude if amplitude > 0 else np.array([1.0, 0.0])
-            correction = 2 * len(frequencies) + number
             std = float(np.sqrt(variance[number] * (slope @ covariance[wave, wave] @ slope)))
             if amplitude < _LEAST_AMPLITUDE * std:
                 continue  # the amplitude is not separable from that of a close neighbour
+            of_cycles = covariance[2 * count + number, 2 * count + number]
             lines.append(
                 Line(
                     cycles_per_rev=cycles,
-                    cycles_std=float(
-                        np.sqrt(variance[number] * covariance[correction, correction])
-                    ),
+                    cycles_std=float(np.sqrt(variance[number] * of_cycles)),
                     amplitude_arcsec=float(amplitude) / ARCSEC,
                     amplitude_std_arcsec=std / ARCSEC,
                     phase_deg=float(wrap_deg(phase_deg - 360.0 * (cycles * self.rows.origin))),
@@ -329,8 +313,7 @@ def blind_lines(log: EncoderLog, segments: Sequence[Segment]) -> tuple[Line, ...
     channels = [angle, log.transmission_error, *columns]
     runs = []
     for segment in segments:
-        rows = np.arange(segment.start, segment.stop)
-        rows = rows[usable[rows]]
+        rows = segment.start + np.flatnonzero(usable[segment.start : segment.stop])
         rows = rows[: len(rows) // size * size]
         if len(rows) < _FEWEST_ROWS * size:
             continue
@@ -478,7 +461,7 @@ class Spectrum:
     steps: Float[np.ndarray, " s"]
 
     @classmethod
-    def of(cls, rows: Rows, regressors: Regressors, highest: float) -> "Spectrum":
+    def of(cls, rows: Rows, highest: float) -> "Spectrum":
         """Return a spectrum whose frequencies extend from 1.5 cycles over the log to `highest`.
 
         **Raises** `ValueError` if the log is too long for a transform.
@@ -511,7 +494,7 @@ class Spectrum:
             steps=steps,
         )
         regressed = np.zeros_like(cycles)
-        for where, basis in regressors.blocks:
+        for where, basis in rows.bases:
             for column in basis.T:
                 regressed += empty._power(column, where)
         return replace(empty, remaining=np.clip(1 - regressed / len(rows.value), 0.0, 1.0))
@@ -530,10 +513,17 @@ class Spectrum:
         length = len(self.spread[0]) * self.remaining * self._gain(taps)
         return np.where(usable, power / np.where(usable, length, 1.0), 0.0)
 
+    def is_apart(self, lines: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " f"]:
+        """Return which frequencies lie at least one resolution from each of `lines`."""
+        free = np.ones(len(self.cycles), bool)
+        for line in lines:
+            free &= np.abs(self.cycles - line) * self.span >= APART
+        return free
+
     @property
     def per_cell(self) -> float:
         """Number of frequencies per resolution."""
-        return 1 / (self.span * self.step)
+        return 1 / (self.span * float(self.cycles[1] - self.cycles[0]))
 
     @property
     def knots(self) -> Int[np.ndarray, " k"]:
@@ -541,11 +531,6 @@ class Spectrum:
         count = len(self.cycles)
         apart = max(round(_KNOT_DISTANCE * self.per_cell), 1)
         return np.unique(np.append(np.arange(0, count, apart), count - 1))
-
-    @property
-    def step(self) -> float:
-        """Distance of two frequencies, cycles per revolution."""
-        return float(self.cycles[1] - self.cycles[0])
 
     def _gain(self, taps: Float[np.ndarray, " taps"]) -> Float[np.ndarray, " f"]:
         """Return the mean power gain |A|² of the filter at every frequency.
@@ -621,54 +606,33 @@ knot is computed first. It is within the factor `_ROUGHLY` of the level; it scat
 (chosen)."""
 
 
-@dataclass(frozen=True)
-class Level:
-    """Level of the noise: its variance per row at the frequencies `cycles`.
-
-    `logarithm` is ln of the level. `freedom` is the number of independent heights over which each
-    value of the level is averaged.
-    """
-
-    cycles: Float[np.ndarray, " k"]
-    logarithm: Float[np.ndarray, " k"]
-    freedom: Float[np.ndarray, " k"]
-
-    def at(
-        self, cycles: Float[np.ndarray, " f"]
-    ) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
-        """Return level and freedom, interpolated at the given frequencies."""
-        level = np.exp(np.interp(cycles, self.cycles, self.logarithm))
-        return level, np.interp(cycles, self.cycles, self.freedom)
-
-
 def noise_level(
     spectrum: Spectrum,
     height: Float[np.ndarray, " f"],
     lines: Float[np.ndarray, " k"],
+    at: Float[np.ndarray, " m"],
     *,
-    near: Float[np.ndarray, " m"] | None = None,
     roughly: bool = False,
-) -> Level:
-    """Return the noise level, fitted as a power of the frequency within 40 cells around each knot.
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return the level of the noise, its variance per row, and its freedom at frequencies `at`.
 
-    A cell is one resolution of the spectrum, 1 / (revolutions of the log). A knot is a frequency at
-    which the level is fitted. `height` is the result of `Spectrum.height`. The heights of noise
-    have an exponential distribution with the level as mean, so that the fit is a regression of the
-    gamma family with logarithmic link. Heights above five times the level count as five times the
-    level. Frequencies within one cell of one of `lines` (cycles per revolution) are excluded, and
-    so are those that the regressors explain. If frequencies `near` are given, only the knots on
-    both sides of each of them are fitted; the level is valid there only. `roughly` takes every
-    second knot, and one frequency per cell.
+    The level is fitted as a power of the frequency within 40 cells around each knot. A cell is one
+    resolution of the spectrum, 1 / (revolutions of the log). A knot is a frequency at which the
+    level is fitted. `height` is the result of `Spectrum.height`. The heights of noise have an
+    exponential distribution with the level as mean, so that the fit is a regression of the gamma
+    family with logarithmic link. Heights above five times the level count as five times the level.
+    Frequencies within one cell of one of `lines` (cycles per revolution) are excluded, and so are
+    those that the regressors explain. Only the knots on both sides of each of `at` are fitted;
+    `roughly` takes every second knot, and one frequency per cell. The freedom is the number of
+    independent heights over which the level is averaged.
     """
     cycles, per_cell, knots, stride = spectrum.cycles, spectrum.per_cell, spectrum.knots, 1
-    if near is not None:
-        right = np.searchsorted(cycles[knots], near)
-        knots = knots[np.unique(np.clip([right - 1, right], 0, len(knots) - 1))]
     if roughly:
         knots, stride = np.append(knots[:-1:2], knots[-1]), max(round(per_cell), 1)
-    usable = (spectrum.remaining >= LEAST_REMAINING) & (height > 0)
-    for line in lines:
-        usable &= np.abs(cycles - line) * spectrum.span >= 1
+    else:
+        right = np.searchsorted(cycles[knots], at)
+        knots = knots[np.unique(np.clip([right - 1, right], 0, len(knots) - 1))]
+    usable = (spectrum.remaining >= LEAST_REMAINING) & (height > 0) & spectrum.is_apart(lines)
     size = min(round(_WINDOW * per_cell), len(cycles))
     start = np.clip(knots - size // 2, 0, len(cycles) - size)
     distance, logarithm, weight = (
@@ -691,9 +655,10 @@ def noise_level(
         for first in (start[part],)
     ]
     found = (np.concatenate(part).astype(np.float64) for part in zip(*parts, strict=True))
-    intercept, inverse = found
+    logarithm, inverse = found
     freedom = np.clip(stride / np.maximum(inverse * per_cell, 1e-12), 0.0, size / per_cell)
-    return Level(cycles[knots], intercept, freedom)
+    level = np.exp(np.interp(at, cycles[knots], logarithm))
+    return level, np.interp(at, cycles[knots], freedom)
 
 
 def may_be_highest(
@@ -711,8 +676,8 @@ def may_be_highest(
     """
     if len(spectrum.knots) <= _MANY_KNOTS or not len(places):
         return np.ones(len(places), bool)
-    level = noise_level(spectrum, height, lines, roughly=True)
-    usual, freedom = level.at(spectrum.cycles[places])
+    at = spectrum.cycles[places]
+    usual, freedom = noise_level(spectrum, height, lines, at, roughly=True)
     relative = height[places] / usual
     least = relative_height(relative / _ROUGHLY, freedom).max()
     return relative_height(relative * _ROUGHLY, freedom) >= least
@@ -745,17 +710,12 @@ def _gamma_regression(
     lever = weight * apart
     square = np.maximum(np.einsum("km,km->k", lever, apart), 1e-30)
     response, mean = logarithm + np.float32(_EULER), np.float32(-np.expm1(-_CLIP))
-    slope, level, log_level = np.zeros_like(centre), np.zeros_like(centre), np.empty_like(apart)
+    slope, level = np.zeros_like(centre), np.zeros_like(centre)
     for number in range(iterations + 1):
         if number:
-            np.multiply(apart, slope[:, None], out=log_level)
-            log_level += level[:, None]
-            np.subtract(logarithm, log_level, out=response)
-            np.minimum(response, np.float32(np.log(_CLIP)), out=response)
-            np.exp(response, out=response)
-            response /= mean
-            response += log_level
-            response -= 1
+            log_level = apart * slope[:, None] + level[:, None]
+            relative = np.exp(np.minimum(logarithm - log_level, np.float32(np.log(_CLIP))))
+            response = relative / mean + log_level - 1
         before, level = level, np.einsum("km,km->k", weight, response) / total
         slope = np.einsum("km,km->k", lever, response) / square
         if np.abs(level - before).max() < _SETTLED:
