@@ -37,7 +37,7 @@ from .channel.channel import (
     without_shared_spikes,
 )
 from .channel.speed import Speed, is_at_standstill, looks_like_speed, smooth_speed, steps_of
-from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, unwrapped, whole
+from .channel.unwrap import find_modulus, joined, kept_rows, step_of, unwrap, whole
 from .readers.column_names import (
     ACCELERATION_UNITS,
     ROW_INDEX,
@@ -312,10 +312,8 @@ class EncoderLog:
         """
         found, place, encoders = _kept(found, units, statement, place)
         time, values, layout = found.time, found.values, statement.layout
-        refuse_values("time", time, place)
-        for role, column in values.items():
-            if role != "time":
-                refuse_values(role, column, place)
+        for role, column in ({"time": time} | values).items():
+            refuse_values(role, column, place)
         notes, channels, still = [*found.notes, *check_time(time, place)], {}, False
         for role, encoder in zip(SHAFTS, encoders, strict=True):
             if role in values:
@@ -378,7 +376,8 @@ class EncoderLog:
                 direction = direction * (1 if direction[1:] @ np.diff(driving.angle) >= 0 else -1)
                 way = "rise" if direction[0] > 0 else "fall"
                 notes.append(f"direction: the positions {way} in the rows `{word}`, by their order")
-        others: dict[str, Any] = {r: values.get(r) for r in ("axial_mm", "speed", "acceleration")}
+        measured = "axial_mm", "torque", "speed", "acceleration"
+        others: dict[str, Any] = {role: values.get(role) for role in measured}
         return cls(
             time=time,
             driving=driving,
@@ -391,7 +390,6 @@ class EncoderLog:
             sha256=sha256,
             notes=tuple(notes),
             place=replace(place, line_of=None),  # it may hold the text
-            torque=values.get("torque"),
             **others,
         )
 
@@ -419,7 +417,7 @@ def _kept(
             sizes[role] = ratio * encoder.sign * float(scale) * (statement.radians(role, unit) or 0)
 
     def turns() -> Float[np.ndarray, " n"]:
-        return unwrapped(values["driving"], moduli["driving"]) * (sizes["driving"] / turn / REV)
+        return unwrap(values["driving"], moduli["driving"]) * (sizes["driving"] / turn / REV)
 
     rows, notes = kept_rows(statement.layout, {**values, "time": found.time}, turns, place)
     assert rows is not None
@@ -467,8 +465,7 @@ class ClockedChannel:
         """Readings unwrapped with the given or a detected modulus."""
         if self.radians is None:
             return self.values
-        modulus = self.modulus or find_modulus(self.values, self.per_turn)
-        return self.values if modulus is None else unwrap(self.values, modulus)
+        return unwrap(self.values, self.modulus or find_modulus(self.values, self.per_turn))
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,50 +101,43 @@ def _continuous(
         # There is no motion that a reading could contradict, and a step tells no wrap.
         return channel, []
     raw_spikes = spikes(values, time, quantum)
-    steady = values
+    bases = [values]
     if raw_spikes.any():  # the last value before each spike replaces it
         last = np.maximum.accumulate(np.where(raw_spikes, -1, np.arange(len(values))))
-        steady = values[np.where(last < 0, int(np.argmin(raw_spikes)), last)]
+        bases.insert(0, values[np.where(last < 0, int(np.argmin(raw_spikes)), last)])
         del last
-    if given is not None and np.ptp(steady) >= given:
+    if given is not None and np.ptp(bases[0]) >= given:
         raise LogError(
-            f"readings span {np.ptp(steady)} counts, more than the modulus {given} of the pair"
+            f"readings span {np.ptp(bases[0])} counts, more than the modulus {given} of the pair"
             " file; correct or remove `modulus`.",
             where=source.at(role),
         )
 
     def attempt(
-        base: Real[np.ndarray, " n"], modulus: int | float | None
-    ) -> tuple[float, int, Bool[np.ndarray, " n"]]:
-        """Return the cost, the wraps and the spikes if `values` are unwrapped where `base` wraps.
+        base: Real[np.ndarray, " n"], tried: int | float | None
+    ) -> tuple[float, int | float | None, int, Bool[np.ndarray, " n"], Real[np.ndarray, " n"]]:
+        """Return cost, modulus, wraps, spikes and readings, unwrapped where `base` wraps.
 
         The cost is the total travel without spikes plus one fast step (95 % quantile of the steps)
         for each spike.
         """
-        wraps = 0 if modulus is None else int(np.count_nonzero(wrap_steps(base, modulus)))
+        wraps = 0 if tried is None else int(np.count_nonzero(wrap_steps(base, tried)))
         readings, outliers, cost = values, raw_spikes, 0.0
-        if wraps:
-            readings = _unwrapped(values, base, modulus)
+        if tried is not None and wraps:
+            readings = _unwrapped(values, base, tried)
             outliers = spikes(readings, time, quantum)
-        if base is not values or raw_spikes.any():
-            readings = without_spikes(readings, time, outliers)
-            travel = np.diff(readings).astype(np.float64, copy=False)
-            del readings
-            np.abs(travel, out=travel)
-            cost = float(travel.sum())
-            fast = np.quantile(travel, 0.95, overwrite_input=True)
-            cost = float(cost + (quantum + fast) * outliers.sum())
-        return cost, wraps, outliers
+        if raw_spikes.any():
+            travel = np.abs(np.diff(without_spikes(readings, time, outliers)))
+            fast = np.quantile(travel, 0.95)
+            cost = travel.sum(dtype=np.float64) + (quantum + fast) * outliers.sum()
+        return float(cost), tried, wraps, outliers, readings
 
-    bases = [steady] if steady is values else [steady, values]
     moduli = [given] if given is not None else [find_modulus(base, turn) for base in bases]
     # Spikes can hide or imitate a modulus, and a counter that dithers at its wrap looks like them.
-    ways = product(dict.fromkeys(moduli), bases)
-    tried = ((*attempt(base, modulus), base, modulus) for modulus, base in ways)
-    _, wraps, outliers, base, candidate = min(tried, key=itemgetter(0))
-    modulus = candidate if wraps else None
-    readings = _unwrapped(values, base, modulus)
-    del steady, bases, base, ways, tried  # before other arrays take memory
+    ways = (attempt(base, modulus) for modulus, base in product(dict.fromkeys(moduli), bases))
+    _, tried, wraps, outliers, readings = min(ways, key=itemgetter(0))
+    modulus = tried if wraps else None
+    del bases, ways  # before other arrays take memory
     repetition = repeats(readings, quantum)
     stalled = stalls(readings, time, quantum, 2 * repetition)
     if stalled.any():
@@ -152,7 +145,7 @@ def _continuous(
     smooth = without_spikes(readings, time, outliers)
     found = {"reading": readings, "modulus": modulus, "wraps": wraps, "stalled": stalled}
     channel = replace(channel, **found, spikes=outliers if outliers.any() else None)
-    _refuse_lost_turns(channel, smooth, time, candidate, quantum, role, source)
+    _refuse_lost_turns(channel, smooth, time, tried, quantum, role, source)
     notes = []
     if repetition > 1:
         delay = 0.5 * (repetition - 1)
@@ -181,7 +174,7 @@ def _continuous(
 
 
 def _unwrapped(
-    values: Real[np.ndarray, " n"], base: Real[np.ndarray, " n"], modulus: int | float | None
+    values: Real[np.ndarray, " n"], base: Real[np.ndarray, " n"], modulus: int | float
 ) -> Real[np.ndarray, " n"]:
     """Return `values` unwrapped at the rows where `base` wraps.
 
@@ -189,8 +182,6 @@ def _unwrapped(
     of `values` is placed within half a modulus of `base`, so that it does not shift the later
     readings.
     """
-    if modulus is None:
-        return values
     readings = unwrap(base, modulus)
     rows = np.flatnonzero(values != base)
     offset = values[rows] - base[rows]
@@ -461,7 +452,12 @@ def make_channel(
         raise _constant(role, f"apart from {single} single readings", source)
     notes += digits_note(role, values, abs(channel.radians_per_unit))
     if layout.zero == "start":
-        channel = replace(channel, origin=_first_reading(channel))
+        first = channel.reading[0]
+        if channel.spikes is not None and channel.spikes[0] and len(steady) > 1:
+            # A far spike as the origin would shift the phases of all orders.
+            apart, step = np.abs(np.diff([first, *steady[:2]]).astype(np.float64))
+            first = steady[0] if apart > _FAR_OFF * step else first
+        channel = replace(channel, origin=first.item())
     return channel, (*notes, *told)
 
 
@@ -471,19 +467,6 @@ def _constant(role: str, how: str, source: Source) -> LogError:
         f" --column {role}=NAME.",
         where=source.at(role),
     )
-
-
-def _first_reading(channel: Channel) -> int | float:
-    """Return the reading that defines angle zero: the first reading, unless it is a far spike.
-
-    Then it is the first valid reading, because a far spike would shift the phases of all orders.
-    """
-    first = channel.reading[0]
-    if channel.spikes is not None and channel.spikes[0]:
-        valid = channel.reading[np.flatnonzero(~channel.spikes)[:2]].astype(np.float64)
-        if len(valid) == 2 and abs(first - valid[0]) > _FAR_OFF * abs(valid[1] - valid[0]):
-            return channel.reading[int(np.argmin(channel.spikes))].item()
-    return first.item()
 
 
 def _exact_counts(

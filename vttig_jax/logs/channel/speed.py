@@ -66,11 +66,9 @@ def smooth_speed(
     interval = float(np.median(np.diff(time)))
 
     def half_window(quantum: float, top: float) -> int:
-        longest = max(1, count // 40)
-        if top == 0:  # the readings change in their spikes only
-            return longest
-        needed = np.ceil(TRAVEL * quantum / (top * interval) / 2)
-        return int(np.clip(needed, 1, longest))
+        # The top speed is 0 if the readings change in their spikes only.
+        needed = np.ceil(TRAVEL * quantum / max(top * interval, 1e-300) / 2)
+        return int(np.clip(needed, 1, max(1, count // 40)))
 
     top = _top_speed(time, angle, max(1, count // 100), interval)
     noise = robust_deviation(bends(angle, time)[1:-1]) / np.sqrt(1.5)
@@ -102,15 +100,16 @@ def _top_speed(
     If the shaft stands still for most of the log, it is the largest speed. `interval` is the least
     time that counts, s.
     """
-    speed = angle[lag:] - angle[:-lag]
-    np.abs(speed, out=speed)
-    speed /= np.maximum(time[lag:] - time[:-lag], interval)
+    speed = np.abs(angle[lag:] - angle[:-lag]) / np.maximum(time[lag:] - time[:-lag], interval)
     return float(np.quantile(speed, 0.95, overwrite_input=True)) or float(speed.max())
 
 
-def runs(state: Shaped[np.ndarray, " n"], cut: Bool[np.ndarray, " n"]) -> list[tuple[int, int]]:
+def runs(
+    state: Shaped[np.ndarray, " n"], cut: Bool[np.ndarray, " n"] | None = None
+) -> list[tuple[int, int]]:
     """Return stretches [start, stop) of equal `state`; each true `cut` starts a new stretch."""
-    change = np.flatnonzero((state[1:] != state[:-1]) | cut[1:]) + 1
+    change = state[1:] != state[:-1]
+    change = np.flatnonzero(change if cut is None else change | cut[1:]) + 1
     edges = [0, *change.tolist(), len(state)]
     return list(pairwise(edges))
 
@@ -312,16 +311,13 @@ def _detect(
 ) -> Bool[np.ndarray, " n"]:
     """Return the mask of the spikes that one pass detects."""
     count = len(angle)
-    mask, rough = np.zeros(count, bool), np.zeros(count, bool)
-    bend = bends(angle, time)
+    mask, bend = np.zeros(count, bool), bends(angle, time)
     if max(bend.max(), -bend.min()) <= 0.5 * QUANTA * quantum:
         return mask
-    floor = QUANTA * quantum + DEVIATIONS * robust_deviation(bend) / np.sqrt(1.5)
-    del bend  # it is as long as the log
+    floor = QUANTA * quantum + DEVIATIONS * robust_deviation(bend.copy()) / np.sqrt(1.5)
     # The bend at a spike is its deviation, or half of it beside another spike.
-    for part, inner in _bends(angle, time):
-        rough[part] = np.abs(inner) > 0.5 * floor
-    rough[0], rough[-1] = rough[1], rough[-2]
+    rough = np.abs(bend, out=bend) > 0.5 * floor
+    del bend  # it is as long as the log
     if not rough.any():
         return mask
     near = np.convolve(rough, np.ones(2 * HALF + 1, bool), mode="same")
@@ -407,16 +403,6 @@ def bends(angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> Floa
     The first and the last sample get the deviation of the sample next to them.
     """
     bend = np.empty(len(angle))
-    for part, inner in _bends(angle, time):
-        bend[part] = inner
-    bend[0], bend[-1] = bend[1], bend[-2]
-    return bend
-
-
-def _bends(
-    angle: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]
-) -> Iterator[tuple[slice, Float[np.ndarray, " m"]]]:
-    """Yield the places and the deviations of samples between the first and the last one."""
     for part in pieces(len(angle) - 2):
         around = slice(part.start, part.stop + 2)
         seconds, value = time[around], angle[around]
@@ -424,7 +410,9 @@ def _bends(
         share = np.full_like(span, 0.5)
         np.divide(seconds[1:-1] - seconds[:-2], span, out=share, where=span > 0)
         inner = value[1:-1] - value[:-2] - share * (value[2:] - value[:-2])
-        yield slice(part.start + 1, part.stop + 1), inner
+        bend[part.start + 1 : part.stop + 1] = inner
+    bend[0], bend[-1] = bend[1], bend[-2]
+    return bend
 
 
 def robust_deviation(values: Float[np.ndarray, " n"]) -> float:

@@ -60,16 +60,23 @@ def wrap_steps(reading: Real[np.ndarray, " n"], modulus: int | float) -> Int[np.
     return wraps
 
 
-def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float) -> Real[np.ndarray, " n"]:
+def unwrap(reading: Real[np.ndarray, " n"], modulus: int | float | None) -> Real[np.ndarray, " n"]:
     """Return the continuous values `reading` + kM (k = 0 at the first sample); int64 stays exact.
+
+    Rows without a number are passed over.
 
     **Arguments**
     - `reading`: counts (int64) or angles (float64) in one unit, shape (n,).
-    - `modulus`: M in that unit; the shaft must turn less than M/2 between samples.
+    - `modulus`: M in that unit; the shaft must turn less than M/2 between samples. None: no wraps.
     """
-    found, turns = reading.copy(), 0
+    if modulus is None:
+        return reading
+    found, turns, numbers = reading.copy(), 0, np.isfinite(reading)
+    if not numbers.all():
+        found[numbers] = unwrap(reading[numbers], modulus)
+        return found
     whole = (int if reading.dtype.kind in "iu" else float)(modulus)
-    for part in pieces(max(len(reading) - 1, 0)):
+    for part in pieces(len(reading) - 1):
         wraps = turns + np.cumsum(wrap_steps(reading[part.start : part.stop + 1], modulus))
         found[part.start + 1 : part.stop + 1] += whole * wraps
         turns = wraps[-1]
@@ -125,9 +132,9 @@ def stray_jump(
     if len(step) < 5:
         return None
     np.abs(step, out=step)
-    limit = np.empty_like(step)  # from the steps two samples before and after
-    np.maximum(step[:-4], step[4:], out=limit[2:-2])
-    limit[:2], limit[-2:] = np.maximum(step[0], step[2:4]), np.maximum(step[-4:-2], step[-1])
+    around = np.pad(step, 2, mode="edge")
+    limit = np.maximum(around[:-4], around[4:])  # two samples before and after
+    del around
     limit *= 8
     limit += 8 * quantum
     isolated = step > limit
@@ -149,12 +156,8 @@ def steps_per_interval(
     Steps over an interval shorter than the median are not scaled.
     """
     weight = np.diff(time)
-    usual = np.median(weight)
-    if usual > 0:
-        weight /= usual
-        np.maximum(weight, 1.0, out=weight)
-    else:
-        weight[:] = 1.0
+    weight /= np.median(weight)  # not 0: `check_time` refuses stamps that mostly repeat
+    np.maximum(weight, 1.0, out=weight)
     return np.divide(np.diff(reading), weight, out=weight)
 
 
@@ -175,7 +178,7 @@ def kept_rows(
     layout: LogLayout,
     columns: Mapping[str, Real[np.ndarray, " n"]],
     turns: Callable[[], Float[np.ndarray, " n"]],
-    place: Source,
+    source: Source,
 ) -> tuple[Int[np.ndarray, " m"] | None, tuple[str, ...]]:
     """Return the rows that a table [log] keeps, and notes; None for all rows.
 
@@ -184,8 +187,6 @@ def kept_rows(
 
     **Raises** `LogError` if fewer than `FEWEST_SAMPLES` rows are left.
     """
-    stated = ((layout.start, 1), (layout.stop, -1))
-    edges = [(as_edge(edge, "log"), sign) for edge, sign in stated if edge is not None]
     if not layout.leaves_out_rows:
         return None, ()
     numbers = np.logical_and.reduce([np.isfinite(one) for one in columns.values()])
@@ -193,50 +194,41 @@ def kept_rows(
     if layout.missing == "skip" and not numbers.all():
         keep, first = numbers.copy(), int(np.argmin(numbers))
         lacking = [r for r, one in columns.items() if not np.isfinite(one).all()]
-        names = " and ".join(f"`{place.columns.get(role, role)}`" for role in lacking)
-        where = f"line {place.line_of(first)}" if place.line_of else f"sample {first}"
+        names = " and ".join(f"`{source.columns.get(role, role)}`" for role in lacking)
+        where = f"line {source.line_of(first)}" if source.line_of else f"sample {first}"
         count = len(numbers) - np.count_nonzero(numbers)
         notes.append(
             f"{count} of {len(numbers)} rows have no number in {names} and are left out, {where}"
             " first"
         )
     start = int(np.argmax(numbers))
-    axes = {"s": lambda: columns["time"], "rev": turns}
-    for (value, unit), sign in edges:
-        keep &= sign * (_since(axes[unit](), start) - value) >= 0
+
+    def along(unit: str) -> Real[np.ndarray, " n"]:
+        values = turns() if unit == "rev" else columns["time"]
+        return values - values[start]
+
+    for edge, sign in ((layout.start, 1), (layout.stop, -1)):
+        if edge is not None:
+            value, unit = as_edge(edge, "log")
+            keep &= sign * (along(unit) - value) >= 0
     for text in layout.cut:
         low, high, unit = as_cut(text, "log.cut")
-        along = _since(axes[unit](), start)
-        keep &= ~((along >= low) & (along <= high))
+        place = along(unit)
+        keep &= ~((place >= low) & (place <= high))
     given = [("--from", layout.start), ("--to", layout.stop), *(("--cut", c) for c in layout.cut)]
     words = " ".join(f"{option} {value}" for option, value in given if value is not None)
     rows = np.flatnonzero(keep)
     if len(rows) < FEWEST_SAMPLES:
-        lasts = float(np.nanmax(_since(columns["time"], start)))
+        lasts = float(np.nanmax(along("s")))
         raise LogError(
             f"{words or '--missing skip'} leaves {len(rows)} of {len(keep)} samples, and a log has"
             f" at least {FEWEST_SAMPLES}; it lasts {lasts:.6g} s, and places count from its first"
             " sample.",
-            where=place.name,
+            where=source.name,
         )
     if words:
         notes.append(f"{len(rows)} of {len(keep)} samples are read, with {words}")
     return rows, tuple(notes)
-
-
-def _since(values: Real[np.ndarray, " n"], start: int) -> Real[np.ndarray, " n"]:
-    return values - values[start]
-
-
-def unwrapped(
-    values: Real[np.ndarray, " n"], modulus: int | float | None
-) -> Real[np.ndarray, " n"]:
-    """Return readings with whole turns added in the rows with numbers."""
-    if modulus is None:
-        return values
-    found, numbers = values.copy(), np.isfinite(values)
-    found[numbers] = unwrap(values[numbers], modulus)
-    return found
 
 
 def joined(
@@ -257,8 +249,8 @@ def joined(
     gaps = np.flatnonzero(np.diff(rows) > 1)
     found, steps = {}, {}
     for role, values in readings.items():
-        found[role] = near = unwrapped(values[rows], moduli[role])
-        through = unwrapped(values, moduli[role])[rows]
+        found[role] = near = unwrap(values[rows], moduli[role])
+        through = unwrap(values, moduli[role])[rows]
         steps[role] = np.array([np.diff(through)[gaps], np.diff(near)[gaps]])
     ways = dict.fromkeys(readings, np.zeros(len(gaps), np.int64))
     if len(readings) == 2:
