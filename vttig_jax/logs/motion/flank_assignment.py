@@ -147,32 +147,25 @@ def crossed_gap(log: EncoderLog, by_motion: Segments) -> float:
     stroke = float(np.median(np.abs(np.diff([*origin, angle[moving[-1].stop - 1]]))))
     shares = _SHARES if stroke < _SHORT_STROKE else _SHARES[:1]
     ratio, gap = float(log.ratio), 0.0
-
-    def crossing(longest: float) -> float:
-        """Return the gap whose crossing takes up to the travel `longest`, or 0 without evidence."""
+    for longest in (share * stroke for share in shares):
+        gap = 0.0
         # The place of the teeth is known after a reversal or after the longest crossing.
         known = ~log.spikes[rows] & ((leg > 0) | (travel > longest))
-        used, way, since = rows[known], sense[known], travel[known]
+        used, way = rows[known], sense[known]
         if len(used) < LEAST or longest <= AFTER_REVERSAL or len(np.unique(way)) < 2:
-            return 0.0
+            continue
         basis = orthonormal_basis(columns_of(log, used, log.driving_speed.value[used]), 1e-9)
-
-        def squares(values: Float[np.ndarray, " m"]) -> float:
-            rest = values - basis @ (basis.T @ values)
-            return float(rest @ rest)
-
         error = log.transmission_error[used] - np.mean(log.transmission_error[used])
-        trials, found = ratio * np.geomspace(AFTER_REVERSAL, longest, _TRIALS), []
-        for gap in trials:
-            left = np.minimum(ratio * since, gap)
-            found.append(squares(error - np.where(way > 0, gap - left, left)))
-        best = int(np.argmin(found))
-        evidence = len(used) * np.log(max(squares(error), 1e-300) / max(found[best], 1e-300))
-        return float(trials[best]) if best > 0 and evidence >= EVIDENCE else 0.0
-
-    for share in shares:
-        gap = crossing(share * stroke)
-        if 0 < gap < share * stroke * ratio:
+        # The first trial value is no gap.
+        gaps = ratio * np.append(0.0, np.geomspace(AFTER_REVERSAL, longest, _TRIALS))[:, None]
+        left = np.minimum(ratio * travel[known], gaps)
+        rest = error - np.where(way > 0, gaps - left, left)
+        rest -= (rest @ basis) @ basis.T
+        squares = np.maximum(np.einsum("gm,gm->g", rest, rest), 1e-300)
+        best = 1 + int(np.argmin(squares[1:]))
+        if best > 1 and len(used) * np.log(squares[0] / squares[best]) >= EVIDENCE:
+            gap = float(gaps[best, 0])
+        if 0 < gap < longest * ratio:
             break  # a longer crossing would be seen at the limit
     return gap
 
@@ -189,14 +182,12 @@ _FACTORS = (3.0, 1.7, 1.3, 1.15, 1.07, 1.03)
 """Factors by which the final search multiplies and divides the limit (chosen)."""
 
 
-def overrunning_segments(
-    log: EncoderLog, by_motion: Segments, crossing: float = AFTER_REVERSAL
-) -> Segments | None:
+def overrunning_segments(log: EncoderLog, by_motion: Segments) -> Segments | None:
     """Return segments with the flanks of a load that overruns, or None without evidence for it.
 
     **Arguments**
-    - `by_motion`: segments with flanks by the direction of motion.
-    - `crossing`: travel in rad of the driving shaft that is masked after a change of flank.
+    - `by_motion`: segments with flanks by the direction of motion. The travel that they mask after
+      a change of flank is masked in the result, too.
     """
     speed = log.driving_speed
     sense, rows = flank_rows(log, by_motion)
@@ -207,9 +198,22 @@ def overrunning_segments(
         return None
     columns = columns_of(log, rows, speed.value[rows])
     error = log.transmission_error[rows]
-    usual = squares_with_step(error, columns, sense[rows])[0]
-    limits = list(np.quantile(seen[braked], _QUANTILES))
-    limit, least, gap = _best_limit(error, columns, sense[rows], seen, limits)
+
+    def fit(limit: float) -> tuple[float, float]:
+        """Return the sum of squares and the gap if the load overruns beyond a limit in rad/s²."""
+        flank = np.where(seen > limit, -sense[rows], sense[rows])
+        return squares_with_step(error, columns, flank)
+
+    fits = {limit: fit(limit) for limit in np.quantile(seen[braked], _QUANTILES).tolist()}
+    for _ in range(_ROUNDS):  # halves the distances of the best limit from its neighbours
+        limits = sorted(fits)
+        best = min(fits, key=fits.__getitem__)
+        place = limits.index(best)
+        for other in limits[max(place - 1, 0) : place] + limits[place + 1 : place + 2]:
+            middle = 0.5 * (best + other)
+            fits[middle] = fit(middle)
+    limit = min(fits, key=fits.__getitem__)
+    (least, gap), usual = fits[limit], fit(np.inf)[0]
     if gap <= 0 or len(rows) * np.log(usual / max(least, 1e-300)) < EVIDENCE:
         return None
     motion = np.sign(speed.value).astype(np.int8)
@@ -234,7 +238,7 @@ def overrunning_segments(
     if 2 * (found[0] - found[1]) < EVIDENCE:
         return None
     flank = np.where(place == 0, 1, np.where(place == 1, -1, 0)).astype(np.int8)
-    assigned = find_segments(replace(log, direction=flank), crossing)
+    assigned = find_segments(replace(log, direction=flank), by_motion.crossing)
     note = (
         f"the load overruns: while the drive brakes by more than {limit:.3g} rad/s², the contact is"
         " on the other flank"
@@ -295,34 +299,6 @@ def _place(
         ahead[k] = x
     share = ahead / gap
     return np.where(motion >= 0, share, 1 - share)
-
-
-def _best_limit(
-    error: Float[np.ndarray, " m"],
-    columns: Float[np.ndarray, "m p"],
-    sense: Int[np.ndarray, " m"],
-    braking: Float[np.ndarray, " m"],
-    limits: list[float],
-) -> tuple[float, float, float]:
-    """Return the limit in rad/s² with the least sum of squares, the sum, and the gap of its fit.
-
-    The search starts with the trial values `limits`; `sense` is the flank by the motion, ±1.
-    """
-
-    def tried(limit: float) -> tuple[float, float]:
-        flank = np.where(braking > limit, -sense, sense).astype(np.int8)
-        return squares_with_step(error, columns, flank)
-
-    found = {limit: tried(limit) for limit in limits}
-    for _ in range(_ROUNDS):
-        best = min(found, key=lambda limit: found[limit][0])
-        known = sorted(found)
-        place = known.index(best)
-        for other in known[max(place - 1, 0) : place] + known[place + 1 : place + 2]:
-            middle = 0.5 * (best + other)
-            found[middle] = tried(middle)
-    best = min(found, key=lambda limit: found[limit][0])
-    return best, *found[best]
 
 
 _BETTER = 0.5
@@ -399,7 +375,7 @@ def _by_motion(log: EncoderLog, found: Segments) -> Segments:
             " out, because the teeth cross the gap there"
         )
         found = replace(found, notes=(*found.notes, note))
-    return overrunning_segments(log, found, found.crossing) or found
+    return overrunning_segments(log, found) or found
 
 
 def _beyond(log: EncoderLog, found: Segments, gap: float) -> Segments:

@@ -58,10 +58,7 @@ def levels(speed: Float[np.ndarray, " n"], travel: Float[np.ndarray, " n"]) -> l
     **Arguments**
     - `speed`: magnitudes > 0 in rad/s. `travel`: travel in rad at each sample.
     """
-    place = np.log(speed)
-    place /= _BIN
-    index = np.floor(place, out=place).astype(np.int32)
-    del place  # it is as long as the run
+    index = np.floor(np.log(speed) / _BIN).astype(np.int32)
     index -= index.min()
     weight = np.bincount(index, travel) / travel.sum()
     width = round(2 * TOLERANCE / _BIN)
@@ -119,15 +116,13 @@ def _merged(
     them is true in `outside`.
     """
     left = np.concatenate([[0], np.cumsum(outside)])
-    padded = np.concatenate([[False], inside, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    joined: list[list[int]] = []
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        last = joined[-1][1] if joined else 0
+    joined: list[tuple[int, int]] = []
+    for start, stop in (span for span in runs(inside) if inside[span[0]]):
+        first, last = joined[-1] if joined else (0, 0)
         if joined and (start - last <= window or left[start] == left[last]):
-            joined[-1][1] = int(stop)
+            joined[-1] = first, stop
         else:
-            joined.append([int(start), int(stop)])
+            joined.append((start, stop))
     least = max(window, min(_LEAST * len(inside), _LONG * window))
     return [(start, stop) for start, stop in joined if stop - start >= least]
 
@@ -270,12 +265,8 @@ def find_segments(log: EncoderLog, crossing: float = AFTER_REVERSAL) -> Segments
     certain, ragged = _certain(log, angle, speed, moving)
     segments = segments_of(certain)
     if not segments and ragged < len(moving):  # all runs are too short for their ramps
-        ragged = len(moving)
-        fast = np.zeros(len(log), bool)
-        for start, stop in moving:
-            run = np.abs(speed.value[start:stop])
-            fast[start:stop] = run > RAGGED * run.max()
-        segments = segments_of(fast)
+        certain, ragged = _certain(log, angle, speed, moving, steadily=False)
+        segments = segments_of(certain)
     notes = []
     if ragged and log.torque is None:
         notes.append(
@@ -312,24 +303,27 @@ def _mean_speed(
 
 
 def _certain(
-    log: EncoderLog, angle: Float[np.ndarray, " n"], speed: Speed, moving: list[tuple[int, int]]
+    log: EncoderLog,
+    angle: Float[np.ndarray, " n"],
+    speed: Speed,
+    moving: list[tuple[int, int]],
+    *,
+    steadily: bool = True,
 ) -> tuple[Bool[np.ndarray, " n"], int]:
     """Return the mask of samples fast and steady enough, and the number of runs without plateau.
 
-    `moving` holds the runs as [start, stop). With a torque column all moving samples are in the
-    mask.
+    `moving` holds the runs as [start, stop). With a torque column all samples are in the mask.
+    `steadily`: whether plateaus are searched.
     """
-    certain = np.zeros(len(log), bool)
     if log.torque is not None:
-        for start, stop in moving:
-            certain[start:stop] = True
-        return certain, 0
-    ragged = 0
+        return np.ones(len(log), bool), 0
+    certain, ragged = np.zeros(len(log), bool), 0
     for start, stop in moving:
-        run = np.abs(speed.value[start:stop])
-        around = slice(max(start - 1, 0), stop + 1)
-        travel = np.abs(np.gradient(angle[around])[start - around.start :][: stop - start])
-        plateaus = levels(run, np.maximum(travel, 1e-3 * travel.mean()))
+        run, plateaus = np.abs(speed.value[start:stop]), []
+        if steadily:
+            around = slice(max(start - 1, 0), stop + 1)
+            travel = np.abs(np.gradient(angle[around])[start - around.start :][: stop - start])
+            plateaus = levels(run, np.maximum(travel, 1e-3 * travel.mean()))
         for level in plateaus:
             unsteady = 3.0 * speed.quantum / (speed.window * log.interval_s * level)
             for a, b in steady(run, level, max(TOLERANCE, unsteady), speed.window):
@@ -382,9 +376,7 @@ def still_segments(log: EncoderLog) -> Segments:
         said = f", which in {against} rows is not that of the step to their position (--invert"
         how += f"{said} driving --invert driven exchange both directions)" * bool(against)
     count, size = max(map(places, (angle, float(log.ratio) * angle))), len(np.unique(stop[kept]))
-    ends = np.flatnonzero(np.diff(sense)) + 1
-    spans = zip([0, *ends.tolist()], [*ends.tolist(), len(log)], strict=True)
-    parts = [(a, b, bool(sense[a] > 0)) for a, b in spans if sense[a]]
+    parts = [(a, b, bool(sense[a] > 0)) for a, b in runs(sense) if sense[a]]
     return Segments(
         tuple(Segment(a, b, "A" if up else "B", 0.0) for a, b, up in parts),
         tuple(MotionPhase(a, b, "forward" if up else "backward", 0.0) for a, b, up in parts),
