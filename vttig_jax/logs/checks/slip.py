@@ -9,8 +9,8 @@ All limits are chosen values unless they say otherwise.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from ...base.errors import LogError
 from ...base.numerics.student_noise import NoiseFit, fit_student_noise
 from ...base.numerics.well_conditioned import orthonormal_basis, pseudo_inverse
 from ...base.units import DEG, REV
+from ..channel.speed import runs
 from ..encoder_log import EncoderLog
 from ..lines.rows import scaled
 from ..motion.segments import Segments, groups_of_speed
@@ -99,8 +100,8 @@ class Step:
 def find_steps(
     values: Float[np.ndarray, " w"],
     columns: Float[np.ndarray, "w p"],
-    least: float = 0.0,
-    rival: Float[np.ndarray, " w"] | None = None,
+    least: float,
+    rival: Float[np.ndarray, " w"],
 ) -> list[Step]:
     """Return the steps that raise the likelihood enough, in a fit together with other regressors.
 
@@ -116,122 +117,116 @@ def find_steps(
     - `least`: least size of a step, in the unit of `values`.
     - `rival`: regressor of an effect whose size may step instead, shape (w,).
     """
-    series = _Series(values, columns, _FLOOR * least)
-    constant = np.ones(len(values))
-    if series.squares_ratio(constant, series.places(constant, FIRST)) < EVIDENCE / 2:
+    series = _Series(values, columns, np.ones(len(values)), _FLOOR * least)
+    if series.squares_ratio(series.places(FIRST)) < EVIDENCE / 2:
         return []
-    without = series.noise(columns)
-    places, score = series.judged(constant, without)
-    if not places:
-        return []
-    if rival is not None and series.judged(rival, without)[1] > score + _BETTER:
+    without = series.noise([])
+    places, score = series.judged(without)
+    if not places or replace(series, shape=rival).judged(without)[1] > score + _BETTER:
         return []
     return series.measured(series.sharpened(places, without), least)
 
 
 @dataclass(frozen=True, eq=False)
 class _Series:
-    """Series and its regressors `columns`; `floor` is the least standard deviation of the noise."""
+    """Series and its regressors `columns`; `floor` is the least standard deviation of the noise.
+
+    The regressor of a step is 0 before its index and `shape` from its index on; ones give a step of
+    the value.
+    """
 
     values: Float[np.ndarray, " w"]
     columns: Float[np.ndarray, "w p"]
+    shape: Float[np.ndarray, " w"]
     floor: float
 
-    def places(self, shape: Float[np.ndarray, " w"], most: int) -> list[int]:
+    def steps(self, places: Sequence[int]) -> Float[np.ndarray, "w s"]:
+        """Return the regressors of steps."""
+        rows = np.arange(len(self.shape))[:, None]
+        return self.shape[:, None] * (rows >= np.array(places, np.int64))
+
+    def places(self, most: int) -> list[int]:
         """Return up to `most` indices at which a step reduces the sum of squares most.
 
-        The regressor of a step is 0 before its index and `shape` from its index on; ones give a
-        step of the value. The steps are found one after the other.
+        The steps are found one after the other.
         """
         places: list[int] = []
         while len(self.values) >= 4 * NEAR and len(places) < most:
-            place = self._best_place(shape, places)
+            place = self._best_place(places)
             if place is None:
                 break
             places.append(place)
         return places
 
-    def fewer(self, shape: Float[np.ndarray, " w"], places: list[int]) -> list[int]:
+    def fewer(self, places: list[int]) -> list[int]:
         """Return the steps without the one that is missed least, each moved to its best place."""
-        base = self._of_columns
-        steps = _without(base, _without(base, shape[:, None] * _steps(places, len(shape))))
-        inverse = np.linalg.pinv(steps)
+        inverse = np.linalg.pinv(self._beside_columns(places))
         missed = (inverse @ self.values) ** 2 / np.sum(inverse**2, axis=1)
         left = np.delete(places, np.argmin(missed)).tolist()
-        found = self.squares_ratio(shape, left)
+        found = self.squares_ratio(left)
         for k in range(len(left)):
-            place = self._best_place(shape, [*left[:k], *left[k + 1 :]])
+            place = self._best_place([*left[:k], *left[k + 1 :]])
             if place is not None and place != left[k]:
                 other = [*left[:k], place, *left[k + 1 :]]
-                if (better := self.squares_ratio(shape, other)) > found:
+                if (better := self.squares_ratio(other)) > found:
                     left, found = other, better
         return left
 
-    def squares_ratio(self, shape: Float[np.ndarray, " w"], places: list[int]) -> float:
+    def squares_ratio(self, places: list[int]) -> float:
         """Return n ln (S₀ / S₁) with the number n of values.
 
-        S₀ is the sum of squares without steps, S₁ that with steps at `places`; see `places` for
-        `shape`.
+        S₀ is the sum of squares without steps, S₁ that with steps at `places`.
         """
-        squares = []
-        for used in ([], places):
-            residual = _without(self._basis(shape, used), self.values)
-            squares.append(max(float(residual @ residual), 1e-300))
-        return len(self.values) * float(np.log(squares[0] / squares[1]))
+        rests = [_without(self._basis(used), self.values) for used in ([], places)]
+        before, after = (max(float(rest @ rest), 1e-300) for rest in rests)
+        return len(self.values) * float(np.log(before / after))
 
-    def noise(
-        self, design: Float[np.ndarray, "w q"], *starts: NoiseFit, **choices: Any
-    ) -> NoiseFit:
-        """Return the noise model with the largest likelihood, fitted together with `design`.
+    def noise(self, places: list[int], *starts: NoiseFit, **choices: Any) -> NoiseFit:
+        """Return the noise model of largest likelihood, fitted together with columns and steps.
 
         `starts` are further fits from which the search starts.
         """
+        design = np.hstack([self.columns, self.steps(places)])
         return fit_student_noise(self.values, design, *starts, floor=self.floor, **choices)
 
-    def judged(self, shape: Float[np.ndarray, " w"], without: NoiseFit) -> tuple[list[int], float]:
+    def judged(self, without: NoiseFit) -> tuple[list[int], float]:
         """Return the places of the steps to accept, and 2 Δ ln L minus its threshold.
 
         `without` is the noise model without steps. If no step is accepted, the second value is 0.
         Noise whose level wanders by innovations with heavier tails than those beside the steps is
         no rival: it calls every step an outlier.
         """
-        accepted, best = [], 0.0
-        places, usual = self.places(shape, MOST), {}
+
+        @cache
+        def usual(order: int | None, tails: float) -> float:
+            return self.noise([], without, order=order, least_freedom=tails).log_likelihood
+
+        accepted, best, places = [], 0.0, self.places(MOST)
         while places:
             least = EVIDENCE + FURTHER * (len(places) - 1)
-            if self.squares_ratio(shape, places) >= least / 2:
-                found = self.noise(self._design(shape, places), without)
-                kinds = [(order, found.freedom) for order in (None, found.order)]
-                for order, tails in kinds:
-                    if (order, tails) not in usual:
-                        usual[order, tails] = self.noise(
-                            self.columns, without, order=order, least_freedom=tails
-                        ).log_likelihood
-                beside = max(usual[kind] for kind in kinds)
+            if self.squares_ratio(places) >= least / 2:
+                found = self.noise(places, without)
+                beside = max(usual(order, found.freedom) for order in (None, found.order))
                 score = 2 * (found.log_likelihood - beside) - least
                 if score >= best:
                     accepted, best = places, score
-            places = self.fewer(shape, places)
+            places = self.fewer(places)
         return sorted(accepted), best
 
     def sharpened(self, places: list[int], without: NoiseFit) -> list[int]:
         """Return the indices of the steps, each moved to the nearby index of largest likelihood."""
-        sharp, constant, last = list(places), np.ones(len(self.values)), len(self.values) - 1
+        sharp, last = list(places), len(self.values) - 1
         for k, place in enumerate(places):
             nearby = range(max(place - NEAR // 2, 1), min(place + NEAR // 2 + 1, last))
             trials = [[*sharp[:k], other, *sharp[k + 1 :]] for other in nearby]
-            found = [
-                self.noise(self._design(constant, trial), without).log_likelihood
-                for trial in trials
-            ]
-            sharp = trials[int(np.argmax(found))]
+            sharp = max(trials, key=lambda trial: self.noise(trial, without).log_likelihood)
         return sharp
 
     def measured(self, places: list[int], least: float) -> list[Step]:
         """Fit steps at `places` with the columns; return those of at least the size `least`."""
-        values, columns, (count, width) = self.values, self.columns, self.columns.shape
-        steps = _steps(places, count)
-        design = np.hstack([columns, steps])
+        values, (count, width) = self.values, self.columns.shape
+        steps = self.steps(places)
+        design = np.hstack([self.columns, steps])
         solution = np.linalg.lstsq(design, values, rcond=1e-9)[0]
         residual = values - design @ solution
         sigma = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
@@ -251,32 +246,29 @@ class _Series:
             found.append(Step(place, size, float(std), base, solution[:width]))
         return found
 
-    def _design(
-        self, shape: Float[np.ndarray, " w"], places: list[int]
-    ) -> Float[np.ndarray, "w q"]:
-        return np.hstack([self.columns, shape[:, None] * _steps(places, len(shape))])
-
     @cached_property
     def _of_columns(self) -> Float[np.ndarray, "w r"]:
         return _basis(self.columns)
 
-    def _basis(self, shape: Float[np.ndarray, " w"], places: list[int]) -> Float[np.ndarray, "w r"]:
-        """Return an orthonormal basis of the columns and of steps, which are independent."""
-        basis = self._of_columns
-        if not places:
-            return basis
-        steps = shape[:, None] * _steps(places, len(shape))
+    def _beside_columns(self, places: list[int]) -> Float[np.ndarray, "w s"]:
+        """Return the parts of steps that are orthogonal to the columns."""
+        steps = self.steps(places)
         for _ in range(2):  # the second time removes the rounding errors of the first
-            steps = _without(basis, steps)
-        return np.hstack([basis, np.linalg.qr(steps)[0]])
+            steps = _without(self._of_columns, steps)
+        return steps
 
-    def _best_place(self, shape: Float[np.ndarray, " w"], taken: list[int]) -> int | None:
+    def _basis(self, places: list[int]) -> Float[np.ndarray, "w r"]:
+        """Return an orthonormal basis of the columns and of steps, which are independent."""
+        if not places:
+            return self._of_columns
+        return np.hstack([self._of_columns, np.linalg.qr(self._beside_columns(places))[0]])
+
+    def _best_place(self, taken: list[int]) -> int | None:
         """Return the index at which one more step reduces the sum of squares most, or None.
 
         Indices near the steps at `taken` are excluded.
         """
-        count = len(self.values)
-        basis = self._basis(shape, taken)
+        count, shape, basis = len(self.values), self.shape, self._basis(taken)
         residual = _without(basis, self.values)
         # The column of step k is `shape` from row k on, so its products are sums over the tail.
         tail = np.cumsum((shape[:, None] * basis)[::-1], axis=0)[::-1]
@@ -290,10 +282,6 @@ class _Series:
             return None
         drop = np.cumsum((shape * residual)[::-1])[::-1] ** 2
         return int(np.argmax(drop / np.where(usable, remainder, np.inf)))
-
-
-def _steps(places: list[int], count: int) -> Float[np.ndarray, "w s"]:
-    return (np.arange(count)[:, None] >= np.array(places, np.int64)[None, :]).astype(np.float64)
 
 
 def _without(
@@ -390,10 +378,7 @@ def find_slips(log: EncoderLog, segments: Segments) -> tuple[Slip, ...]:
     effects = effects_of(log, rows, group, forward)
     residual = _huber_residual(effects, log.transmission_error[rows])
     size = np.diff([*edges, len(rows)])
-    medians = np.empty(len(size))
-    for length in np.unique(size):  # windows of one length are the rows of a table
-        windows = size == length
-        medians[windows] = np.median(residual[edges[windows, None] + np.arange(length)], axis=1)
+    medians = np.array([np.median(window) for window in np.split(residual, edges[1:])])
     means = np.add.reduceat(effects, edges, axis=0) / size[:, None]
     # Least size in rad of the driven shaft: half the scatter of the residual, a multiple of the
     # rounding error, and one count of both encoders, whose rounding may differ from pass to pass.
@@ -445,19 +430,16 @@ def _rows(
     **Returns** the index of the sample in the log, the number of its segment in the order of time,
     the number of its group of one flank and one speed, and True if flank A is in contact.
     """
-    spikes = log.spikes
     thin = max(1, (segments.forward + segments.backward) // MOST_ROWS)
-    ordered = sorted(segments.segments, key=lambda segment: segment.start)
-    kept = []
-    for segment in ordered:
-        index = np.arange(segment.start, segment.stop, thin)
-        kept.append(index[~spikes[index]])
-    lengths = [len(index) for index in kept]
-    forward = [segment.flank == "A" for segment in ordered]
+    parts = segments.segments
+    kept = [np.arange(one.start, one.stop, thin) for one in parts]
+    kept = [rows[~log.spikes[rows]] for rows in kept]
+    lengths = [len(rows) for rows in kept]
     rows = np.concatenate([np.zeros(0, np.int64), *kept])
-    segment_of = np.repeat(np.arange(len(ordered), dtype=np.int64), lengths)
-    group = np.repeat(np.array(groups_of_speed(ordered, SAME_SPEED), np.int64), lengths)
-    return rows, segment_of, group, np.repeat(np.array(forward, bool), lengths)
+    segment_of = np.repeat(np.arange(len(parts), dtype=np.int64), lengths)
+    group = np.repeat(np.array(groups_of_speed(parts, SAME_SPEED), np.int64), lengths)
+    forward = np.repeat(np.array([one.flank == "A" for one in parts], bool), lengths)
+    return rows, segment_of, group, forward
 
 
 def _huber_residual(
@@ -481,18 +463,16 @@ def _huber_residual(
         weighted = (table * weight[:, None]).T
         changes.append(pseudo_inverse(weighted @ table, _DEPENDENT) @ (weighted @ left))
         left = left - table @ changes[-1]
-        size = np.abs(left)
-        scale = 1.5 * float(np.median(size)) / 0.6745
-        weight = scale / np.maximum(size, max(scale, 1e-300))
+        scale = 1.5 * float(np.median(np.abs(left))) / 0.6745
+        weight = scale / np.maximum(np.abs(left), max(scale, 1e-300))
     return error - effects @ changes[0] - effects @ np.sum(changes[1:], axis=0)
 
 
 def _window_starts(segment_of: Int[np.ndarray, " m"]) -> Int[np.ndarray, " w"]:
     """Return the first index of every window; windows have similar length, each in one segment."""
     length = max(LEAST, len(segment_of) // WINDOWS)
-    starts = np.flatnonzero(np.diff(segment_of, prepend=-1))
     edges = []
-    for start, stop in zip(starts, [*starts[1:], len(segment_of)], strict=True):
+    for start, stop in runs(segment_of):
         parts = max(1, (stop - start) // length)
         edges += [start + (stop - start) * k // parts for k in range(parts)]
     return np.array(edges, np.int64)
