@@ -12,7 +12,6 @@ slope of φ₂ over φ₁ alone is then too small, and its residual is large. A 
 error may also come from a delay or a drift; the likelihoods of the three are compared.
 """
 
-import itertools
 import math
 import tomllib
 from dataclasses import dataclass, replace
@@ -82,7 +81,13 @@ def cause_of_slope(log: EncoderLog) -> Cause:
 
     ```
     """
-    level, angle, speed, time, *base = _block_means(log)
+    angle, speed = log.driving_angle, log.driving_speed.value
+    way = np.sign(np.where(np.abs(speed) > _MOVES * np.abs(speed).max(), speed, 0.0))
+    error = log.driven_angle - float(log.ratio) * angle
+    columns = (error, angle, speed, log.time, np.ones(len(log)), way, np.cos(angle), np.sin(angle))
+    edges = np.linspace(0, len(log), min(_BLOCKS, len(log)) + 1).astype(np.int64)
+    sums = np.array([np.add.reduceat(column, edges[:-1]) for column in columns])
+    level, angle, speed, time, *base = sums / np.diff(edges)
     plain = fit_student_noise(level, np.stack(base, axis=1))
 
     def gain(column: Float[np.ndarray, " b"]) -> float:
@@ -95,36 +100,15 @@ def cause_of_slope(log: EncoderLog) -> Cause:
     return best if gains[best] > others + CLEAR else "open"
 
 
-def _block_means(log: EncoderLog) -> Float[np.ndarray, "8 b"]:
-    """Return means over blocks of rows: transmission error, angle, speed, time, and the base.
-
-    The base is ones, direction of motion, cosine and sine of the driving angle.
-    """
-    angle, speed = log.driving_angle, log.driving_speed.value
-    driven = log.driven_angle
-    slow = _MOVES * float(np.abs(speed).max())
-    edges = np.linspace(0, len(angle), min(_BLOCKS, len(angle)) + 1).astype(np.int64).tolist()
-    rows = []
-    for start, stop in itertools.pairwise(edges):
-        x, w = angle[start:stop], speed[start:stop]
-        way = np.sign(np.where(np.abs(w) > slow, w, 0.0))
-        error = driven[start:stop] - float(log.ratio) * x
-        columns = (error, x, w, log.time[start:stop], np.ones(len(x)), way, np.cos(x), np.sin(x))
-        rows.append([float(np.mean(one)) for one in columns])
-    return np.array(rows).T
-
-
 _MOST_ROWS = 4000  # largest number of samples that are compared (chosen)
 _TRIALS = 40  # number of trial values of c, at equal ratios (chosen)
 _LEAST = DEG  # least c, rad of the driving shaft (chosen)
 _LONGEST = 0.9  # largest c, as a share of the travel of the driving shaft (chosen)
 
 
-Followed = tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]
-"""Angles of the driving and of the driven shaft in rad at the same samples."""
-
-
-def without_lost_motion(log: EncoderLog) -> Followed:
+def without_lost_motion(
+    log: EncoderLog,
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Return φ₁ and φ₂ − k s at up to `_MOST_ROWS` evenly spaced samples of a log."""
     rows = slice(None, None, -(-len(log) // _MOST_ROWS))
     driving, driven = log.driving_angle[rows], log.driven_angle[rows]
@@ -173,6 +157,7 @@ class SeenRatio:
     - `verdict`: whether `seen` agrees with `given`, or else with its inverse or its negative.
     - `cause`: what explains best that `seen` deviates from `given` by more than chance.
     - `travel`: path of the driving shaft from its lowest to its highest angle, rad.
+    - `scatter`: rms of what the driven shaft does not follow the driving shaft by, rad.
     - `lead`: text on the lead of a linear axis with which the log has the given ratio, or "".
     """
 
@@ -182,6 +167,7 @@ class SeenRatio:
     verdict: Verdict
     cause: Cause = "open"
     travel: float = 0.0
+    scatter: float = 0.0
     lead: str = ""
 
     @property
@@ -249,18 +235,24 @@ class SeenRatio:
 
     def _said(self, kind: str, slug: str) -> str:
         """Return a text of `_TEXTS` with the numbers of this ratio."""
-        decimal = decimal_option(abs(self.seen or 1.0), self.std or 0.0)
-        seen = self.seen or 0.0
-        found = likely_fraction(abs(seen), self.std or 0.0) if seen else None
+        seen, std = self.seen or 0.0, self.std or 0.0
+        found = likely_fraction(abs(seen), std) if seen else None
         near = f"{seen:.6g}" if found is None else f"{found if seen > 0 else -found}"
         inverse = 1 / self.given
-        if max(inverse.numerator, inverse.denominator) > MOST_TEETH and seen:
+        if max(inverse.numerator, inverse.denominator) > MOST_TEETH:
             # The given ratio is a rounded decimal, and its inverse would be a wrong ratio.
-            inverse = likely_fraction(abs(seen), self.std or 0.0) or inverse
-        words = {"turns": f"{inverse.denominator}:{inverse.numerator}", "inverse": str(inverse)}
-        words |= {"lead": self.lead, "option": self._option, "decimal": decimal, "near": near}
-        words["said"] = "is" if self.cause == "ratio" else "may be"
-        return _TEXTS[kind][slug].format(given=self.given, scale=1 / self.given, **words)
+            inverse = found or inverse
+        return _TEXTS[kind][slug].format(
+            given=self.given,
+            scale=1 / self.given,
+            turns=f"{inverse.denominator}:{inverse.numerator}",
+            inverse=inverse,
+            lead=self.lead,
+            option=self._option,
+            decimal=decimal_option(abs(seen or 1.0), std),
+            near=near,
+            said="is" if self.cause == "ratio" else "may be",
+        )
 
     @property
     def _option(self) -> str:
@@ -279,29 +271,37 @@ class SeenRatio:
 def seen_ratio(log: EncoderLog) -> SeenRatio:
     """Estimate the ratio of driven to driving speed by regression over the log, with a verdict.
 
+    If the slope leaves so much that the shafts do not seem to turn together, the motion that the
+    teeth lose in the gap is left out of the driven angle.
+
     A ratio within the tolerance that deviates by more than chance is not refused, because a belt
     that creeps and a rounded decimal are good logs. The result then says what explains it best.
     """
-    return _seen(log, _followed(log))
-
-
-def _seen(log: EncoderLog, followed: Followed | None) -> SeenRatio:
-    """Return `seen_ratio` from the angles of `_followed`."""
-    if followed is None:
+    if log.driven is None:
         return SeenRatio(None, None, log.ratio, "none")
-    seen, std = slope(*followed)
+    driving, driven = log.driving_angle, log.driven_angle
+    middle, travel = driving - driving.mean(), float(np.ptp(driving))
+    rest = driven - float(driven @ middle / (middle @ middle)) * middle
+    if not _turn_together(log, float(np.std(rest))):
+        driving, driven = without_lost_motion(log)
+    seen, std = slope(driving, driven)
     turns = max(float(np.ptp(log.driven_angle)) / REV, 1e-9)
-    tolerance = max(TOLERANCE, min(MOST_TOLERANCE, SHIFT_TURNS / turns))
-    verdict = _verdict(seen, std, float(log.ratio), tolerance)
-    found = SeenRatio(seen, std, log.ratio, verdict, travel=float(np.ptp(log.driving_angle)))
+    tolerance, given = max(TOLERANCE, min(MOST_TOLERANCE, SHIFT_TURNS / turns)), float(log.ratio)
+    verdicts: dict[Verdict, float] = {"agrees": given, "sign": -given}
+    verdicts |= {"swapped": 1 / given, "swapped_sign": -1 / given, "differs": seen}
+    verdict: Verdict = next(
+        name
+        for name, value in verdicts.items()
+        if abs(seen - value) <= max(tolerance * abs(value) + SURELY * std, DEVIATIONS * std)
+    )
+    scatter = float(np.std(driven - seen * driving))
+    found = SeenRatio(seen, std, log.ratio, verdict, travel=travel, scatter=scatter)
     for one, power in ((log.driving, -1), (log.driven, 1)):
-        if one is not None and one.unit in LENGTH_UNITS:
+        if one.unit in LENGTH_UNITS:
             lead = abs(seen / log.ratio) ** power * REV / abs(one.radians_per_unit)
             text = f"the lead (--lead-mm {lead * LENGTH_UNITS[one.unit]:.4g}), or "
             found = replace(found, lead=text)
-    if not found.is_doubtful:
-        return found
-    return replace(found, cause=cause_of_slope(log))
+    return replace(found, cause=cause_of_slope(log)) if found.is_doubtful else found
 
 
 def check_ratio(log: EncoderLog) -> SeenRatio:
@@ -311,38 +311,18 @@ def check_ratio(log: EncoderLog) -> SeenRatio:
     standard errors, more than 0.5 % (up to 1 % if the driven shaft covers less than three turns).
     Shafts that do not turn together are a contradiction too.
     """
-    followed = _followed(log)
-    ratio = _seen(log, followed)
-    if followed is not None and ratio.seen is not None:
-        travel = float(np.ptp(log.driven_angle))
-        scatter = float(np.std(followed[1] - ratio.seen * followed[0]))
-        if not _turn_together(log, scatter):
-            raise LogError(
-                f"the two channels do not turn together: {np.degrees(scatter):.3g}° rms of the"
-                f" {np.degrees(travel):.3g}° that the driven shaft turns do not follow the driving"
-                " shaft; name the right columns with --column driving=NAME --column driven=NAME.",
-                where=log.place.at("driven"),
-            )
+    ratio = seen_ratio(log)
+    if log.driven is not None and not _turn_together(log, ratio.scatter):
+        raise LogError(
+            f"the two channels do not turn together: {np.degrees(ratio.scatter):.3g}° rms of the"
+            f" {np.degrees(np.ptp(log.driven_angle)):.3g}° that the driven shaft turns do not"
+            " follow the driving shaft; name the right columns with --column driving=NAME --column"
+            " driven=NAME.",
+            where=log.place.at("driven"),
+        )
     if ratio.verdict not in ("agrees", "none"):
         raise LogError(ratio.sentence, where=log.place.at("driven"))
     return ratio
-
-
-def _followed(log: EncoderLog) -> Followed | None:
-    """Return driving and driven angle, rad, for the slope of one over the other.
-
-    They are those of the log. If the slope leaves so much that the shafts do not seem to turn
-    together, the motion that the teeth lose in the gap is left out of the driven angle. The result
-    is None for a log that gives the transmission error in place of the driven channel.
-    """
-    if log.driven is None:
-        return None
-    driving, driven = log.driving_angle, log.driven_angle
-    middle = driving - driving.mean()
-    rest = driven - float(driven @ middle / (middle @ middle)) * middle
-    if _turn_together(log, float(np.std(rest))):
-        return driving, driven
-    return without_lost_motion(log)
 
 
 def _turn_together(log: EncoderLog, scatter: float) -> bool:
@@ -353,16 +333,3 @@ def _turn_together(log: EncoderLog, scatter: float) -> bool:
     assert log.driven is not None
     steps = math.hypot(log.driven.resolution, float(log.ratio) * log.driving.resolution)
     return scatter**2 - steps**2 / 12 <= (APART * float(np.ptp(log.driven_angle))) ** 2
-
-
-def _verdict(seen: float, std: float, given: float, tolerance: float) -> Verdict:
-    def fits(value: float) -> bool:
-        off = abs(seen - value)
-        return off <= tolerance * abs(value) + SURELY * std or off <= DEVIATIONS * std
-
-    candidates: dict[Verdict, float] = {"agrees": given, "sign": -given}
-    candidates |= {"swapped": 1 / given, "swapped_sign": -1 / given}
-    for verdict, value in candidates.items():
-        if fits(value):
-            return verdict
-    return "differs"

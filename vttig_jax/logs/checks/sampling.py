@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 from jaxtyping import Float, Int64
 
+from ...base.numerics.counting import pieces
 from ...base.units import ARCSEC, REV
 from ...pair.schema import Flank
 from ..channel.channel import gaps_of
@@ -209,17 +210,13 @@ def aliased(
     **Arguments**
     - `orders`: shaft → (its speed relative to the driving shaft, its orders in the fit).
     """
-    findings: dict[str, Aliased] = {}
-    for plateau in sorted(plateaus, key=lambda p: -abs(p.speed_rpm)):
-        for shaft, (relative, used) in orders.items():
-            turns = abs(plateau.speed_rpm * relative) / 60
-            above = [order for order in used if order * turns >= rate_hz / 2]
-            if above and shaft not in findings:
-                findings[shaft] = Aliased(shaft, min(above), max(above), plateau.speed_rpm)
-    return tuple(findings.values())
+    findings, fastest = [], max((one.speed_rpm for one in plateaus), key=abs, default=0.0)
+    for shaft, (relative, used) in orders.items():
+        turns = abs(fastest * relative) / 60
+        if above := [order for order in used if order * turns >= rate_hz / 2]:
+            findings.append(Aliased(shaft, min(above), max(above), fastest))
+    return tuple(findings)
 
-
-CHUNK = 65536  # rows per block of the Gram matrix (chosen)
 
 SEPARABLE = 0.02
 """Orders are separable if the least eigenvalue of the normalised Gram matrix reaches this value
@@ -298,14 +295,11 @@ def _gram(
     angles = {"driving": log.driving_angle, "driven": log.driven_angle}
     size = 3 + 2 * len(terms)
     gram = np.zeros((size, size))
-    for start in range(0, len(index), CHUNK):
-        part = slice(start, start + CHUNK)
-        rows = np.empty((size, len(index[part])))
-        rows[0], rows[1], rows[-1] = 1.0, time[part], error[part]
-        waves = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in dict(terms)}
-        powers = {shaft: np.vander(x, HIGHEST + 1, increasing=True) for shaft, x in waves.items()}
-        for k, (shaft, order) in enumerate(terms):
-            power = powers[shaft][:, order]
-            rows[2 + 2 * k], rows[3 + 2 * k] = np.real(power), np.imag(power)
+    for part in pieces(len(index)):
+        turned = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in dict(terms)}
+        powers = {shaft: np.vander(x, HIGHEST + 1, increasing=True) for shaft, x in turned.items()}
+        waves = [powers[shaft][:, order] for shaft, order in terms]
+        columns = [half for wave in waves for half in (wave.real, wave.imag)]
+        rows = np.stack([np.ones(len(time[part])), time[part], *columns, error[part]])
         gram += rows @ rows.T
     return gram
