@@ -428,7 +428,7 @@ def _sections(lines: Sequence[str]) -> tuple[list[Section], str]:
 
 def _walk(lines: Sequence[str], mark: str) -> Iterator[Section]:
     """Yield the tables of a text in their order."""
-    current: Section | None = None
+    current = Section("", [], 0)  # what stands above the first table is none
     heading, between, parted = "", [], True
     for number, line in enumerate(lines, 1):
         if not line.strip():
@@ -436,24 +436,22 @@ def _walk(lines: Sequence[str], mark: str) -> Iterator[Section]:
             continue
         fields = split(line, mark)
         # A line of text between two rows is a damaged row, unless it repeats the names.
-        begins = parted or (current is not None and fields == current.names)
+        begins = parted or fields == current.names
         parted = False
         if begins and _WORD.match(line) and _is_header(fields, lines, number, mark):
-            if current is not None:
-                yield current
+            yield current
             current = Section(heading, fields, number)
             heading, between = "", []
-        elif current is not None and len(fields) == len(current.names) and _has_numbers(fields):
+        elif current.names and len(fields) == len(current.names) and _has_numbers(fields):
             current.others += between
             current.rows.append((number, fields))
             between = []
-        elif current is not None and not current.rows and is_units_row(fields):
+        elif current.names and not current.rows and is_units_row(fields):
             current.units = fields
         else:
             heading, parted = heading or line.strip(), True
             between.append(number)
-    if current is not None:
-        yield current
+    yield current
 
 
 def _is_header(fields: list[str], lines: Sequence[str], number: int, mark: str) -> bool:
