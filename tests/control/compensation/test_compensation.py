@@ -5,11 +5,12 @@ import math
 from fractions import Fraction
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.oracles.compensated import gap_at
+from tests.oracles.compensated import gap_at, shift_at
 from vttig_jax.base.errors import NoAnswerError, PairError, UsageError
 from vttig_jax.base.units import ARCSEC, DEG, REV
 from vttig_jax.control.compensation.c_header import HeaderOrigin, c_header
@@ -41,6 +42,24 @@ def readings(
 
 def wrapped(angle):
     return np.remainder(angle + np.pi, REV) - np.pi
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_single_turn_readings_give_the_map_of_the_hunting_period(grid, compensation, share):
+    first, second = readings(grid, share)
+    gap = gap_at(compensation, wrapped(first), wrapped(second))
+    assert gap.known.all()
+    np.testing.assert_allclose(gap.backlash_rad, grid.over(ANGLES), atol=1e-10)
+    assert compensation.error_rad < 1e-10
+    slope = np.asarray(jax.vmap(jax.grad(lambda angle: grid.at(angle)))(jnp.asarray(ANGLES)))
+    np.testing.assert_allclose(gap.slope, slope, atol=1e-8)
+    shift = shift_at(compensation, wrapped(first), wrapped(second), 0.2)
+    expected = np.maximum(0, grid.over(ANGLES) / CLOSING - 0.2)
+    np.testing.assert_allclose(shift.shift_mm, expected, atol=1e-7)
+    assert 0 < np.count_nonzero(shift.shift_mm == 0) < 500
+    np.testing.assert_array_equal(shift.slope_mm_per_rad[shift.shift_mm == 0], 0)
+    closes = shift.shift_mm > 0
+    np.testing.assert_allclose(shift.slope_mm_per_rad[closes], (slope / CLOSING)[closes], atol=1e-5)
 
 
 def test_readings_of_another_place_are_unknown(grid, compensation):

@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -132,6 +134,22 @@ def test_what_lasts_on_comes_to_rest_where_spring_and_pull_balance():
     for depth, rate in ((-1e-3, 0.0), (0.02, 1e-3), (0.01, 0.0)):
         found = after(depth, rate, 0.01, LONG, 0.1)
         assert float(found.press.depth) == 0.01 and float(found.press.rate) == 0.0
+
+
+@given(
+    depth=st.floats(-2.0, 2.0),
+    rate=st.floats(-2.0, 2.0),
+    pull=st.floats(-0.5, 0.5),
+    time=st.floats(0.0, 20.0),
+    damping_ratio=st.sampled_from([0.0, 0.01, 0.1, 0.5, 1.0, 3.0, 30.0]) | st.floats(0.0, 100.0),
+)
+def test_no_energy_is_gained(depth, rate, pull, time, damping_ratio):
+    found = after(depth, rate, pull, time, damping_ratio).press
+
+    def energy(depth: float, rate: float) -> float:
+        return 0.5 * rate**2 + 0.5 * max(depth, 0.0) ** 2 - pull * depth
+
+    assert energy(float(found.depth), float(found.rate)) <= energy(depth, rate) + 1e-7
 
 
 def _ended(numbers):
