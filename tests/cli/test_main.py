@@ -9,11 +9,12 @@ import types
 from pathlib import Path
 from typing import Annotated, Any
 
+import click
 import jsonschema
 import pytest
 
 from tests.schemas import load_schema
-from vttig_jax.base.errors import LogError, NoAnswerError, UsageError
+from vttig_jax.base.errors import InputError, LogError, NoAnswerError, UsageError
 from vttig_jax.base.files.run_folder import RunFolder
 from vttig_jax.base.logger import LOGGER
 from vttig_jax.cli import output as output_module
@@ -275,6 +276,15 @@ def test_a_terminal_without_greek_gets_a_mark():
         [sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, check=True
     )
     assert done.stdout == b"3.77?\n"
+
+
+def test_results_that_cannot_be_printed_are_an_input_error(monkeypatch):
+    def full(_: str) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(click, "echo", full)
+    with pytest.raises(InputError, match="stdout: results cannot be written: No space"):
+        output_module.print_text("text")
 
 
 def test_the_library_itself_is_silent(told):
