@@ -57,10 +57,7 @@ FLOORS = {
     "plotting": "",
     "runs": "",
     "report": "words content verdict charts comparison page",
-    "cli": (
-        "output program_cache options axis_options drive_options "
-        "fit_options verbs main"
-    ),
+    "cli": ("output program_cache options axis_options drive_options fit_options verbs main"),
 }
 """Rooms from the ground up, each with the floors inside it: its sub-rooms and its own modules.
 
