@@ -26,14 +26,14 @@ def kill() -> None:
 
 def run(path: Path | None, target: Gaussian | None = None) -> Chains:
     resume = path is not None and path.exists()
-    return run_ensembles(target or plain(3), steps=1500, walkers=16, checkpoint=path, resume=resume)
+    return run_ensembles(target or plain(3), steps=600, walkers=16, checkpoint=path, resume=resume)
 
 
 class Doomed(Gaussian):
-    """A density that is killed in its 950th call."""
+    """A density that is killed in its 400th call."""
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
-        if len(self.sizes) == 949:
+        if len(self.sizes) == 399:
             kill()
         return super().log_density(points)
 
@@ -82,7 +82,7 @@ def main(folder: Path) -> None:
     checkpoint.SAVE_S, checkpoint.SLOWER = 0.0, 0.0  # a generation every block
     began = time.monotonic()
     whole = run(None)
-    delays = (time.monotonic() - began) * np.random.default_rng().uniform(0.02, 0.1, 6)
+    delays = (time.monotonic() - began) * np.random.default_rng().uniform(0.02, 0.1, 2)
     path = folder / "posterior.h5"
     moments: list[tuple[Callable[[], object], float | None]] = [
         (partial(run, path, Doomed(np.zeros(3), np.eye(3))), None),

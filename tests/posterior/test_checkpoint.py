@@ -163,7 +163,7 @@ def test_killed_at_any_moment_it_goes_on_bit_for_bit(tmp_path):
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["same"]
-    assert found["signals"][:4] == [9, 9, 9, 9] and found["signals"].count(9) >= 8
+    assert found["signals"][:4] == [9, 9, 9, 9] and found["signals"].count(9) >= 5
     assert found["steps"] == sorted(found["steps"]) and found["steps"][3] > 0
     assert found["left_over"] >= 2  # killed in the writing and before the move
     assert found["files"] == ["posterior.h5"]
@@ -217,7 +217,7 @@ def test_a_checkpoint_of_another_run_says_what_differs(path):
 
 
 class Interrupted(Gaussian):
-    left, interruption = 750, KeyboardInterrupt
+    left, interruption = 350, KeyboardInterrupt
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         self.left -= 1
@@ -231,6 +231,6 @@ def test_an_interrupt_leaves_a_checkpoint_and_goes_on(path, interruption):
     target = Interrupted(np.zeros(2), np.eye(2))
     target.interruption = interruption
     with pytest.raises(interruption):
-        sample(path, target, steps=600)
-    assert 0 < read_chains(path).diagnosis.steps < 600 and only(path)
-    assert same(sample(path, steps=600, resume=True), sample(None, steps=600))
+        sample(path, target, steps=300)
+    assert 0 < read_chains(path).diagnosis.steps < 300 and only(path)
+    assert same(sample(path, steps=300, resume=True), sample(None, steps=300))

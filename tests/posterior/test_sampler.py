@@ -67,10 +67,10 @@ def test_values_and_intervals_are_those_of_the_fit():
 def test_draws_belong_to_their_fit_and_have_its_flank_model(tmp_path):
     """A checkpoint is read back as it was written, and refused for another fit."""
     result, place = drive_fit(), tmp_path / "chains.h5"
-    made = sample(result, steps=50, checkpoint=place, seed=3, walkers=34)
+    found = sample(result, steps=50, checkpoint=place, seed=3, walkers=34)
     read = read_posterior(place, result)
-    np.testing.assert_array_equal(made.draws, read.draws)
-    np.testing.assert_array_equal(made.cosine, read.cosine)
+    np.testing.assert_array_equal(found.draws, read.draws)
+    np.testing.assert_array_equal(found.cosine, read.cosine)
     assert read.seed == 3
     other_seed = sample(result, steps=50, walkers=34)
     assert not np.array_equal(other_seed.draws, read.draws)
@@ -80,7 +80,6 @@ def test_draws_belong_to_their_fit_and_have_its_flank_model(tmp_path):
             read_posterior(place, other)
         with pytest.raises(InputError):
             sample(other, checkpoint=place, resume=True, steps=50, seed=3, walkers=34)
-    found = sample(drive_fit(), steps=50)
     place = list(found.fit.model.terms).index((1, 0))
     common = 0.5 * (found.sine[:, 0, place] + found.sine[:, 1, place])
     np.testing.assert_allclose(common, found.values("driving_x"), rtol=1e-6, atol=1e-12)

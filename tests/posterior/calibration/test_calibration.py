@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import binom
 
 import vttig_jax
+from tests.posterior.made import quick_fit
 from tests.schemas import load_schema
 from vttig_jax.base.files.json_io import dumps
 from vttig_jax.identify import read_fit
@@ -87,7 +88,8 @@ def test_bounds_are_binomial():
             assert binom.cdf(hits, rigs, one.high) == pytest.approx(0.025)
 
 
-def test_wrong_arguments_are_named(fit, tmp_path):
+def test_wrong_arguments_are_named(tmp_path):
+    fit = quick_fit()
     with pytest.raises(ValueError, match="`rigs`"):
         calibrate(fit, rigs=0)
     fit.save(tmp_path / "run", figures=False)

@@ -115,6 +115,9 @@ def test_the_printed_widths_are_those_of_the_bands(banded, row, posterior):
         assert float(half[name]) == pytest.approx(width / 2, rel=0.05)
     one_std = np.median(banded.band.std) / DEG
     assert float(half["at one angle"]) == pytest.approx(1.96 * one_std, rel=0.1)
+    assert banded.map.coverage is not None
+    assert banded.map.coverage.share == posterior.fit.coverage.share
+    assert "of the 16 driving turns of the hunting period on both flanks" in str(banded)
     found = band_map(posterior, step_deg=30.0, turns=2.0, probability=0.9)
     assert [*found.columns][5] == "low90_deg" and len(found.driving_angle) == 24
     assert "90 % of the whole map" in str(found)
