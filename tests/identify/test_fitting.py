@@ -1,11 +1,10 @@
 """The fit as a whole: truth on noise-free rigs, every argument, refusals, and its JSON."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+import jax
 import jsonschema
 import numpy as np
 import pytest
@@ -168,22 +167,10 @@ def test_samples_residuals_and_noise_are_those_of_the_log(noisy_fit, noisy_log):
     assert white.std() / DEG == pytest.approx(noise["innovation_std_deg"], rel=0.1)
 
 
-PROGRAM = """
-import numpy as np, vttig_jax
-from vttig_jax.logs.encoder_log import EncoderLog
-from vttig_jax.rig.paper import paper_pair
-angle = np.linspace(0, 1e6, 2000).astype(np.int64)
-log = EncoderLog.from_arrays(np.arange(2000.0), angle, angle * 9 // 16, pair=paper_pair())
-try:
-    vttig_jax.fit(log, paper_pair())
-except ValueError as error:
-    print(error)
-"""
-
-
-def test_64_bit_floats_are_required(monkeypatch):
-    monkeypatch.delenv("JAX_ENABLE_X64", raising=False)  # the command line sets it
-    command = [sys.executable, "-c", PROGRAM]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("`fit` needs 64-bit floats")
-    assert "enable_x64()" in done.stdout
+def test_64_bit_floats_are_required(noisy_log, noisy_rig):
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with pytest.raises(ValueError, match=r"^`fit` needs 64-bit floats.*enable_x64\(\)"):
+            fit(noisy_log, noisy_rig.pair)
+    finally:
+        jax.config.update("jax_enable_x64", True)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.logs.profiles import played
 from vttig_jax.identify import fit
 from vttig_jax.logs import EncoderLog
 from vttig_jax.pair import parse_pair_spec
@@ -32,10 +33,7 @@ def log_of(seed, counts_per_sample):
     angle = 2 * np.pi * driving
     wave = (130 * np.sin(angle + 0.2) + 95 * np.sin(RATIO * angle + 2.7)) / 3600
     low = RATIO * 360 * driving + wave - GAP_DEG / 2
-    driven, contact = np.empty(len(low)), low[0]
-    for k, least in enumerate(low):
-        contact = driven[k] = min(max(contact, least), least + GAP_DEG)
-    driven += draw.normal(0, 2 / 3600, len(driven))
+    driven = played(low, GAP_DEG) + draw.normal(0, 2 / 3600, len(low))
     counts = np.floor(driving * COUNTS).astype(int), np.floor(driven / 360 * 65536).astype(int)
     time = np.arange(len(low)) / 1000.0
     return EncoderLog.from_arrays(time, *counts, pair=DRIVE, unit="counts")
