@@ -13,7 +13,6 @@ from vttig_jax.logs.checks.sampling import SpeedPlateau, aliased, order_spectrum
 from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.motion.segments import find_segments
-from vttig_jax.logs.read import read_log
 
 
 def rig(rate=500.0, pair=None, **motion):
@@ -153,15 +152,6 @@ def test_curve_logs():
     checked(found)
     (first,) = [s for s in found.spectrum if s.order == 1]
     assert first.shaft == "driving" and first.amplitude_arcsec == pytest.approx(5.0, abs=0.01)
-
-
-def test_measured_worm(data_dir):
-    found = inspect_log(read_log(data_dir / "worm_mount" / "ap_gt1100.csv", drive("1/225")))
-    checked(found)
-    size = {s.order: s.amplitude_arcsec for s in found.spectrum}
-    assert size[1] == pytest.approx(3.78, abs=0.1) and size[2] == pytest.approx(0.38, abs=0.1)
-    assert found.columns[1].resolution_arcsec == pytest.approx(0.036)
-    assert found.columns[1].turns == pytest.approx(5.694, abs=1e-3)
 
 
 def test_what_spoils_a_fit_is_noted_first(report):

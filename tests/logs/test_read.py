@@ -4,14 +4,15 @@ import gc
 import hashlib
 import os
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.logs.profiles import DEG, drive, spec
-from vttig_jax import LogError, read_log
-from vttig_jax.pair.pair_file import parse_pair_spec
+from vttig_jax import LogError, load_pair, read_log
 
+KUKA = Path(__file__).parents[2] / "fits" / "kuka_kr300"
 COUNT = 200
 FIRST = 450 * np.arange(COUNT)
 
@@ -112,43 +113,20 @@ def test_no_permission(path):
 
 def test_matlab_log_of_a_robot_is_the_table_made_of_it(data_dir):
     folder = data_dir / "kuka_kr300"
-    exact, printed = "7/1798", {"time": "t_s", "driving_scale": "1798/7"}
-    text = drive(exact, driving="mot1_deg", driven="se1_deg", torque="tau1_Nm", **printed)
     names = {"driving": "act_pos_mot_deg(1,:)", "driven": "rec.act_pos_se_deg(1, :)"}
     layout = names | {"torque": "act_torque_abs_nm(1,:)", "driving_scale": "1798/7"}
-    csv = read_log(folder / "kr300_A_axes123.csv", text)
+    timed = drive("7/1798", **layout, time="rec.time_cont")
+    csv = read_log(folder / "kr300_A_axes123.csv", load_pair(KUKA / "axis1.toml"))
     assert csv.driving.turns == pytest.approx(33.08, abs=0.01)
     assert np.ptp(csv.transmission_error) / DEG * 3600 < 600
-    for time in ({"time": "rec.time_cont"}, {"sample_rate_hz": 250.0}):
-        mat = read_log(folder / "kr300_A.mat", drive(exact, **layout, **time))
+    for pair in (timed, load_pair(KUKA / "axis1_mat.toml")):
+        mat = read_log(folder / "kr300_A.mat", pair)
         np.testing.assert_allclose(mat.time, csv.time, rtol=0, atol=5e-4)
         assert mat.driven is not None and csv.driven is not None
         assert mat.torque is not None and csv.torque is not None
         np.testing.assert_allclose(mat.driving.reading, csv.driving.reading, rtol=0, atol=5.1e-8)
         np.testing.assert_allclose(mat.driven.reading, csv.driven.reading, rtol=0, atol=5.1e-8)
         np.testing.assert_allclose(mat.torque, csv.torque, rtol=0, atol=5.1e-5)
-
-
-def test_calibration_table_of_an_encoder(data_dir):
-    layout = {"driving": "#1", "driven": "#row", "sample_rate_hz": 1000.0}
-    pair = parse_pair_spec(
-        {
-            "drive": {"ratio": "1"},
-            "driven": {"encoder": {"counts_per_rev": 16384}},
-            "log": layout,
-            "unit": {"driving": "deg", "driven": "counts"},
-        }
-    )
-    log = read_log(data_dir / "as5047" / "lookup_01.csv", pair)
-    assert len(log) == 16384 and log.driving.wraps == 1
-    # By hand: unwrap, take the mean off, and the first order of what is left.
-    angle = np.loadtxt(data_dir / "as5047" / "lookup_01.csv")
-    wave = np.exp(-2j * np.pi * np.arange(16384) / 16384)
-    error = np.unwrap(angle, period=360) - np.arange(16384) * 360 / 16384
-    first = 2 * abs(np.mean((error - error.mean()) * wave))
-    found = -log.transmission_error / DEG
-    assert 2 * abs(np.mean((found - found.mean()) * wave)) == pytest.approx(first, rel=1e-9)
-    assert 0.008 < first < 0.47
 
 
 def test_rows_that_are_left_out_are_as_if_they_were_not_there(tmp_path):

@@ -7,7 +7,6 @@ from vttig_jax.logs.encoder_log import EncoderLog
 from vttig_jax.logs.inspection import inspect_log
 from vttig_jax.logs.lines.search import blind_lines
 from vttig_jax.logs.motion.segments import find_segments
-from vttig_jax.logs.read import read_log
 from vttig_jax.pair.pair_file import parse_pair_spec
 
 DRIVE = parse_pair_spec({"drive": {"ratio": "1/2"}})
@@ -41,14 +40,3 @@ def test_the_report_names_the_line():
     assert "line found blind" in str(report)
     [line] = report.to_json()["lines"]
     assert line["cycles_per_rev"] == pytest.approx(2.37, abs=0.01)
-
-
-def test_the_period_of_a_telescope_worm(data_dir):
-    """383.0 s within 0.3 %, and its amplitude, without knowing either."""
-    spec = parse_pair_spec({"drive": {"ratio": "1/225"}, "log": {"zero": "reading"}})
-    log = read_log(data_dir / "worm_mount" / "ap_gt1100.csv", spec)
-    segments = find_segments(log).segments
-    line = blind_lines(log, segments)[0]
-    period_s = 2 * np.pi / (segments[0].speed * line.cycles_per_rev)
-    assert period_s == pytest.approx(383.0, rel=0.003)
-    assert line.amplitude_arcsec == pytest.approx(3.77, abs=0.15)

@@ -307,43 +307,6 @@ def test_columns_that_repeat_each_other_count_once():
     assert len(find_lines([run_of(STEADY, values, doubled)], highest=20.0)) == 1
 
 
-def test_the_worm_of_a_measured_mount(data_dir):
-    log = np.genfromtxt(data_dir / "worm_mount" / "ap_gt1100.csv", delimiter=",", names=True)
-    error, angle = log["transmission_error_arcsec"], log["driving_deg"] * DEG
-    line, *more = find_lines([run_of(angle, error, powers(len(error), 3))], highest=8.0)
-    assert line.cycles_per_rev == pytest.approx(1.0, abs=0.003)
-    assert line.amplitude_arcsec == pytest.approx(3.77, abs=0.15)
-    # Its second order is known as 0.38″; what else there is are harmonics as well.
-    second = more[0]
-    assert all(abs(li.cycles_per_rev - round(li.cycles_per_rev)) < 4 * li.cycles_std for li in more)
-    assert second.cycles_per_rev == pytest.approx(2.0, abs=4 * second.cycles_std)
-    assert second.amplitude_arcsec == pytest.approx(0.38, abs=0.15)
-
-
-@pytest.mark.parametrize("run", "AB")
-@pytest.mark.parametrize(("axis", "ratio"), [(1, 1798 / 7), (2, 1872 / 7), (3, 757 / 3)])
-def test_a_robot_axis(data_dir, run, axis, ratio):
-    """No motor has a first order; the ripple of axis 2 is that of a hidden shaft.
-
-    The error stands beside speed (delay), torque (compliance), position and acceleration.
-    """
-    path = data_dir / "kuka_kr300" / f"kr300_{run}_axes123.csv"
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    motor = table[f"mot{axis}_deg"]
-    speed = np.gradient(motor)
-    columns = [np.ones_like(motor), speed, table[f"tau{axis}_Nm"], motor, np.gradient(speed)]
-    error = (table[f"se{axis}_deg"] - motor) * 3600
-    stretch = run_of(motor * ratio * DEG, error, np.column_stack(columns))
-    lines = find_lines([stretch], highest=8.0)
-    assert [line for line in lines if 0.9 < line.cycles_per_rev < 1.1] == []
-    if axis == 2:  # the second order is the strongest, and the fourth is weak in run A
-        strongest = max(lines, key=lambda line: line.amplitude_arcsec)
-        assert strongest.cycles_per_rev == pytest.approx(3.09, abs=0.005)
-        assert 15.0 < strongest.amplitude_arcsec < 20.5
-        for multiple in (1, 2, 3) if run == "A" else (1, 2, 3, 4):
-            assert min(abs(li.cycles_per_rev - 1.5437 * multiple) for li in lines) < 0.01
-
-
 def test_regressors_that_hide_low_frequencies_hide_no_line_above():
     """Where most trials of a stretch coincide with regressors their usual power is unknown."""
     turns = np.linspace(0.0, 4.4, 300)

@@ -3,11 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.logs.profiles import DEG, counts, drive, flanks, geared, trapezoid
+from tests.logs.profiles import DEG, counts, flanks, geared, trapezoid
 from tests.logs.profiles import of_counts as logged
 from vttig_jax.logs.channel.speed import smooth_speed
 from vttig_jax.logs.motion.segments import Segments, find_segments, steady
-from vttig_jax.logs.read import read_log
 
 
 def assert_on_flanks(found: Segments, flank: np.ndarray) -> np.ndarray:
@@ -179,17 +178,6 @@ def test_samples_between_turns_of_a_dithering_dwell_are_no_motion():
     time, angle, _ = trapezoid(rate=500.0, reversal=1800.0, dwell=3.0)
     dither = angle + 0.004 * (np.arange(len(time)) % 7 < 3)
     assert kinds(find_segments(logged(time, dither))) == ["forward", "dwell", "backward", "dwell"]
-
-
-def test_measured_logs(data_dir):
-    for name, pieces in (("ap_gt1100", 1), ("ap_24turns", 2), ("cge", 1)):
-        found = find_segments(read_log(data_dir / "worm_mount" / f"{name}.csv", drive("1/225")))
-        assert [s.flank for s in found.segments] == ["A"] * pieces and found.masked == 0
-    pair = drive("7/1798", time="t_s", driving="mot1_deg", driven="se1_deg", driving_scale="1798/7")
-    found = find_segments(read_log(data_dir / "kuka_kr300" / "kr300_A_axes123.csv", pair))
-    assert [s.flank for s in found.segments] == ["A", "B"]
-    assert kinds(found) == ["dwell", "forward", "backward", "dwell"]
-    assert "no steady speed" in found.notes[0]
 
 
 def test_speed_is_free_of_counts():

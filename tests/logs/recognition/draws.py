@@ -1,6 +1,7 @@
 """Tables of two shafts in many languages, with columns that could be mistaken for a shaft."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,27 +22,6 @@ class Language:
     others: dict[str, str] = field(default_factory=dict)
 
 
-WORDS = """
-English | motor/load, input/output, driving gear/driven gear, drive/load | angle, position, pos | time, Time, elapsed, timestamp | setpoint, target, commanded, reference | actual | velocity, torque, temp
-German | Antrieb/Abtrieb, Motor/Last, Eingang/Ausgang | Winkel, Position, Lage | Zeit, Zeitstempel, Uhrzeit | Soll, Sollwert | Ist | Drehzahl, Drehmoment, Temperatur
-French | entrée/sortie, moteur/charge, menant/mené, moteur/récepteur | angle, position | temps, Temps, horodatage | consigne | mesure | vitesse, couple, température
-Spanish | entrada/salida, motor/carga, motriz/conducido | ángulo, posición | tiempo, Tiempo | consigna, referencia | real | velocidad, par, temperatura
-Italian | ingresso/uscita, motore/carico, conduttore/condotto | angolo, posizione | tempo, Tempo | riferimento | misura | velocità, coppia, temperatura
-Dutch | ingaande as/uitgaande as, aandrijving/belasting, motor/last | hoek, positie | tijd | gewenst, setpoint | gemeten | snelheid, koppel, temperatuur
-Polish | wejście/wyjście, silnik/obciążenie, napędowe/napędzane | kąt, pozycja | czas | zadana | rzeczywista | prędkość, moment, temperatura
-Swedish | ingående axel/utgående axel, motor/last, drivande/drivet | vinkel, läge | tid | börvärde | ärvärde | hastighet, vridmoment, temperatur
-Portuguese | entrada/saída, motor/carga | ângulo, posição | tempo | referência | real | velocidade, torque, temperatura
-Czech | vstup/výstup, motor/zátěž, hnací/hnaný | úhel, poloha | čas | žádaná | skutečná | rychlost, moment, teplota
-Russian | вход/выход, двигатель/нагрузка, ведущий/ведомый | угол, положение | время | задание | факт | скорость, момент, температура
-Chinese | 输入轴/输出轴, 电机/负载, 主动轮/从动轮, 驱动/被驱动 | 角度, 位置 | 时间, 时刻 | 指令, 目标 | 实际 | 速度, 扭矩, 温度
-Japanese | 入力軸/出力軸, モータ/負荷, 駆動/従動, 駆動側/被駆動側 | 角度, 位置 | 時間, 時刻 | 指令, 目標 | 実際 | 回転数, トルク, 温度
-Korean | 입력/출력, 모터/부하 | 각도, 위치 | 시간 | 목표 | 실제 | 속도, 토크, 온도
-none | a/b, enc1/enc2, phi/psi, A/B, ch0/ch1, x/y |  | t, zzz, time | w |  | s1, m1, k1
-"""  # noqa: E501
-"""One language a line: pairs of shafts, angle, time, setpoint, actual, and speed, torque,
-temperature."""
-
-
 def _language(line: str) -> tuple[str, Language]:
     name, *fields, actual, others = (field.strip() for field in line.split("|"))
     shafts, angle, time, setpoint = (tuple(field.split(", ")) for field in fields)
@@ -50,7 +30,8 @@ def _language(line: str) -> tuple[str, Language]:
     return name, Language(pairs, angle, time, setpoint, actual, quantities)
 
 
-LANGUAGES = dict(map(_language, WORDS.strip().splitlines()))
+WORDS = Path(__file__).with_name("languages.txt").read_text("utf-8")
+LANGUAGES = dict(map(_language, WORDS.splitlines()[1:]))
 SPELT = {
     "deg": ("deg", "°", "Deg", "degrees"),
     "rad": ("rad", "radians"),

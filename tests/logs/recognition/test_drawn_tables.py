@@ -1,6 +1,7 @@
 """Drawn tables end in the right roles and units or in a question, never in a wrong answer."""
 
 from dataclasses import replace
+from itertools import cycle, product
 
 import numpy as np
 import pytest
@@ -34,14 +35,8 @@ def outcomes(path, seeds: range) -> tuple[list[str], int]:
 
 
 def test_tables_in_many_languages(tmp_path):
-    wrong, right = outcomes(tmp_path / "log.csv", range(7000, 7060))
-    assert wrong == [] and right >= 15  # asking always is no answer
-
-
-@pytest.mark.slow
-def test_a_thousand_tables_in_many_languages(tmp_path):
-    wrong, right = outcomes(tmp_path / "log.csv", range(1000))
-    assert wrong == [] and right >= 350
+    wrong, right = outcomes(tmp_path / "log.csv", range(7000, 7030))
+    assert wrong == [] and right >= 8  # asking always is no answer
 
 
 def test_a_wrong_answer_is_seen(tmp_path):
@@ -68,12 +63,11 @@ def roles(path, columns: dict[str, np.ndarray]) -> tuple[str | None, ...]:
 def test_names_in_a_language(tmp_path, language):
     """Every pair of names says its roles beside any word, and other quantities are left out."""
     words = LANGUAGES[language]
-    for first, second in words.shafts:
-        for angle in ("", *words.angle):
-            names = f"{first} {angle}".strip(), f"{angle}_{second}".strip("_")
-            for time in {*words.time} - {"zzz"}:
-                columns = {names[1]: Y, f"{time} [s]": T, names[0]: X}
-                assert roles(tmp_path / "log.csv", columns) == (f"{time} [s]", *names)
+    times = cycle(words.time)
+    for (first, second), angle in product(words.shafts, ("", *words.angle)):
+        names, time = (f"{first} {angle}".strip(), f"{angle}_{second}".strip("_")), next(times)
+        columns = {names[1]: Y, f"{time} [s]": T, names[0]: X}
+        assert roles(tmp_path / "log.csv", columns) == (f"{time} [s]", *names)
     for word in (*words.setpoint, *words.others.values()):
         other = f"{words.shafts[0][0]} {word}"
         columns = {"t [s]": T, other: X, "p [deg]": X, "q [deg]": Y}
