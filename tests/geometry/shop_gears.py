@@ -6,9 +6,8 @@ from typing import Any, TypeVar
 import equinox as eqx
 import numpy as np
 
+from tests.pair.tables import pair_of_table
 from vttig_jax.geometry.tooth import Tooth, tooth_of
-from vttig_jax.pair.gear_pair import GearPair, pair_from_spec
-from vttig_jax.pair.pair_file import parse_pair_spec
 
 T = TypeVar("T")
 
@@ -30,19 +29,12 @@ def shop_gear(
     **pair: Any,
 ) -> Tooth:
     """The driving gear of a pair file: m = 2 mm and 20° unless `pair` says otherwise."""
-    if not pair.keys() & {"module_mm", "normal_module_mm"}:
-        pair["module_mm"] = 2.0
-    if not pair.keys() & {"pressure_angle_deg", "normal_pressure_angle_deg"}:
-        pair["pressure_angle_deg"] = 20.0
     gear: dict[str, float] = {"helix_left_deg": helix[0], "helix_right_deg": helix[1]}
     if width is not None:
         gear |= {"face_width_mm": width}
-    driving = {"teeth": teeth, "profile_shift": shift, "crowning_um": crowning_um, **gear}
     # The mate has the opposite shift, which leaves the centre distance as it is.
-    driven = {"teeth": 100, "profile_shift": -shift, **gear}
-    table = {"pair": pair, "driving": driving, "driven": driven, "rack": rack or {}}
-    found = pair_from_spec(parse_pair_spec(table))
-    assert isinstance(found, GearPair)
+    shifts = {"profile_shift": shift, "crowning_um": crowning_um}, {"profile_shift": -shift}
+    found = pair_of_table(rack, *shifts, teeth=(teeth, 100), both=gear, **pair)
     return tooth_of(found, "driving")
 
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from tests.pair.tables import pair_of_table
 from vttig_jax import Eccentricities, Gear, GearPair
-from vttig_jax.base import PairError
 from vttig_jax.geometry import (
     contact_model,
     geometric_backlash,
@@ -14,49 +14,25 @@ from vttig_jax.geometry import (
     measure_pair,
     tooth_of,
 )
-from vttig_jax.pair import load_pair
-
-FILE = """
-[pair]
-{size}
-pressure_angle_deg = 20.0
-centre_distance_mm = {distance}
-[driving]
-teeth = 20
-face_width_mm = 10.0
-helix_angle_deg = 2.0
-tooth_thinning_mm = {driving}
-[driven]
-teeth = 50
-face_width_mm = 10.0
-helix_angle_deg = 2.0
-tooth_thinning_mm = {driven}
-"""
 
 
-def loaded(tmp_path, size="module_mm = 2.0", distance=70.0, driving=0.0, driven=0.0) -> GearPair:
-    path = tmp_path / "pair.toml"
-    path.write_text(FILE.format(size=size, distance=distance, driving=driving, driven=driven))
-    pair = load_pair(path)
-    assert isinstance(pair, GearPair)
-    return pair
+def loaded(distance=70.0, driving=0.0, driven=0.0, **size) -> GearPair:
+    """Gears of 20 and 50 teeth, whose teeth are thinned by so many mm."""
+    thinned = ({"tooth_thinning_mm": thinning} for thinning in (driving, driven))
+    gear = {"face_width_mm": 10.0, "helix_angle_deg": 2.0}
+    return pair_of_table(
+        None, *thinned, teeth=(20, 50), both=gear, centre_distance_mm=distance, **size
+    )
 
 
-def test_a_diametral_pitch_is_a_module(tmp_path):
-    inch = loaded(tmp_path, "diametral_pitch = 12.7")
-    assert str(inch) == str(loaded(tmp_path)) and float(inch.module_mm) == 2.0
-
-
-@pytest.mark.parametrize("size", ["", "diametral_pitch = 12.7\nmodule_mm = 2.0"])
-def test_a_size_is_given_once(tmp_path, size):
-    with pytest.raises(PairError) as caught:
-        loaded(tmp_path, size)
-    assert caught.value.where.endswith("pair.module_mm")
+def test_a_diametral_pitch_is_a_module():
+    inch = loaded(diametral_pitch=12.7)
+    assert str(inch) == str(loaded()) and float(inch.module_mm) == 2.0
 
 
 @pytest.mark.parametrize("distance", [70.0, 70.2])
-def test_thinned_teeth_open_the_backlash_by_their_sum(tmp_path, distance):
-    thin, full = (loaded(tmp_path, distance=distance, driving=t, driven=t / 4) for t in (0.08, 0.0))
+def test_thinned_teeth_open_the_backlash_by_their_sum(distance):
+    thin, full = (loaded(distance=distance, driving=t, driven=t / 4) for t in (0.08, 0.0))
     opened = (thin.drawing_backlash - full.drawing_backlash) * full.reference_radii[1]
     assert opened == pytest.approx(0.1, abs=1e-12)
     assert float(geometric_backlash(thin)) == pytest.approx(float(thin.drawing_backlash), abs=1e-12)
@@ -69,8 +45,8 @@ def test_thinned_teeth_open_the_backlash_by_their_sum(tmp_path, distance):
     assert whole - slender == pytest.approx(0.08)
 
 
-def test_a_pair_in_mesh(tmp_path):
-    found = measure_pair(loaded(tmp_path, distance=70.2, driving=0.08))
+def test_a_pair_in_mesh():
+    found = measure_pair(loaded(distance=70.2, driving=0.08))
     working = math.acos(70.0 * math.cos(math.radians(20.0)) / 70.2)
     assert found["working_pressure_angle_deg"]["B"] == pytest.approx(math.degrees(working))
     diameters = found["pitch_diameter_mm"]

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tests.pair.tables import pair_of_table
 from vttig_jax.base.units import DEG
 from vttig_jax.pair.gear_pair import (
     Drive,
@@ -106,21 +107,15 @@ def test_hunting_period(teeth, turns):
     assert pair.hunting_turns == turns
 
 
-def spec_pair(pair, **gear):
-    table = {"pair": pair, "driving": {"teeth": 45, **gear}, "driven": {"teeth": 80, **gear}}
-    found = pair_from_spec(parse_pair_spec(table))
-    assert isinstance(found, GearPair)
-    return found
-
-
 def test_normal_quantities_become_transverse():
     """20° normal at 3° is 20.0253° transverse, flank by flank; the module grows by 1/cos β."""
-    normal = {"normal_module_mm": 2.0, "normal_pressure_angle_deg": 20.0}
-    pair = spec_pair(normal, helix_angle_deg=3.0)
+    normal: Any = {"normal_module_mm": 2.0, "normal_pressure_angle_deg": 20.0}
+    pair = pair_of_table(both={"helix_angle_deg": 3.0}, **normal)
     np.testing.assert_allclose(pair.pressure_angles_deg, 20.0253, atol=5e-5)
     assert pair.module_mm == pytest.approx(2.0 / math.cos(math.radians(3.0)), rel=1e-15)
-    table, helix = {"module_mm": 2.0, "normal_pressure_angle_deg": 20.0}, np.radians([3.0, 10.0])
-    pair = spec_pair(table, helix_left_deg=3.0, helix_right_deg=10.0)
+    helix = np.radians([3.0, 10.0])
+    unlike = {"helix_left_deg": 3.0, "helix_right_deg": 10.0}
+    pair = pair_of_table(both=unlike, normal_pressure_angle_deg=20.0)
     transverse = np.degrees(np.arctan(math.tan(math.radians(20.0)) / np.cos(helix)))
     np.testing.assert_allclose(pair.pressure_angles_deg, transverse, rtol=1e-14)
     assert pair.taper[1] == pytest.approx(math.tan(helix[1]), rel=1e-14)

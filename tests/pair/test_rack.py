@@ -1,34 +1,20 @@
 """`[rack]`, profile_shift and crowning_um: each changes what it says, in the module it is in."""
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import bisect
 
+from tests.pair.tables import pair_of_table
 from vttig_jax.base.errors import PairError
 from vttig_jax.geometry.tooth import tooth_of
 from vttig_jax.pair.gear_pair import GearPair, pair_from_spec, spec_of
 from vttig_jax.pair.pair_file import parse_pair_spec
 
-
-def pair_of(
-    rack: dict | None = None, driving: dict | None = None, driven: dict | None = None, **pair
-) -> GearPair:
-    width = {"face_width_mm": 20.0}
-    size = {} if "normal_module_mm" in pair else {"module_mm": 2.0}
-    table = {
-        "pair": {**size, "pressure_angle_deg": 20.0, **pair},
-        "driving": {"teeth": 45, **width, **(driving or {})},
-        "driven": {"teeth": 80, **width, **(driven or {})},
-        "rack": rack or {},
-    }
-    found = pair_from_spec(parse_pair_spec(table))
-    assert isinstance(found, GearPair)
-    return found
-
-
+pair_of = partial(pair_of_table, both={"face_width_mm": 20.0})
 USUAL = 1 - math.sin(math.radians(20))
 
 
@@ -54,7 +40,7 @@ def test_each_key_of_the_rack(rack, tips, roots, fillet):
 
 
 def test_profile_shift_moves_tip_root_and_flank():
-    shifts = {"driving": {"profile_shift": 0.3}, "driven": {"profile_shift": -0.1}}
+    shifts: Any = {"driving": {"profile_shift": 0.3}, "driven": {"profile_shift": -0.1}}
     pair = pair_of(**shifts, centre_distance_mm=125.4)
     np.testing.assert_allclose(pair.tip_radii, [47.6, 81.8], rtol=1e-14)
     np.testing.assert_allclose(pair.root_radii, [43.1, 77.3], rtol=1e-14)
@@ -79,7 +65,7 @@ HELICAL = {"helix_left_deg": 15.0, "helix_right_deg": -15.0}
 def normal() -> GearPair:
     """m_n = 2, β = 15° and x = ±0.3, at the centre distance of teeth without play."""
     shifts = ({"profile_shift": x, **HELICAL} for x in (0.3, -0.3))
-    options = {"normal_module_mm": 2.0, "centre_distance_mm": 129.409522551}
+    options: Any = {"normal_module_mm": 2.0, "centre_distance_mm": 129.409522551}
     driving, driven = shifts
     return pair_of({"tip_radius": 0.3}, driving=driving, driven=driven, **options)
 
