@@ -8,10 +8,19 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from benchmarks.compiler import fast_to_compile
 from tests.geometry.pairs import pair_of
-from vttig_jax.geometry.backlash import backlash_and_contact, geometric_backlash, section_backlash
+from vttig_jax.base.errors import PairError
+from vttig_jax.geometry.backlash import (
+    axial_for_backlash,
+    backlash_and_contact,
+    gap_report,
+    geometric_backlash,
+    section_backlash,
+)
 from vttig_jax.geometry.contact import contact_model
 from vttig_jax.pair.gear_pair import Eccentricities, GearPair
 
@@ -140,3 +149,121 @@ def test_derivatives_follow_the_section_that_touches():
         central = (ends[0] - ends[1]) / (2 * step)
         assert float(slopes[name]) == pytest.approx(central, rel=1e-7, abs=1e-11), name
         assert abs(central) > 1e-8
+
+
+# Axial positions for a wanted backlash: there and back, and what no position gives.
+
+
+@pytest.mark.slow
+@settings(max_examples=10)
+@given(
+    helix=st.floats(0.5, 4.0),
+    crowning=st.floats(0.0, 20.0),
+    distance=st.floats(124.8, 125.6),
+    share=st.floats(-0.95, 0.95),
+)
+def test_there_and_back(helix, crowning, distance, share):
+    """The position found has the backlash, and is no farther from s = 0 than the one asked with."""
+    pair = make((helix, helix), (crowning, crowning / 2), (20.0, 16.0))
+    asked = 18.0 * share
+    wanted = float(geometric_backlash(pair, distance, asked))
+    found = axial_for_backlash(pair, wanted, distance)
+    assert float(geometric_backlash(pair, distance, found)) == pytest.approx(wanted, abs=1e-14)
+    assert abs(found) <= abs(asked) + 18.0 / 128
+
+
+def test_of_two_positions_the_nearer_one():
+    """Spur gears, crowned: shifted either way the thickest sections part."""
+    pair = make((0.0, 0.0), (20.0, 20.0))
+    wanted = float(geometric_backlash(pair, None, 3.0))
+    assert abs(axial_for_backlash(pair, wanted)) == pytest.approx(3.0, abs=1e-6)
+
+
+def test_what_no_position_gives():
+    """Beyond the stroke or the face; spur or wrongly crowned gears; base circles that overlap."""
+    stroke = r"backlash: 1° cannot be reached; with 15 mm of common face or more"
+    stroke += r" \(s from -5 to 5 mm\) it is -0\.\d+° to 0\.\d+°\."
+    face = "least_overlap_mm: 21 mm is not between 0 and the narrower face width"
+    spur, crowned = {"helix": (0.0, 0.0)}, {"crowning": (20.0, 20.0)}
+    cases: list[tuple[Any, tuple[float, ...], dict[str, float], str]] = [
+        ({}, (math.radians(1.0),), {"least_overlap_mm": 15.0}, stroke),
+        ({}, (0.0,), {"least_overlap_mm": 21.0}, face),
+        (spur | {"widths": (math.nan, math.nan)}, (1e-3,), {}, "do not thin along the axis"),
+        ({}, (0.0, 115.0), {}, "lies below a base circle"),
+        (spur | crowned, (-0.01,), {}, "cannot be reached"),
+    ]
+    for gears, values, options, sentence in cases:
+        with pytest.raises(PairError, match=sentence):
+            axial_for_backlash(make(**gears), *values, **options)
+
+
+def test_what_the_stroke_gives_is_what_its_ends_give():
+    """The limits in the sentence can be had, a little more can not."""
+    pair = make(**UNEQUAL)
+    low, high = np.asarray(geometric_backlash(pair, None, np.array([5.0, -5.0])))
+    assert axial_for_backlash(pair, float(low), least_overlap_mm=15.0) == pytest.approx(5.0)
+    with pytest.raises(PairError, match=f"{math.degrees(low):.4f}° to {math.degrees(high):.4f}°"):
+        axial_for_backlash(pair, float(low) - 1e-6, least_overlap_mm=15.0)
+
+
+# Backlash of the drawing section by section, beside the apparent one of a fit.
+
+
+CROWNED = make(crowning=(10.0, 6.0))
+
+
+@pytest.mark.smoke
+def test_numbers_are_those_of_the_functions():
+    report = gap_report(CROWNED, 125.2, 0.9, sections=7)
+    expected = float(geometric_backlash(CROWNED, 125.2, 0.9))
+    assert report.backlash == pytest.approx(expected, abs=1e-15)
+    assert report.backlash_mm == pytest.approx(report.backlash * 80.0)
+    assert (report.z_mm[0], report.z_mm[-1]) == pytest.approx((-10.0, 9.1))
+    expected = section_backlash(CROWNED, report.z_mm, 125.2, 0.9)
+    np.testing.assert_allclose(report.section_backlash, expected, rtol=0, atol=1e-16)
+    assert report.section_backlash.min() >= report.backlash - 1e-15
+    assert np.ptp(report.section_backlash) > 1e-5
+
+
+@pytest.mark.smoke
+def test_interference_is_told_section_by_section():
+    """At s = 0.9 the middle is too thick, the crowned ends are not."""
+    report = gap_report(CROWNED, axial_mm=0.9, sections=9)
+    assert report.backlash < 0
+    assert report.interferes.any() and not report.interferes.all()
+    np.testing.assert_array_equal(report.interferes, report.section_backlash < 0)
+    rows = str(report).splitlines()[-9:]
+    assert [row.endswith("interferes") for row in rows] == report.interferes.tolist()
+    assert not gap_report(CROWNED, axial_mm=-0.9).interferes.any()
+
+
+@pytest.mark.smoke
+def test_an_apparent_backlash_stands_beside():
+    """What it is more than the drawing, as thickness and as an axial position."""
+    pair = make((3.0, 2.0))
+    report = gap_report(pair, apparent_deg=0.1)
+    assert report.difference is not None
+    assert report.difference == pytest.approx(math.radians(0.1) - float(pair.drawing_backlash))
+    tapers = math.tan(math.radians(3.0)) + math.tan(math.radians(2.0))
+    assert report.opening_mm == pytest.approx(tapers, rel=1e-9)
+    position = -report.difference * 80.0 / tapers
+    assert f"{position:+.3f} mm of s" in str(report)
+    moved = gap_report(pair, axial_mm=position)
+    assert moved.backlash == pytest.approx(math.radians(0.1), abs=1e-12)
+    assert moved.difference is None
+    assert gap_report(pair, axial_mm=0.3, apparent_deg=0.1).difference == report.difference
+    logged = gap_report(pair, apparent_deg=0.1, logged_axial_mm=position)
+    assert logged.difference == pytest.approx(0.0, abs=1e-12)
+    assert f"less that drawn at s = {position:g}" in str(logged)
+    assert gap_report(pair).difference is None and "apparent" not in str(gap_report(pair))
+    spur = str(gap_report(make((0.0, 0.0)), apparent_deg=0.1))
+    assert "of tooth thickness" in spur and "of s" not in spur
+
+
+@pytest.mark.smoke
+def test_gears_without_a_face_and_positions_without_a_gap():
+    np.testing.assert_array_equal(gap_report(make(widths=(math.nan, math.nan))).z_mm, [0.0])
+    with pytest.raises(ValueError, match="`axial_mm` must leave the faces some overlap"):
+        gap_report(make(), axial_mm=25.0)
+    with pytest.raises(PairError, match="below a base circle; move the axes apart"):
+        gap_report(make(), 115.0)
