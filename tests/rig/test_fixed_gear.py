@@ -14,7 +14,6 @@ from tests.rig.test_synthetic import shifted
 from vttig_jax.base.units import DEG
 from vttig_jax.kinematics.backlash_map import BacklashMap
 from vttig_jax.logs.motion.segments import find_segments
-from vttig_jax.logs.readers.backlash_readings import read_backlash_readings
 from vttig_jax.rig.imperfections import EncoderError
 from vttig_jax.rig.motion import PassMotion
 from vttig_jax.rig.paper import paper_rig as rig_of_the_paper
@@ -92,17 +91,7 @@ def test_noise_has_the_stated_width_and_comes_from_the_seed(bare):
     np.testing.assert_array_equal(first, again)
     assert np.all(first != other)
     np.testing.assert_array_equal(read_deg(bare, seed=5), read_deg(bare, seed=6))
-
-
-def test_the_file_of_the_readings_is_read_back(full, tmp_path):
-    readings = fixed_gear_readings(full, ANGLES, std_deg=0.001, seed=2)
-    path = tmp_path / "readings.csv"
-    path.write_text(readings.to_csv())
-    back = read_backlash_readings(path)
-    np.testing.assert_allclose(back.driving_angle, ANGLES * DEG, rtol=1e-11)
-    np.testing.assert_allclose(back.backlash, readings.backlash, rtol=1e-11)
-    np.testing.assert_array_equal(back.lines, readings.lines)
-    assert readings.source == "synthetic rig, gear 1 held, seed 2"
+    assert fixed_gear_readings(bare, angles, seed=2).source == "synthetic rig, gear 1 held, seed 2"
 
 
 def test_arguments_out_of_range(bare):
