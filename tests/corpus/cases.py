@@ -4,7 +4,8 @@
 
 - `options`: words of the command line; `pair`: text of a pair file that they replace.
 - `xfail`: why the expectation is not met yet; the test fails as soon as it is met.
-- `doors`: those of `DOORS` through which the text is read, if not all.
+- `doors`: those of `DOORS` through which the text is read, if not all; or one of `READERS` for a
+  table that is no log, whose numbers stand in `[table]`.
 - `needs`: the optional package without which the file is not read.
 - `[log]`: `rows`, the verdict on the `ratio` and what it says, the `notes`, and for each role the
   name of its column, its unit, first and last value, the sum of all values, and the mean angle of
@@ -41,11 +42,17 @@ import numpy as np
 
 import vttig_jax
 from tests.schemas import load_schema
-from vttig_jax.base.units import ARCSEC
+from vttig_jax.base.units import ARCSEC, DEG
 from vttig_jax.cli.main import main
+from vttig_jax.logs import read_backlash_readings, read_deviations
+from vttig_jax.pair import Gear, GearPair
 
 FOLDER = Path(__file__).parent
 DOORS = ("read_log", "inspect", "stdin")
+READERS = ("backlash", "deviations", "pitches")
+GEARS = GearPair(Gear(4), Gear(3, face_width_mm=20.0), module_mm=20.0, pressure_angles_deg=20.0)
+"""The gears of the texts of deviations and pitches."""
+
 FACTS = re.compile(
     r"`[^`\n]+`|--[a-z][a-z-]*(?:[= ][^\s`'();,]*[^\s`'();,.:])?|\bline \d+|#\d+|#row"
 )
@@ -163,6 +170,21 @@ def through_inspect(case: Case, folder: Path, *, stdin: bool = False) -> Found:
     return reported(report)
 
 
+def through_reader(door: str, case: Case, folder: Path) -> Found:
+    """Return what the reader of a table that is no log makes of a text."""
+    try:
+        if door == "backlash":
+            found = read_backlash_readings(case.log, **keywords(case.words(folder)))
+            angles = {"driving_deg": found.driving_angle, "backlash_deg": found.backlash}
+            table = {name: (angle / DEG).tolist() for name, angle in angles.items()}
+            return {"table": table | {"lines": found.lines.tolist()}}
+        which = "maps" if door == "deviations" else "pitches"
+        return {"table": {"text": str(read_deviations(**{which: case.log}, pair=GEARS))}}
+    except vttig_jax.VttigError as error:
+        found = refused((error.exit_code, error.where, error.message), case, folder)["error"]
+        return {"error": found | {"of_a_log": [*{"encoder", "time_s"} & {*error.message.split()}]}}
+
+
 @cache
 def validator() -> Any:
     """Return the validator of the reports."""
@@ -217,7 +239,9 @@ def differences(expected: Any, found: Any, place: str = "") -> list[str]:
             if not any(all(fact in note for fact in one) for note in found)
         ]
         return [*rest, *([f"{place}: {len(found)} notes"] if len(found) != len(expected) else [])]
-    if isinstance(expected, float) and isinstance(found, float):
+    if place.endswith("_deg") and isinstance(expected, list):
+        same = len(found) == len(expected) and np.allclose(found, expected, rtol=1e-14, atol=0)
+    elif isinstance(expected, float) and isinstance(found, float):
         same = bool(np.isclose(found, expected, rtol=1e-12, atol=1e-10))
     else:
         same = expected == found
@@ -226,7 +250,7 @@ def differences(expected: Any, found: Any, place: str = "") -> list[str]:
 
 def expected_at(case: Case, door: str) -> Found:
     """Return what is expected at a door: only `read_log` gives slugs, values and all notes."""
-    if door == "read_log" or "preview" in case.expected:
+    if door in ("read_log", *READERS) or "preview" in case.expected:
         return case.expected
     if "error" in case.expected:
         return {"error": {k: v for k, v in case.expected["error"].items() if k != "slug"}}
@@ -242,7 +266,9 @@ def expected_at(case: Case, door: str) -> Found:
 
 
 def through(door: str, case: Case, folder: Path) -> Found:
-    """Return what is found at one of `DOORS`."""
+    """Return what is found at one of `DOORS` or `READERS`."""
+    if door in READERS:
+        return through_reader(door, case, folder)
     if door == "read_log":
         return through_read_log(case, folder)
     return through_inspect(case, folder, stdin=door == "stdin")

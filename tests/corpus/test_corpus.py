@@ -6,6 +6,7 @@ import pytest
 
 from tests.corpus.cases import (
     DOORS,
+    READERS,
     Case,
     cases,
     differences,
@@ -42,6 +43,7 @@ def test_what_is_wrong_is_seen():
         "rows": 3,
         "notes": ["the last line (4) is cut off", "column `t`"],
         "time": {"name": "t", "first": 0.5},
+        "gap_deg": [0.1, 0.2],
     }
     good = {"log": log | {"notes": [["(4)"], ["`t`"]]}}
     assert differences(good, {"log": log}) == []
@@ -52,6 +54,8 @@ def test_what_is_wrong_is_seen():
         ("time", {"name": "u"}),
         ("time", {"first": 0.25}),
         ("driving", {"name": "a"}),
+        ("gap_deg", [0.1]),
+        ("gap_deg", [0.1, 0.2 + 1e-13]),
     ):
         assert differences({"log": good["log"] | {key: value}}, {"log": log}), key
     assert differences(good, {"error": {"exit": 3}})
@@ -66,4 +70,4 @@ def test_the_corpus_is_whole():
     known = list(cases())
     assert sorted(map(name_of, texts_of_the_corpus())) == sorted(name_of(c.log) for c in known)
     assert max(case.log.stat().st_size for case in known) < 12_000
-    assert all(set(case.doors) <= {*DOORS} and len(case.expected) == 1 for case in known)
+    assert all(set(case.doors) <= {*DOORS, *READERS} and len(case.expected) == 1 for case in known)
