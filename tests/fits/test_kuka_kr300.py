@@ -212,14 +212,3 @@ def test_kuka_pair_files(axis: int):
     assert isinstance(pair, vttig_jax.Drive)
     assert pair.ratio == {1: Fraction(7, 1798), 2: Fraction(7, 1872), 3: Fraction(3, 757)}[axis]
     assert pair.ratio * Fraction(pair.log.driving_scale) == 1
-
-
-def test_kuka_original_record(kuka: ModuleType, data_dir: Path):
-    pair = vttig_jax.load_pair(KUKA / "axis1_mat.toml")
-    log = vttig_jax.read_log(data_dir / "kuka_kr300" / "kr300_A.mat", pair)
-    fit, same = vttig_jax.fit(log, pair), kuka.fitted(1, "A")
-    for name, parameter in fit.parameters.items():
-        other = same.parameters[name]
-        assert parameter.determined == other.determined and parameter.reason == other.reason
-        for one, two in ((parameter.value, other.value), (parameter.upper95, other.upper95)):
-            assert one == two if one is None else one == pytest.approx(two, rel=1e-3), name
