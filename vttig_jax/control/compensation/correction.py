@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import make_lsq_spline
+from scipy.linalg import solveh_banded
 
 from ...base.errors import NoAnswerError, UsageError
 from ...base.units import REV
@@ -151,12 +151,26 @@ def correction_table(error: AxisError, start: float, stop: float, step: float) -
     positions = start + (stop - start) / count * np.arange(count + 1)
     share = (np.arange(_PER_INTERVAL) + 0.5) / _PER_INTERVAL
     dense = (positions[:-1, None] + (stop - start) / count * share).ravel()
-    knots = np.pad(positions, 1, "edge")  # a spline of first degree is the polygon
     values = {
-        direction: make_lsq_spline(dense, error.correction(flank, dense), knots, k=1).c
+        direction: _polygon(error.correction(flank, dense).reshape(count, -1), share)
         for direction, flank in error.directions.items()
     }
     return CorrectionTable(positions, values)
+
+
+def _polygon(
+    curve: Float[np.ndarray, "intervals points"], share: Float[np.ndarray, " points"]
+) -> Float[np.ndarray, " nodes"]:
+    """Return the corners of the polygon that is closest to a curve in the least squares sense."""
+    before, after = 1 - share, share
+    right = np.zeros(len(curve) + 1)
+    right[:-1] += curve @ before
+    right[1:] += curve @ after
+    band = np.zeros((2, len(right)))
+    band[0, :-1] += before @ before
+    band[0, 1:] += after @ after
+    band[1, :-1] = before @ after
+    return solveh_banded(band, right, lower=True)
 
 
 def left_over(
