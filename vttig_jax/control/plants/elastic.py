@@ -17,6 +17,7 @@ condition of validity. All times are in units of 1/ω.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -121,10 +122,7 @@ def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> I
     remaining = jnp.where(met, time - jnp.minimum(entry, time), 0.0)
     begun = Press(depth, flown.rate), remaining, jnp.zeros_like(met)
     pull = pulls.pressed
-
-    def advance(state: _Progress, piece: Float[Array, "5"]) -> tuple[_Progress, None]:
-        return _advance(state, piece, pull, damping_ratio), None
-
+    advance = partial(_advance, pull=pull, damping_ratio=damping_ratio)
     (press, remaining, loose), _ = jax.lax.scan(advance, begun, jnp.asarray(_PIECES))
     loose = met & loose
     press, remaining, thrown = _separation(press, remaining, loose, pull, damping_ratio)
@@ -138,7 +136,7 @@ def impact(start: Press, pulls: Pulls, time: Scalar, damping_ratio: Scalar) -> I
 
 def _advance(
     state: _Progress, piece: Float[Array, "5"], pull: Scalar, damping_ratio: Scalar
-) -> _Progress:
+) -> tuple[_Progress, None]:
     """Advance until the piece, the validity of its series or the remaining time ends.
 
     The earliest of these three ends counts. `pull` is the acceleration by other torques.
@@ -155,7 +153,7 @@ def _advance(
     ends = ~loose & (_value_slope(margin, limit)[0] <= 0)
     time = jnp.where(ends, _root(margin, limit), limit)
     press = Press(*_value_slope(depth, time))
-    return press, remaining - time, loose | (ends & (releases > 0))
+    return (press, remaining - time, loose | (ends & (releases > 0))), None
 
 
 def _separation(press: Press, remaining: Scalar, loose: Truth, pull: Scalar, damping_ratio: Scalar):
