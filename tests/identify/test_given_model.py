@@ -131,6 +131,15 @@ def test_least_squares_of_the_samples_gives_the_same_numbers(white_log, white_fi
     assert np.max(np.abs(value - found.x[places] * ARCSEC) / std[places]) < 1.0
 
 
+def test_one_flank_without_orders_has_the_numbers_of_its_flank_model_alone(white_log):
+    log, none = white_log, HarmonicOrders(driving_orders=(), driven_orders=())
+    value, std = model_part(fit(log, DRIVE, model=START, flank="A", **PLAIN))
+    assert np.max(np.abs(value - TRUTH) / std) < 4.0
+    nothing = fit(log, DRIVE, orders=none, flank="A", **PLAIN)
+    assert nothing.outcome == "not_determined"
+    assert all(one.value is None for one in nothing.parameters.values())
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_parameters_lie_within_their_intervals(seed):
     """Beside a delay and correlated noise, which the same machinery as in every fit finds."""

@@ -108,6 +108,8 @@ def test_panels_of_one_flank_and_of_several_runs(make_fit, make_curve, worm_fit)
     assert [len(legend_texts(ax)) for ax in axes] == [2, 2, 2]
     ax = plot_fit(make_fit(curves=(make_curve("A", points=30_000),) * 2)).axes[0]
     assert len(data(ax, 0)[0]) + len(data(ax, 2)[0]) <= MOST_POINTS
+    many = (make_curve("A", points=8),) * (MOST_POINTS // 3)  # each keeps its extremes
+    assert len(plot_fit(make_fit(curves=many)).axes[0].lines) == 2 * len(many)
 
 
 def test_the_span_selects(make_fit):

@@ -141,8 +141,10 @@ def quantities_of(
     for name, by in ((DELAY, fit.delay_s), (TORQUE, 0.0), (RATIO, scope.ratio)):
         if name in index:
             told[str(name)] = posterior.row(name), by
-    rows, shift = zip(*told.values(), strict=True)
-    return Quantities(posterior, tuple(told), np.stack(rows), np.array(shift), found)
+    # Without orders, gap, delay and ratio there is no number, or only those of an own flank model.
+    rows = np.reshape([row for row, _ in told.values()], (len(told), len(index)))
+    shift = np.array([by for _, by in told.values()])
+    return Quantities(posterior, tuple(told), rows, shift, found)
 
 
 def polar(

@@ -114,7 +114,7 @@ def _draw_gaps(ax: Axes, fit: Fit) -> None:
 
 
 def _draw_flank(ax: Axes, runs: list[CurveAndResidual], size: float) -> None:
-    points = MOST_POINTS // len(runs)
+    points = max(4, MOST_POINTS // len(runs))  # fewer do not show the extremes of a run
     steps = np.concatenate([np.diff(curve.time) for curve, _ in runs])
     longest = _BREAK * float(np.median(steps)) if len(steps) else np.inf
     for curve, residual in runs:

@@ -16,7 +16,7 @@ from ..base.files.limits import kept_bytes, kept_name, read_regular
 from ..base.files.run_folder import data_sha256
 from ..base.shown_text import shown_name
 from ..identify.fit_settings import FitSettings
-from ..logs.readers.binary import folder_sha256, format_of
+from ..logs.readers.binary import format_of
 from ..logs.recognition.request import ReadingOptions, roles_of
 from ..pair.pair_file import parse_pair_spec, spec_table
 from ..pair.schema import PairSpec
@@ -212,7 +212,7 @@ def require_same_data(run: RunRecord) -> None:
             )
         if not path.is_file() and format_of(path) is None:
             raise InputError(f"the {kind} of this run is no longer there.", where=str(path))
-        if digest != (folder_sha256(path) if path.is_dir() else data_sha256(path)):
+        if digest != data_sha256(path):
             raise InputError(
                 f"this {kind} has changed since the run (its SHA-256 differs); fit it anew with"
                 " --pair.",

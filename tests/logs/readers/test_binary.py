@@ -12,6 +12,7 @@ from tests.logs.binary_logs import WRITERS
 from tests.logs.readers.seen import seen
 from tests.logs.rig_log import angles_deg
 from vttig_jax import LogError, UsageError, read_log
+from vttig_jax.base.files.run_folder import data_sha256
 
 T, X, Y = angles_deg(turns=2)
 NEEDS = {".tdms": "nptdms", ".mf4": "asammdf"}
@@ -37,6 +38,9 @@ def test_a_bag_whose_joints_change_their_order(tmp_path):
             raw = store.serialize_cdr(message, state.__msgtype__)
             writer.write(link, ns + 40_000 * (k % 5), raw)
     log = read_log(tmp_path / "bag", ratio="16:9")
+    assert log.sha256 == data_sha256(
+        tmp_path / "bag"
+    )  # that `fit-many` and `sample --resume` ask for
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-6)
     np.testing.assert_allclose(np.degrees(log.driving_angle), X - X[0], atol=1e-9)
     np.testing.assert_allclose(np.degrees(log.driven_angle), Y - Y[0], atol=1e-9)

@@ -39,6 +39,12 @@ def test_tables_in_many_languages(tmp_path):
     assert wrong == [] and right >= 8  # asking always is no answer
 
 
+@pytest.mark.slow
+def test_a_thousand_tables_in_many_languages(tmp_path):
+    wrong, right = outcomes(tmp_path / "log.csv", range(1000))
+    assert wrong == [] and right >= 350
+
+
 def test_a_wrong_answer_is_seen(tmp_path):
     path = tmp_path / "log.csv"
     table = next(one for one in map(drawn_table, range(60)) if outcome(path, one) == "right")

@@ -103,9 +103,17 @@ def write_files(files: Mapping[Path, str | bytes], *, overwrite: bool) -> None:
 
 
 def data_sha256(path: str | Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal."""
+    """Return the SHA-256 of a file in hexadecimal; of a folder, that of its names and files."""
+    path = Path(path)
     try:
-        kept = kept_bytes(path)
-        return hashlib.sha256(read_regular(path) if kept is None else kept).hexdigest()
+        if not path.is_dir():
+            kept = kept_bytes(path)
+            return hashlib.sha256(read_regular(path) if kept is None else kept).hexdigest()
+        digest = hashlib.sha256()
+        for file in sorted(one for one in path.rglob("*") if one.is_file()):
+            digest.update(f"{file.relative_to(path).as_posix()}\0".encode())
+            with open(file, "rb") as opened:
+                digest.update(hashlib.file_digest(opened, "sha256").digest())
+        return digest.hexdigest()
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}.", where=str(path)) from None

@@ -31,6 +31,7 @@ import numpy as np
 
 from ...base.errors import InputError, LogError, UsageError
 from ...base.files.limits import MemoryBudget
+from ...base.files.run_folder import data_sha256
 from .table import ClockedColumn, Table, matrix_columns, table_of
 from .text import library, read_bytes, unpacked_parts
 from .times import since_first
@@ -89,7 +90,7 @@ def read_binary(path: Path, form: Format) -> Table:
     """
     source = str(path)
     data = b"" if path.is_dir() else read_bytes(path, form.endings)
-    digest = folder_sha256(path) if path.is_dir() else hashlib.sha256(data).hexdigest()
+    digest = data_sha256(path) if path.is_dir() else hashlib.sha256(data).hexdigest()
     module, _, function = form.reader.partition(":")
     library(form.needs, f"{form.name} files", form.extra)
     reader = getattr(import_module(f".{module}", __package__), function)
@@ -110,16 +111,6 @@ def read_binary(path: Path, form: Format) -> Table:
         )
     notes = (form.note,) if form.note and table.clocks else ()
     return replace(table, source=source, digest=digest, notes=notes)
-
-
-def folder_sha256(path: Path) -> str:
-    """Return one common SHA-256 of the names and bytes of all files in a folder."""
-    digest = hashlib.sha256()
-    for file in sorted(one for one in path.rglob("*") if one.is_file()):
-        digest.update(f"{file.relative_to(path).as_posix()}\0".encode())
-        with open(file, "rb") as opened:
-            digest.update(hashlib.file_digest(opened, "sha256").digest())
-    return digest.hexdigest()
 
 
 @contextmanager
