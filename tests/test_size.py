@@ -25,8 +25,8 @@ BOUNDS = {
     "kinematics": (1136, 23),  # 780
     "geometry": (3222, 53),  # 2800
     "logs": (9994, 274),  # 7400
-    "rig": (275, 1),  # 260
-    "model": (2018, 45),
+    "rig": (280, 1),  # 260
+    "model": (2019, 45),
     "identify": (3353, 39),  # 9000 together with posterior
     "posterior": (2549, 46),
     "control": (5246, 77),  # 3600

@@ -142,7 +142,8 @@ def quantities_of(
         if name in index:
             told[str(name)] = posterior.row(name), by
     # Without orders, gap, delay and ratio there is no number, or only those of an own flank model.
-    rows = np.reshape([row for row, _ in told.values()], (len(told), len(index)))
+    whole = len(told), len(posterior.problem.columns)
+    rows = np.reshape([row for row, _ in told.values()], whole)
     shift = np.array([by for _, by in told.values()])
     return Quantities(posterior, tuple(told), rows, shift, found)
 

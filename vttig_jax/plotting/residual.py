@@ -22,8 +22,8 @@ _LAGS = 60  # lags shown; a chosen value
 Runs = Sequence[Float[np.ndarray, " _"]]
 """One array per run, of any length."""
 
-Part = tuple[str, Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
-"""Flank of a run, its driving angles and its values, both in rad."""
+Part = tuple[str, Float[np.ndarray, " _"], Float[np.ndarray, " _"]]
+"""Flank of a run, its driving angles and its values, both in rad; runs have any length."""
 
 
 def plot_residual(fit: Fit) -> Figure:

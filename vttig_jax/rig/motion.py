@@ -37,11 +37,16 @@ class PassMotion:
     ripple_order: int = 6
 
     def __post_init__(self):
-        for name, value in vars(self).items():
-            may_be_zero = name in ("dwell_s", "ramp_s", "ripple")
-            if not (value > 0 or (may_be_zero and value == 0)):
-                limit = "not be negative" if may_be_zero else "be positive"
-                raise ValueError(f"Argument `{name}` must {limit}, but is {value!r}.")
+        for name in ("speed_rpm", "reversal_deg", "passes", "ripple_order"):
+            if not getattr(self, name) > 0:
+                raise ValueError(
+                    f"Argument `{name}` must be positive, but is {getattr(self, name)!r}."
+                )
+        for name in ("dwell_s", "ramp_s", "ripple"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(
+                    f"Argument `{name}` must not be negative, but is {getattr(self, name)!r}."
+                )
         if self._steady_s < 0:
             raise ValueError(
                 f"Argument `reversal_deg` must be at least {self._speed * self.ramp_s / DEG:g}°"

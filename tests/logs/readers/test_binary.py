@@ -38,9 +38,7 @@ def test_a_bag_whose_joints_change_their_order(tmp_path):
             raw = store.serialize_cdr(message, state.__msgtype__)
             writer.write(link, ns + 40_000 * (k % 5), raw)
     log = read_log(tmp_path / "bag", ratio="16:9")
-    assert log.sha256 == data_sha256(
-        tmp_path / "bag"
-    )  # as in run.toml
+    assert log.sha256 == data_sha256(tmp_path / "bag")  # as in run.toml
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-6)
     np.testing.assert_allclose(np.degrees(log.driving_angle), X - X[0], atol=1e-9)
     np.testing.assert_allclose(np.degrees(log.driven_angle), Y - Y[0], atol=1e-9)
