@@ -299,7 +299,7 @@ def _gram(
         turned = {shaft: np.exp(1j * angles[shaft][index[part]]) for shaft in dict(terms)}
         powers = {shaft: np.vander(x, HIGHEST + 1, increasing=True) for shaft, x in turned.items()}
         waves = [powers[shaft][:, order] for shaft, order in terms]
-        columns = [half for wave in waves for half in (wave.real, wave.imag)]
+        columns = [half for wave in waves for half in (np.real(wave), np.imag(wave))]
         rows = np.stack([np.ones(len(time[part])), time[part], *columns, error[part]])
         gram += rows @ rows.T
     return gram
