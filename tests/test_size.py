@@ -32,7 +32,7 @@ BOUNDS = {
     "control": (5246, 77),  # 3600
     "plotting": (1557, 44),  # 2000 together with the report
     "runs": (2377, 11),  # 900
-    "cli": (3218, 15),  # 2600
+    "cli": (3220, 15),  # 2600
     "report": (579, 5),
 }
 """Room: (code lines, constants). Beside it stands its budget, the code lines that it may have in

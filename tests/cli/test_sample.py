@@ -204,6 +204,22 @@ def test_usage(refused, vttig, drive, run, tmp_path):
     assert not empty.exists()
 
 
+def test_a_fit_that_a_kill_left_on_the_way_to_its_place_is_sampled(vttig, run, drive):
+    """All files are in the stage that was switched, none at its place."""
+    stage, names = run / ".commit-0", ["run.toml", "summary.npz", "fit.json"]
+    fitted = (run / "fit.json").read_bytes()
+    stage.mkdir()
+    for name in names:
+        (run / name).rename(stage / name)
+    for left in ("posterior.h5", "posterior.json"):
+        (run / left).unlink()
+    (stage / ".commit.json").write_text(json.dumps({"files": names, "removed": []}))
+    options = ("--out", run, "--resume", "--steps", STEPS, "--no-figures", "-q")
+    code, _, said = vttig("sample", *drive, *options)
+    assert code == 5 and "has not converged" in said
+    assert (run / "fit.json").read_bytes() == fitted and not stage.exists()
+
+
 @pytest.mark.slow
 def test_a_command_with_resume_is_repeated(vttig, told, refused, drive, other, tmp_path):
     """It starts, goes on with a fit or with draws, and ends with 0 once all is done."""

@@ -8,6 +8,7 @@ from typing import Annotated
 import click
 
 from ...base.errors import InputError, NotConvergedError, UsageError
+from ...base.files.atomic_write import settle_if_free
 from ...base.files.run_folder import data_sha256
 from ...base.logger import LOGGER
 from ...identify.fit_settings import fields
@@ -89,6 +90,7 @@ def command(
     """
     logs, out = _logs_and_folder(logs, out)
     draws = out / CHECKPOINT
+    settle_if_free(out)  # a kill may have left a fit that is not yet at its place
     exclude_each_other("resume", "overwrite")
     exclude_each_other("steps", "until")
     if not (drive.explain_columns or resume or overwrite):
