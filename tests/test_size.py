@@ -27,7 +27,7 @@ BOUNDS = {
     "logs": (9994, 274),  # 7400
     "rig": (280, 1),  # 260
     "model": (2019, 45),
-    "identify": (3353, 39),  # 9000 together with posterior
+    "identify": (3352, 39),  # 9000 together with posterior
     "posterior": (2549, 46),
     "control": (5246, 77),  # 3600
     "plotting": (1557, 44),  # 2000 together with the report

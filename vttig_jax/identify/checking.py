@@ -375,8 +375,7 @@ def reversal_jumps(
             jump, std = sense * (levels[1] - levels[0]) / DEG, math.sqrt(sum(variances)) / DEG
             turn_deg = float(angle[turn] / DEG)
             place = float(angle[turn] / DEG - sense * middle)
-            told = {"crossing": start < beyond, "std_deg": std}
-            jumps.append(Reversal(log, place, turn_deg, jump, **told))
+            jumps.append(Reversal(log, place, turn_deg, jump, crossing=start < beyond, std_deg=std))
             break
     return jumps
 

@@ -103,7 +103,7 @@ def write_files(files: Mapping[Path, str | bytes], *, overwrite: bool) -> None:
 
 
 def data_sha256(path: str | Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal; of a folder, that of its names and files."""
+    """Return the SHA-256 of a file, or that of the names and bytes of all files in a folder."""
     path = Path(path)
     try:
         if not path.is_dir():

@@ -157,7 +157,7 @@ class SeenRatio:
     - `verdict`: whether `seen` agrees with `given`, or else with its inverse or its negative.
     - `cause`: what explains best that `seen` deviates from `given` by more than chance.
     - `travel`: path of the driving shaft from its lowest to its highest angle, rad.
-    - `scatter`: rms of what the driven shaft does not follow the driving shaft by, rad.
+    - `scatter`: rms of the motion of the driven shaft that does not follow the driving shaft, rad.
     - `lead`: text on the lead of a linear axis with which the log has the given ratio, or "".
     """
 

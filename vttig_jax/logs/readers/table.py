@@ -412,8 +412,8 @@ def _formula(text: str, table: Table) -> Computed:
             " rename them.",
             where=f"{table.source}: `{text}`",
         )
-    unit = units & {*SHAFT_UNITS} if len(units) == 1 else ()
-    return Computed(text, of, partial(_value, tree), *unit)
+    unit = units.pop() if len(units) == 1 else None
+    return Computed(text, of, partial(_value, tree), unit if unit in SHAFT_UNITS else None)
 
 
 def _value(node: ast.AST, columns: Columns) -> Real[np.ndarray, " n"]:

@@ -200,7 +200,7 @@ def unpacked_parts(unpacker: Any, packed: bytes) -> Iterator[bytes]:
 
 
 def refuse_larger(unpacker: Any, packed: bytes, most: int, what: str) -> None:
-    """Raise `ValueError` if `packed` unpacks to more than `most` bytes; `what` declares fewer."""
+    """Raise `ValueError` if `packed` unpacks to more than `most` bytes; `what` names it there."""
     size = 0
     for part in unpacked_parts(unpacker, packed):
         size += len(part)
